@@ -1,0 +1,1 @@
+//! Commands: the only part that knows all the others.

@@ -1,0 +1,1 @@
+//! Bench configs: as typed, checked, read and written.

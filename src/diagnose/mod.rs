@@ -1,0 +1,1 @@
+//! Says which physics a model left out, and proves it on data that no parameter was fitted on.

@@ -1,0 +1,1 @@
+//! Fits a model's parameters to recordings or to published figures.

@@ -1,0 +1,150 @@
+//! Models of the spring: displacement in, force out. What a model leaves out is in `effect`; fitting is in `identify`.
+//!
+//! A new model is one file and one line in [`MODELS`].
+
+/// A model ready to step. Always driven by displacement, whatever the rig controls; same input, same bits.
+pub trait Plant: Send {
+    /// Back to the virgin state at zero displacement.
+    fn reset(&mut self);
+    /// Moves to `displacement_mm` within `dt_s` and returns the force in N. Loading is positive.
+    fn step(&mut self, displacement_mm: f64, dt_s: f64) -> f64;
+    /// A copy with its state.
+    fn boxed_clone(&self) -> Box<dyn Plant>;
+}
+
+impl Clone for Box<dyn Plant> {
+    fn clone(&self) -> Self {
+        self.boxed_clone()
+    }
+}
+
+/// One parameter of a model, law or effect.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Parameter {
+    /// Name with its unit at the end, as it stands in a config file: `rate_n_per_mm`.
+    pub name: &'static str,
+    /// Unit for people: `N/mm`; empty for a pure number.
+    pub unit: &'static str,
+    /// Value that a fit starts from.
+    pub start: f64,
+    /// The equations hold within these bounds.
+    pub bounds: [f64; 2],
+    /// A person would believe values within these; outside is a finding.
+    pub belief: [f64; 2],
+    /// One sentence: what it is.
+    pub what: &'static str,
+}
+
+/// Why a model could not be built.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum BuildError {
+    /// No model of this name.
+    #[error("no model is called \"{name}\": use one of {known}")]
+    UnknownModel {
+        /// As asked for.
+        name: String,
+        /// What there is.
+        known: String,
+    },
+    /// A parameter is not one of the model's.
+    #[error("model {model} has no parameter \"{name}\": it has {known}")]
+    UnknownParameter {
+        /// The model.
+        model: &'static str,
+        /// As given.
+        name: String,
+        /// What there is.
+        known: String,
+    },
+    /// A value is not finite or outside its bounds.
+    #[error("{name} = {value} of model {model} is outside {low} to {high}: enter a value within")]
+    OutOfBounds {
+        /// The model.
+        model: &'static str,
+        /// The parameter.
+        name: String,
+        /// As given.
+        value: f64,
+        /// Lower bound.
+        low: f64,
+        /// Upper bound.
+        high: f64,
+    },
+    /// The structure table (leaves, geometry, options) does not fit the model.
+    #[error("structure of model {model}: {reason}")]
+    Structure {
+        /// The model.
+        model: &'static str,
+        /// What is wrong and what to do.
+        reason: String,
+    },
+}
+
+/// One entry of [`MODELS`].
+pub struct Model {
+    /// Name in files and on the command line.
+    pub name: &'static str,
+    /// One sentence with the source.
+    pub what: &'static str,
+    /// What a fit may move, in the order that `build` takes.
+    pub parameters: &'static [Parameter],
+    /// Codes of physics (contracts.md) that the model already has.
+    pub physics: &'static [&'static str],
+    /// Builds a plant from one value a parameter and the model's own structure table (geometry, options; may be empty).
+    pub build: fn(values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, BuildError>,
+}
+
+/// All models, by name.
+pub static MODELS: &[Model] = &[];
+
+/// The model called `name`.
+pub fn find(name: &str) -> Result<&'static Model, BuildError> {
+    MODELS
+        .iter()
+        .find(|m| m.name == name)
+        .ok_or_else(|| BuildError::UnknownModel {
+            name: name.to_owned(),
+            known: MODELS.iter().map(|m| m.name).collect::<Vec<_>>().join(", "),
+        })
+}
+
+impl Model {
+    /// Every parameter at its start.
+    pub fn start_values(&self) -> Vec<f64> {
+        self.parameters.iter().map(|p| p.start).collect()
+    }
+
+    /// Index of a parameter by name.
+    pub fn parameter_index(&self, name: &str) -> Result<usize, BuildError> {
+        self.parameters
+            .iter()
+            .position(|p| p.name == name)
+            .ok_or_else(|| BuildError::UnknownParameter {
+                model: self.name,
+                name: name.to_owned(),
+                known: self
+                    .parameters
+                    .iter()
+                    .map(|p| p.name)
+                    .collect::<Vec<_>>()
+                    .join(", "),
+            })
+    }
+
+    /// Builds after checking that every value is finite and within bounds.
+    pub fn plant(&self, values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, BuildError> {
+        for (p, &value) in self.parameters.iter().zip(values) {
+            let [low, high] = p.bounds;
+            if !(value >= low && value <= high) {
+                return Err(BuildError::OutOfBounds {
+                    model: self.name,
+                    name: p.name.to_owned(),
+                    value,
+                    low,
+                    high,
+                });
+            }
+        }
+        (self.build)(values, structure)
+    }
+}

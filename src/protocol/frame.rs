@@ -1,0 +1,31 @@
+//! One frame of the wire: an 11-bit identifier and up to 8 bytes. The same over CAN and serial.
+
+/// A classic CAN data frame, or the same thing in a serial packet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Frame {
+    /// COB-ID, 11 bit.
+    pub id: u16,
+    /// Bytes used, 0 to 8.
+    pub len: u8,
+    /// The bytes; those past `len` are zero.
+    pub data: [u8; 8],
+}
+
+impl Frame {
+    /// A frame of `bytes` (at most 8; more are cut off, which the encoders never do).
+    pub fn new(id: u16, bytes: &[u8]) -> Self {
+        let len = bytes.len().min(8);
+        let mut data = [0; 8];
+        data[..len].copy_from_slice(&bytes[..len]);
+        Frame {
+            id: id & 0x7FF,
+            len: len as u8,
+            data,
+        }
+    }
+
+    /// The bytes used.
+    pub fn bytes(&self) -> &[u8] {
+        &self.data[..usize::from(self.len.min(8))]
+    }
+}

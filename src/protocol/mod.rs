@@ -1,0 +1,5 @@
+//! The wire: frames, messages, protection, serial framing. Pure: bytes in, meaning out, no socket and no clock.
+//! `firmware-protocol.md` is the truth that this module follows; `tests/protocol` holds the two together.
+
+pub mod frame;
+pub mod message;

@@ -1,0 +1,262 @@
+//! Samples, events and recordings: what a run leaves behind, and the seam (`Recorder`) that everything beside the run
+//! hangs on. Files are in `run_file` and `csv`; control, twin and models are elsewhere.
+
+use crate::units::Command;
+
+/// Quality of one sample; 0 = good. Bits may stand together. Written to CSV as a plain integer.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Flags(pub u16);
+
+impl Flags {
+    /// One or more samples before this one never arrived.
+    pub const AFTER_GAP: Flags = Flags(1 << 0);
+    /// The sample was older than 20 ms when control saw it.
+    pub const LATE: Flags = Flags(1 << 1);
+    /// Load cell at its rail or open.
+    pub const FORCE_INVALID: Flags = Flags(1 << 2);
+    /// LVDT at its rail or open.
+    pub const DISPLACEMENT_INVALID: Flags = Flags(1 << 3);
+    /// Value did not move while the command did.
+    pub const STUCK: Flags = Flags(1 << 4);
+    /// Faster than the channel can move.
+    pub const SPIKE: Flags = Flags(1 << 5);
+    /// The rig had no command for this tick (queue dry, hold, taper to stop).
+    pub const NO_COMMAND: Flags = Flags(1 << 6);
+    /// Motion of a stop, hold or unload, not of the profile.
+    pub const NOT_PROFILE: Flags = Flags(1 << 7);
+
+    /// Adds the bits of `other`.
+    pub fn set(&mut self, other: Flags) {
+        self.0 |= other.0;
+    }
+
+    /// True where all bits of `other` are set.
+    pub fn has(self, other: Flags) -> bool {
+        self.0 & other.0 == other.0
+    }
+}
+
+/// One sample of a run in physical units, with the counts it came from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// The rig's tick, unfolded: counts up by one a sample period from the rig's boot.
+    pub tick: u64,
+    /// Seconds since the run's first sample: (tick - first tick) / sample rate.
+    pub time_s: f64,
+    /// Force in N after calibration and tare; positive loads the spring.
+    pub force_n: f64,
+    /// Displacement in mm after calibration and tare; positive loads the spring.
+    pub displacement_mm: f64,
+    /// Raw load-cell counts as they came over the wire.
+    pub force_counts: i32,
+    /// Raw LVDT counts as they came over the wire.
+    pub displacement_counts: i32,
+    /// The command that was due at this tick.
+    pub command: Option<Command>,
+    /// Counted cycle, from 1; 0 outside the counted cycles.
+    pub cycle: u32,
+    /// Segment of the expanded profile, from 1; 0 outside the profile.
+    pub segment: u32,
+    /// Force of the virtual twin at this displacement in N; `None` where the twin was off or behind.
+    pub twin_force_n: Option<f64>,
+    /// Quality bits.
+    pub flags: Flags,
+}
+
+/// What an event is about; a stable word for scripts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EventKind {
+    /// Run started.
+    Start,
+    /// Tare taken: old, new, spread.
+    Tare,
+    /// Samples were lost: how many, where.
+    Gap,
+    /// Amplitude and mean correction of one cycle.
+    Correction,
+    /// The rig changed its state.
+    RigState,
+    /// A limit or detector spoke.
+    Limit,
+    /// The link has a fault: frame dropped, error frame, queue full.
+    Link,
+    /// An operator asked for something: stop, hold, resume, reset.
+    Operator,
+    /// The twin's residual left its band.
+    ModelMismatch,
+    /// The host's own trouble: late loop, slow disk.
+    Host,
+    /// Run ended.
+    End,
+}
+
+/// Something that happened at a time in the run.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Event {
+    /// Rig's tick, unfolded.
+    pub tick: u64,
+    /// Seconds since the run's first sample; negative before it.
+    pub time_s: f64,
+    /// What it is about.
+    pub kind: EventKind,
+    /// One sentence: what, where, what to do.
+    pub text: String,
+}
+
+/// How one channel's counts become a physical value: `value = counts * scale - offset - tare`.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct ChannelScale {
+    /// Physical units a count (N or mm).
+    pub scale_per_count: f64,
+    /// Calibration offset in physical units.
+    pub offset: f64,
+    /// Tare in physical units.
+    pub tare: f64,
+}
+
+impl ChannelScale {
+    /// Counts to the physical value.
+    pub fn value(&self, counts: i32) -> f64 {
+        f64::from(counts) * self.scale_per_count - self.offset - self.tare
+    }
+
+    /// Physical value to the nearest count.
+    pub fn counts(&self, value: f64) -> i32 {
+        ((value + self.offset + self.tare) / self.scale_per_count).round() as i32
+    }
+}
+
+/// What stands at the head of a run: everything needed to read and to repeat it.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Header {
+    /// Generated id: letters, digits and dashes only.
+    pub run_id: String,
+    /// Start, UTC, RFC 3339.
+    pub started_utc: String,
+    /// Specimen's name from the bench or the request.
+    pub specimen: String,
+    /// Operator's name; may be empty.
+    pub operator: String,
+    /// Profile's name.
+    pub profile_name: String,
+    /// The profile file's text as it was run.
+    pub profile_toml: String,
+    /// The bench config's text as it was run.
+    pub bench_toml: String,
+    /// Hex SHA-256 of `bench_toml`.
+    pub bench_sha256: String,
+    /// Identity of the rig's firmware: version, serial, boot id, protocol version.
+    pub firmware: FirmwareIdentity,
+    /// Version of leafbench.
+    pub program_version: String,
+    /// Samples a second.
+    pub sample_rate_hz: f64,
+    /// Load-cell scaling at the start of the run.
+    pub force_channel: ChannelScale,
+    /// LVDT scaling at the start of the run.
+    pub displacement_channel: ChannelScale,
+    /// Name of the twin's model; empty where it is off.
+    pub twin: String,
+    /// Counted cycle that the run starts at (1; more where an interrupted test is resumed).
+    pub first_cycle: u32,
+    /// Run that this one resumes; empty otherwise.
+    pub resumes_run: String,
+    /// Counted cycles that the profile asks for.
+    pub cycles_planned: u32,
+    /// Planned length in seconds.
+    pub duration_planned_s: f64,
+    /// Degradations at the start (no real-time rights ...), one sentence each.
+    pub remarks: Vec<String>,
+}
+
+/// What the rig said about itself at the hello.
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct FirmwareIdentity {
+    /// CANopen vendor id (0x1018:1).
+    pub vendor: u32,
+    /// Product code (0x1018:2).
+    pub product: u32,
+    /// Firmware revision (0x1018:3), major << 16 | minor.
+    pub revision: u32,
+    /// Serial number (0x1018:4).
+    pub serial: u32,
+    /// Protocol version (0x2000), major << 16 | minor.
+    pub protocol: u32,
+    /// Boot id (0x2001): another one means the firmware restarted.
+    pub boot_id: u32,
+    /// Calibration hash (0x2003).
+    pub calibration_hash: u32,
+}
+
+/// How a run ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ending {
+    /// All segments ran.
+    Completed,
+    /// An operator stopped it; the data are kept.
+    Stopped,
+    /// A limit, the link or the host ended it.
+    Aborted,
+}
+
+/// The end of a run with its cause and its accounts.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Outcome {
+    /// How.
+    pub ending: Ending,
+    /// Why, in a sentence; empty where completed.
+    pub cause: String,
+    /// Samples recorded.
+    pub samples: u64,
+    /// Samples that the rig's ticks say are missing.
+    pub lost: u64,
+    /// Counted full-amplitude cycles completed in this run.
+    pub cycles_completed: u32,
+}
+
+/// Takes a run as it happens. CSV, run file, twin and live view are recorders; none can delay or change a run.
+pub trait Recorder {
+    /// A run begins.
+    fn begin(&mut self, header: &Header);
+    /// A sample, in the order of ticks.
+    fn sample(&mut self, sample: &Sample);
+    /// An event, in the order it happened.
+    fn event(&mut self, event: &Event);
+    /// The run is over.
+    fn end(&mut self, outcome: &Outcome);
+}
+
+/// A recording in memory, of this bench or foreign: columns of equal length, time strictly increasing.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Recording {
+    /// File name or run id, for messages.
+    pub name: String,
+    /// Time in s, strictly increasing, evenly spaced or not.
+    pub time_s: Vec<f64>,
+    /// Displacement in mm.
+    pub displacement_mm: Vec<f64>,
+    /// Force in N.
+    pub force_n: Vec<f64>,
+    /// Command in its mode's unit, where recorded.
+    pub command: Option<Vec<f64>>,
+    /// Mode of the command column, where recorded.
+    pub command_mode: Option<crate::units::Mode>,
+    /// Counted cycle (0 outside), where recorded.
+    pub cycle: Option<Vec<u32>>,
+    /// Quality bits, where recorded.
+    pub flags: Option<Vec<u16>>,
+}
+
+impl Recording {
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.time_s.len()
+    }
+
+    /// True where there is no sample.
+    pub fn is_empty(&self) -> bool {
+        self.time_s.is_empty()
+    }
+}
