@@ -1,0 +1,163 @@
+//! Counts to newtons and millimetres and back, tare, and the plausibility of a single reading.
+
+use crate::protocol::message::COUNTS_INVALID;
+use crate::recording::{ChannelScale, Flags};
+use crate::units::{Command, Mode};
+
+/// Both channels of the rig.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Channels {
+    /// Load cell.
+    pub force: ChannelScale,
+    /// LVDT.
+    pub displacement: ChannelScale,
+}
+
+/// One reading in physical units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reading {
+    /// Force in N.
+    pub force_n: f64,
+    /// Displacement in mm.
+    pub displacement_mm: f64,
+    /// `FORCE_INVALID` and `DISPLACEMENT_INVALID` where the rig said so.
+    pub flags: Flags,
+}
+
+impl Channels {
+    /// Physical values of a sample's counts. An invalid reading keeps its counts' value and is flagged.
+    pub fn reading(&self, force_counts: i32, displacement_counts: i32) -> Reading {
+        let mut flags = Flags::default();
+        if force_counts == COUNTS_INVALID {
+            flags.set(Flags::FORCE_INVALID);
+        }
+        if displacement_counts == COUNTS_INVALID {
+            flags.set(Flags::DISPLACEMENT_INVALID);
+        }
+        Reading {
+            force_n: self.force.value(force_counts),
+            displacement_mm: self.displacement.value(displacement_counts),
+            flags,
+        }
+    }
+
+    /// Counts of a command on its own channel, held inside the channel's range.
+    pub fn command_counts(&self, command: Command) -> i32 {
+        let counts = match command {
+            Command::Force(n) => self.force.counts(n),
+            Command::Displacement(mm) => self.displacement.counts(mm),
+        };
+        counts.clamp(-crate::protocol::message::COUNTS_MAX, crate::protocol::message::COUNTS_MAX)
+    }
+
+    /// The channel that `mode` closes the loop on, of a reading.
+    pub fn feedback(mode: Mode, reading: &Reading) -> f64 {
+        match mode {
+            Mode::Force => reading.force_n,
+            Mode::Displacement => reading.displacement_mm,
+        }
+    }
+}
+
+/// Running mean and spread of the newest readings: what tare takes, and whether the rig is still enough for it.
+#[derive(Debug, Clone)]
+pub struct Stillness {
+    force_n: [f64; Self::SAMPLES],
+    displacement_mm: [f64; Self::SAMPLES],
+    count: usize,
+}
+
+/// Mean and standard deviation of both channels over the window.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Still {
+    /// Mean force in N.
+    pub force_n: f64,
+    /// Standard deviation of force in N.
+    pub force_sigma_n: f64,
+    /// Mean displacement in mm.
+    pub displacement_mm: f64,
+    /// Standard deviation of displacement in mm.
+    pub displacement_sigma_mm: f64,
+}
+
+impl Default for Stillness {
+    fn default() -> Self {
+        Stillness { force_n: [0.0; Self::SAMPLES], displacement_mm: [0.0; Self::SAMPLES], count: 0 }
+    }
+}
+
+impl Stillness {
+    /// Window: 0.5 s of samples.
+    pub const SAMPLES: usize = 500;
+
+    /// Takes one valid reading.
+    pub fn push(&mut self, reading: &Reading) {
+        let at = self.count % Self::SAMPLES;
+        self.force_n[at] = reading.force_n;
+        self.displacement_mm[at] = reading.displacement_mm;
+        self.count += 1;
+    }
+
+    /// Forgets everything (after a tare, a gap or an invalid reading).
+    pub fn clear(&mut self) {
+        self.count = 0;
+    }
+
+    /// Mean and spread, once the window is full.
+    pub fn measure(&self) -> Option<Still> {
+        (self.count >= Self::SAMPLES).then(|| {
+            let (force_n, force_sigma_n) = mean_and_sigma(&self.force_n);
+            let (displacement_mm, displacement_sigma_mm) = mean_and_sigma(&self.displacement_mm);
+            Still { force_n, force_sigma_n, displacement_mm, displacement_sigma_mm }
+        })
+    }
+}
+
+fn mean_and_sigma(values: &[f64]) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    (mean, variance.sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn channels() -> Channels {
+        Channels {
+            force: ChannelScale { scale_per_count: 0.1, offset: 1.0, tare: 2.0 },
+            displacement: ChannelScale { scale_per_count: -0.0005, offset: 0.0, tare: 0.25 },
+        }
+    }
+
+    #[test]
+    fn counts_become_values_by_the_one_formula_and_back() {
+        let c = channels();
+        let r = c.reading(1000, -2000);
+        assert!((r.force_n - 97.0).abs() < 1e-9);
+        assert!((r.displacement_mm - 0.75).abs() < 1e-9);
+        assert_eq!(c.command_counts(Command::Force(97.0)), 1000);
+        assert_eq!(c.command_counts(Command::Displacement(0.75)), -2000);
+    }
+
+    #[test]
+    fn an_open_sensor_is_flagged_and_a_wild_command_stays_in_range() {
+        let r = channels().reading(COUNTS_INVALID, 5);
+        assert!(r.flags.has(Flags::FORCE_INVALID) && !r.flags.has(Flags::DISPLACEMENT_INVALID));
+        assert_eq!(channels().command_counts(Command::Force(1e9)), crate::protocol::message::COUNTS_MAX);
+    }
+
+    #[test]
+    fn stillness_needs_its_whole_window() {
+        let mut still = Stillness::default();
+        for i in 0..Stillness::SAMPLES {
+            assert!(still.measure().is_none());
+            let force_n = if i % 2 == 0 { 1.0 } else { 3.0 };
+            still.push(&Reading { force_n, displacement_mm: 4.0, flags: Flags::default() });
+        }
+        let m = still.measure().expect("window is full");
+        assert!((m.force_n - 2.0).abs() < 1e-12 && (m.force_sigma_n - 1.001).abs() < 1e-3);
+        assert_eq!((m.displacement_mm, m.displacement_sigma_mm), (4.0, 0.0));
+    }
+}

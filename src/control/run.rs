@@ -1,0 +1,281 @@
+//! One run of a profile: which command is due at which tick, what each sample belongs to, and the correction of
+//! amplitude and mean from cycle to cycle.
+
+use std::collections::VecDeque;
+
+use crate::profile::{
+    Correction, CycleController, CycleMeasurement, CycleTarget, Player, Profile, ProfileError, Slot,
+};
+use crate::recording::{Ending, Header, Outcome};
+use crate::units::{Command, Mode};
+
+/// Slots that the host remembers: commands ahead of the rig and the newest that were due.
+const MEMORY: usize = 1024;
+
+/// What is asked for at the start of a run.
+#[derive(Debug, Clone)]
+pub struct RunOrder {
+    /// Head of the recording. Control fills in firmware, channels and remarks of its own.
+    pub header: Header,
+    /// What to do.
+    pub profile: Profile,
+    /// Counted cycle to begin with; 1 for a fresh test.
+    pub first_cycle: u32,
+}
+
+/// A cycle of a periodic segment that was sampled from its begin to its end.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EndedCycle {
+    /// Counted cycle; 0 in a taper.
+    pub cycle: u32,
+    /// Segment of the expanded profile.
+    pub segment: u32,
+    /// What the segment is to reach.
+    pub target: CycleTarget,
+    /// Extremes of feedback and command.
+    pub measured: CycleMeasurement,
+}
+
+/// A run under way.
+#[derive(Debug)]
+pub struct Run {
+    /// Head of the recording as it was begun.
+    pub header: Header,
+    profile: Profile,
+    player: Player,
+    /// Commands that a hold cut off, to be played before the player goes on.
+    replay: VecDeque<Slot>,
+    controller: Option<(u32, CycleController)>,
+    first_tick: u64,
+    /// Tick that the next command is for.
+    next_tick: u64,
+    /// Tick of the last command, once the player has ended.
+    last_tick: Option<u64>,
+    planned: Vec<Option<(u64, Slot)>>,
+    tracker: CycleTracker,
+    cycles_completed: u32,
+    samples: u64,
+    lost: u64,
+    held: bool,
+}
+
+/// What the profile says about a tick.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Due {
+    /// The slot, where the profile has one for the tick.
+    pub slot: Option<Slot>,
+    /// The profile's last tick has passed.
+    pub finished: bool,
+}
+
+impl Run {
+    /// A run whose time begins at `first_tick`, from `start_level` in the profile's unit.
+    pub fn new(order: RunOrder, start_level: f64, first_tick: u64) -> Result<Self, ProfileError> {
+        let player = player_from(&order.profile, start_level, order.header.sample_rate_hz, order.first_cycle)?;
+        let start = Slot {
+            command: Command::new(order.profile.mode, start_level),
+            cycle: 0,
+            segment: 1,
+            phase: 0.0,
+            last: false,
+            taper: false,
+        };
+        Ok(Run {
+            header: order.header,
+            profile: order.profile,
+            player,
+            replay: VecDeque::from([start]),
+            controller: None,
+            first_tick,
+            next_tick: first_tick,
+            last_tick: None,
+            planned: vec![None; MEMORY],
+            tracker: CycleTracker::default(),
+            cycles_completed: order.first_cycle.saturating_sub(1),
+            samples: 0,
+            lost: 0,
+            held: false,
+        })
+    }
+
+    /// What the profile controls.
+    pub fn mode(&self) -> Mode {
+        self.profile.mode
+    }
+
+    /// Tick of the run's first sample.
+    pub fn first_tick(&self) -> u64 {
+        self.first_tick
+    }
+
+    /// Seconds of a tick in the run; negative before it.
+    pub fn time_s(&self, tick: u64) -> f64 {
+        (tick as f64 - self.first_tick as f64) / self.header.sample_rate_hz
+    }
+
+    /// The next command to queue, if it is due by `horizon`.
+    pub fn next_command(&mut self, horizon: u64) -> Option<(u64, Slot)> {
+        if self.held || self.last_tick.is_some() || self.next_tick > horizon {
+            return None;
+        }
+        let slot = self.replay.pop_front().or_else(|| self.player.next())?;
+        let tick = self.next_tick;
+        self.planned[tick as usize % MEMORY] = Some((tick, slot));
+        self.next_tick += 1;
+        if slot.last {
+            self.last_tick = Some(tick);
+        }
+        Some((tick, slot))
+    }
+
+    /// What was planned for a tick.
+    pub fn due(&self, tick: u64) -> Option<Slot> {
+        self.planned[tick as usize % MEMORY].filter(|(t, _)| *t == tick).map(|(_, s)| s)
+    }
+
+    /// The profile's last tick has passed.
+    pub fn is_finished(&self, tick: u64) -> bool {
+        self.last_tick.is_some_and(|last| tick >= last)
+    }
+
+    /// Accounts for one sample of this run and follows the cycles. Returns a cycle that ended.
+    pub fn on_sample(&mut self, slot: Option<&Slot>, feedback: f64, lost: u64) -> Option<EndedCycle> {
+        self.samples += 1;
+        self.lost += lost;
+        let target = slot.and_then(|s| self.player.targets_of(s.segment));
+        let ended = self.tracker.follow(slot.zip(target), feedback)?;
+        self.cycles_completed = self.cycles_completed.max(ended.cycle);
+        Some(ended)
+    }
+
+    /// Learns from a cycle that ended and hands the player its next correction; returns it where it changed.
+    pub fn correct(&mut self, ended: &EndedCycle) -> Option<Correction> {
+        if !ended.target.corrected || self.held {
+            return None;
+        }
+        if self.controller.as_ref().is_none_or(|(segment, _)| *segment != ended.segment) {
+            self.controller = Some((ended.segment, CycleController::new(ended.target)));
+        }
+        let (_, controller) = self.controller.as_mut()?;
+        let before = controller.correction();
+        let next = controller.cycle(&ended.measured);
+        self.player.set_correction(next);
+        (next != before).then_some(next)
+    }
+
+    /// The rig holds since `tick`: nothing more is queued until [`Run::resume`].
+    pub fn hold(&mut self, tick: u64) {
+        if self.held {
+            return;
+        }
+        self.held = true;
+        let in_cycle = self.due(tick).is_some_and(|s| self.player.targets_of(s.segment).is_some());
+        self.replay = match in_cycle {
+            // A sine that was cut tapers in again: no command is played twice.
+            true => VecDeque::new(),
+            false => (tick + 1..self.next_tick).filter_map(|t| self.due(t)).collect(),
+        };
+        self.tracker = CycleTracker { cut: in_cycle, ..CycleTracker::default() };
+    }
+
+    /// True between hold and resume.
+    pub fn is_held(&self) -> bool {
+        self.held
+    }
+
+    /// Goes on from `level` at `tick`: a sine tapers in again at the cycle that was cut, anything else goes on from
+    /// where it stood.
+    pub fn resume(&mut self, tick: u64, level: f64) -> Result<(), ProfileError> {
+        if self.tracker.cut {
+            let cycle = self.cycles_completed + 1;
+            self.player = player_from(&self.profile, level, self.header.sample_rate_hz, cycle)?;
+            self.controller = None;
+        }
+        self.tracker = CycleTracker::default();
+        self.next_tick = tick;
+        self.last_tick = None;
+        self.held = false;
+        Ok(())
+    }
+
+    /// Samples recorded so far.
+    pub fn samples(&self) -> u64 {
+        self.samples
+    }
+
+    /// Samples missing so far.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// Counted cycles completed, those of a resumed test included.
+    pub fn cycles_completed(&self) -> u32 {
+        self.cycles_completed
+    }
+
+    /// Counted cycles of the whole profile.
+    pub fn cycles_total(&self) -> u32 {
+        self.player.total_cycles()
+    }
+
+    /// Seconds of the run that lie ahead of `tick`.
+    pub fn remaining_s(&self, tick: u64) -> f64 {
+        let unplayed = self.player.total_ticks().saturating_sub(self.player.elapsed_ticks());
+        let queued = self.next_tick.saturating_sub(tick.max(self.first_tick));
+        (unplayed + self.replay.len() as u64 + queued) as f64 / self.header.sample_rate_hz
+    }
+
+    /// The end of this run.
+    pub fn outcome(&self, ending: Ending, cause: &str) -> Outcome {
+        Outcome {
+            ending,
+            cause: cause.to_owned(),
+            samples: self.samples,
+            lost: self.lost,
+            cycles_completed: self.cycles_completed,
+        }
+    }
+}
+
+fn player_from(profile: &Profile, level: f64, rate_hz: f64, cycle: u32) -> Result<Player, ProfileError> {
+    let player = Player::new(profile, level, rate_hz)?;
+    if cycle > 1 { player.resume_at(cycle) } else { Ok(player) }
+}
+
+/// Follows feedback and command through the cycles of periodic segments.
+#[derive(Debug, Default)]
+struct CycleTracker {
+    open: Option<EndedCycle>,
+    last_phase: f64,
+    cut: bool,
+}
+
+impl CycleTracker {
+    /// Takes one sample. A cycle ends where the phase wraps or the periodic segment does.
+    fn follow(&mut self, due: Option<(&Slot, CycleTarget)>, feedback: f64) -> Option<EndedCycle> {
+        let Some((slot, target)) = due else {
+            return self.open.take();
+        };
+        let wrapped = slot.phase < self.last_phase || self.open.is_some_and(|o| o.segment != slot.segment);
+        self.last_phase = slot.phase;
+        let ended = if wrapped { self.open.take() } else { None };
+        let command = slot.command.value();
+        let open = self.open.get_or_insert(EndedCycle {
+            cycle: slot.cycle,
+            segment: slot.segment,
+            target,
+            measured: CycleMeasurement {
+                peak: feedback,
+                valley: feedback,
+                command_peak: command,
+                command_valley: command,
+            },
+        });
+        let m = &mut open.measured;
+        m.peak = m.peak.max(feedback);
+        m.valley = m.valley.min(feedback);
+        m.command_peak = m.command_peak.max(command);
+        m.command_valley = m.command_valley.min(command);
+        ended
+    }
+}

@@ -1,0 +1,343 @@
+//! The hello, the configuration and the requests: everything between the host and the firmware that is not a sample
+//! or a command. One access is under way at a time; an answer that does not come is asked for again, then given up.
+
+use crate::link::Link;
+use crate::protocol::message::{
+    ConfigAbort, LIMIT_COUNT, Limits, PROTOCOL_VERSION, RequestCode, RequestResult, ToRig, next_counter, object,
+};
+use crate::recording::FirmwareIdentity;
+
+const MS: u64 = 1_000_000;
+/// A configuration access that is not answered by then is sent again.
+const CONFIG_TIMEOUT_NS: u64 = 50 * MS;
+/// Tries of one configuration access before the hello starts over.
+const CONFIG_TRIES: u32 = 4;
+/// Pause before the hello starts over.
+const HELLO_PAUSE_NS: u64 = 500 * MS;
+
+/// Objects that the hello reads, in order.
+const HELLO: [(u16, u8); 8] = [
+    object::PROTOCOL,
+    object::VENDOR,
+    object::PRODUCT,
+    object::REVISION,
+    object::SERIAL,
+    object::BOOT_ID,
+    object::SAMPLE_RATE,
+    object::CALIBRATION_HASH,
+];
+
+/// Why the rig cannot be used, found at the hello. Nothing moves while one stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum HelloError {
+    /// Another major version of the protocol.
+    #[error(
+        "the rig speaks protocol {}.{}, this program {}.{}: install the matching firmware or program",
+        .0 >> 16, .0 & 0xFFFF, PROTOCOL_VERSION >> 16, PROTOCOL_VERSION & 0xFFFF
+    )]
+    Protocol(u32),
+    /// Another sample rate.
+    #[error("the rig samples at {0} Hz, this program expects {expected} Hz", expected = crate::protocol::message::SAMPLE_RATE_HZ)]
+    SampleRate(u32),
+    /// The sensors of the rig were calibrated with other figures than the bench config has.
+    #[error(
+        "the rig's calibration hash is {rig:#010x}, the bench config's {bench:#010x}: load the calibration that belongs to these sensors, or store the new one in the rig"
+    )]
+    Calibration {
+        /// As the rig has it.
+        rig: u32,
+        /// As the bench config gives it.
+        bench: u32,
+    },
+    /// The rig refused an access.
+    #[error("the rig refused object {index:#06x}:{sub} ({abort:?}): check that firmware and firmware-protocol.md are of one version")]
+    Refused {
+        /// Index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+        /// The rig's reason.
+        abort: ConfigAbort,
+    },
+    /// The limits that came back are not those that were sent.
+    #[error("the rig holds other limits than were sent (CRC {rig:#010x}, expected {bench:#010x}): power-cycle the rig and start again")]
+    Limits {
+        /// As the rig computed it.
+        rig: u32,
+        /// As expected.
+        bench: u32,
+    },
+    /// Another program owns the rig.
+    #[error("another program holds this rig's session: stop that daemon first")]
+    Busy,
+}
+
+/// Where the hello stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Stage {
+    Reading(usize),
+    Writing(usize),
+    Verifying,
+    Opening,
+    Open,
+}
+
+/// What became of an answer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Answered {
+    /// The request is done.
+    Done(RequestCode),
+    /// The rig refused it.
+    Refused(RequestCode, RequestResult),
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Pending {
+    counter: u8,
+    code: RequestCode,
+    argument: u32,
+    sent_ns: u64,
+    tries: u32,
+}
+
+/// The conversation with one rig.
+#[derive(Debug)]
+pub struct Session {
+    node: u8,
+    id: u8,
+    limits: Limits,
+    calibration_hash: u32,
+    ack_timeout_ns: u64,
+    stage: Stage,
+    identity: FirmwareIdentity,
+    sent_ns: Option<u64>,
+    tries: u32,
+    resume_at_ns: u64,
+    error: Option<HelloError>,
+    request_counter: u8,
+    pending: Option<Pending>,
+}
+
+impl Session {
+    /// A session that has not said hello yet. `id` 1 to 255 names this host to the rig.
+    pub fn new(node: u8, id: u8, limits: Limits, calibration_hash: u32, ack_timeout_ms: u64) -> Self {
+        Session {
+            node,
+            id: id.max(1),
+            limits,
+            calibration_hash,
+            ack_timeout_ns: ack_timeout_ms * MS,
+            stage: Stage::Reading(0),
+            identity: FirmwareIdentity::default(),
+            sent_ns: None,
+            tries: 0,
+            resume_at_ns: 0,
+            error: None,
+            request_counter: id % crate::protocol::message::COUNTER_MODULO,
+            pending: None,
+        }
+    }
+
+    /// Session number on the wire.
+    pub fn id(&self) -> u8 {
+        self.id
+    }
+
+    /// The hello is through and the rig is ours.
+    pub fn is_open(&self) -> bool {
+        self.stage == Stage::Open
+    }
+
+    /// Why the hello does not get through.
+    pub fn error(&self) -> Option<HelloError> {
+        self.error
+    }
+
+    /// What the rig said of itself.
+    pub fn identity(&self) -> FirmwareIdentity {
+        self.identity.clone()
+    }
+
+    /// CRC-32 of the limits, the argument of the Arm request.
+    pub fn configuration_crc(&self) -> u32 {
+        self.limits.crc32()
+    }
+
+    /// Starts over: link lost, or the firmware rebooted.
+    pub fn restart(&mut self, now_ns: u64) {
+        self.stage = Stage::Reading(0);
+        self.sent_ns = None;
+        self.tries = 0;
+        self.pending = None;
+        self.resume_at_ns = now_ns;
+    }
+
+    /// True while an answer to a request is awaited.
+    pub fn awaits_answer(&self) -> bool {
+        self.pending.is_some()
+    }
+
+    /// Sends a request. One at a time: a second one replaces the first, whose answer no longer matters.
+    pub fn request(&mut self, code: RequestCode, argument: u32, now_ns: u64, link: &mut Link) {
+        self.request_counter = next_counter(self.request_counter);
+        let pending = Pending { counter: self.request_counter, code, argument, sent_ns: now_ns, tries: 1 };
+        self.send_request(&pending, link);
+        self.pending = Some(pending);
+    }
+
+    fn send_request(&self, p: &Pending, link: &mut Link) {
+        let message =
+            ToRig::Request { counter: p.counter, session: self.id, code: p.code, argument: p.argument };
+        link.send(message.encode(self.node));
+    }
+
+    /// Takes the acknowledgement out of a status.
+    pub fn on_status(&mut self, ack_counter: u8, result: RequestResult, now_ns: u64) -> Option<Answered> {
+        let pending = self.pending?;
+        if pending.counter != ack_counter || result == RequestResult::None {
+            return None;
+        }
+        self.pending = None;
+        if pending.code == RequestCode::OpenSession && self.stage == Stage::Opening {
+            if result == RequestResult::Done {
+                self.stage = Stage::Open;
+                self.error = None;
+            } else {
+                self.fail(HelloError::Busy, now_ns);
+            }
+        }
+        Some(match result {
+            RequestResult::Done => Answered::Done(pending.code),
+            other => Answered::Refused(pending.code, other),
+        })
+    }
+
+    /// Sends what is due. Returns a request that was given up, sent twice and never answered.
+    pub fn poll(&mut self, now_ns: u64, link: &mut Link) -> Option<RequestCode> {
+        self.poll_hello(now_ns, link);
+        let pending = self.pending?;
+        if now_ns.saturating_sub(pending.sent_ns) < self.ack_timeout_ns {
+            return None;
+        }
+        if pending.tries >= 2 {
+            self.pending = None;
+            if pending.code == RequestCode::OpenSession {
+                self.restart(now_ns + HELLO_PAUSE_NS);
+            }
+            return Some(pending.code);
+        }
+        let again = Pending { sent_ns: now_ns, tries: pending.tries + 1, ..pending };
+        self.send_request(&again, link);
+        self.pending = Some(again);
+        None
+    }
+
+    fn poll_hello(&mut self, now_ns: u64, link: &mut Link) {
+        if self.stage == Stage::Open || now_ns < self.resume_at_ns {
+            return;
+        }
+        if self.stage == Stage::Opening {
+            if self.pending.is_none() {
+                self.request(RequestCode::OpenSession, 0, now_ns, link);
+            }
+            return;
+        }
+        if self.sent_ns.is_some_and(|at| now_ns.saturating_sub(at) < CONFIG_TIMEOUT_NS) {
+            return;
+        }
+        if self.tries >= CONFIG_TRIES {
+            self.restart(now_ns + HELLO_PAUSE_NS);
+            return;
+        }
+        let message = match self.stage {
+            Stage::Reading(i) => ToRig::ConfigRead { index: HELLO[i].0, sub: HELLO[i].1 },
+            Stage::Writing(i) => ToRig::ConfigWrite {
+                index: object::LIMITS,
+                sub: i as u8 + 1,
+                value: self.limits.to_array()[i] as u32,
+            },
+            _ => ToRig::ConfigRead { index: object::CONFIGURATION_CRC.0, sub: object::CONFIGURATION_CRC.1 },
+        };
+        link.send(message.encode(self.node));
+        self.sent_ns = Some(now_ns);
+        self.tries += 1;
+    }
+
+    fn advance(&mut self, stage: Stage) {
+        self.stage = stage;
+        self.sent_ns = None;
+        self.tries = 0;
+    }
+
+    fn fail(&mut self, error: HelloError, now_ns: u64) {
+        self.error = Some(error);
+        self.restart(now_ns + HELLO_PAUSE_NS);
+    }
+
+    /// Takes the value of an object that was read.
+    pub fn on_value(&mut self, index: u16, sub: u8, value: u32, now_ns: u64) {
+        match self.stage {
+            Stage::Reading(i) if HELLO[i] == (index, sub) => {
+                if let Err(error) = self.learn((index, sub), value) {
+                    return self.fail(error, now_ns);
+                }
+                self.advance(if i + 1 < HELLO.len() { Stage::Reading(i + 1) } else { Stage::Writing(0) });
+            }
+            Stage::Verifying if (index, sub) == object::CONFIGURATION_CRC => {
+                let bench = self.limits.crc32();
+                if value == bench {
+                    self.advance(Stage::Opening);
+                } else {
+                    self.fail(HelloError::Limits { rig: value, bench }, now_ns);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn learn(&mut self, object: (u16, u8), value: u32) -> Result<(), HelloError> {
+        match object {
+            object::PROTOCOL => {
+                self.identity.protocol = value;
+                if value >> 16 != PROTOCOL_VERSION >> 16 {
+                    return Err(HelloError::Protocol(value));
+                }
+            }
+            object::VENDOR => self.identity.vendor = value,
+            object::PRODUCT => self.identity.product = value,
+            object::REVISION => self.identity.revision = value,
+            object::SERIAL => self.identity.serial = value,
+            object::BOOT_ID => self.identity.boot_id = value,
+            object::SAMPLE_RATE if value != crate::protocol::message::SAMPLE_RATE_HZ => {
+                return Err(HelloError::SampleRate(value));
+            }
+            object::CALIBRATION_HASH => {
+                self.identity.calibration_hash = value;
+                if value != self.calibration_hash {
+                    return Err(HelloError::Calibration { rig: value, bench: self.calibration_hash });
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Takes the confirmation of a write.
+    pub fn on_written(&mut self, index: u16, sub: u8) {
+        if let Stage::Writing(i) = self.stage
+            && index == object::LIMITS
+            && usize::from(sub) == i + 1
+        {
+            self.advance(if i + 1 < LIMIT_COUNT { Stage::Writing(i + 1) } else { Stage::Verifying });
+        }
+    }
+
+    /// Takes a refusal. A rig that is still moving takes no limits: that is waited for, not an error.
+    pub fn on_refused(&mut self, index: u16, sub: u8, abort: ConfigAbort, now_ns: u64) {
+        if abort == ConfigAbort::State {
+            self.restart(now_ns + HELLO_PAUSE_NS);
+        } else if !self.is_open() {
+            self.fail(HelloError::Refused { index, sub, abort }, now_ns);
+        }
+    }
+}

@@ -1,0 +1,64 @@
+//! The rig's clock as the host sees it: 16 bits a sample on the wire, 64 bits inside.
+
+/// Unfolds the low 16 bits of the rig's tick.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Ticks {
+    newest: Option<u64>,
+}
+
+/// Where a sample stands in the stream.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// The next one after `lost` missing ones.
+    Next {
+        /// Unfolded tick.
+        tick: u64,
+        /// Samples missing before it.
+        lost: u64,
+    },
+    /// Seen before, or older than the newest.
+    Old,
+}
+
+impl Ticks {
+    /// Newest tick seen.
+    pub fn newest(&self) -> Option<u64> {
+        self.newest
+    }
+
+    /// Forgets the past: the firmware rebooted or the link was lost.
+    pub fn restart(&mut self) {
+        self.newest = None;
+    }
+
+    /// Places a sample. Half of the 16-bit circle (32.8 s) ahead counts as new; silence trips long before.
+    pub fn place(&mut self, low: u16) -> Place {
+        let Some(newest) = self.newest else {
+            let tick = u64::from(low);
+            self.newest = Some(tick);
+            return Place::Next { tick, lost: 0 };
+        };
+        let ahead = low.wrapping_sub(newest as u16);
+        if ahead == 0 || ahead >= 0x8000 {
+            return Place::Old;
+        }
+        let tick = newest + u64::from(ahead);
+        self.newest = Some(tick);
+        Place::Next { tick, lost: u64::from(ahead) - 1 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_unfold_over_the_wrap_and_count_what_is_missing() {
+        let mut t = Ticks::default();
+        assert_eq!(t.place(65_534), Place::Next { tick: 65_534, lost: 0 });
+        assert_eq!(t.place(65_535), Place::Next { tick: 65_535, lost: 0 });
+        assert_eq!(t.place(2), Place::Next { tick: 65_538, lost: 2 });
+        assert_eq!(t.place(1), Place::Old);
+        assert_eq!(t.place(2), Place::Old);
+    }
+}
