@@ -186,14 +186,17 @@ impl Run {
     /// Goes on from `level` at `tick`: a sine tapers in again at the cycle that was cut, anything else goes on from
     /// where it stood.
     pub fn resume(&mut self, tick: u64, level: f64) -> Result<(), ProfileError> {
-        if self.tracker.cut {
-            let cycle = self.cycles_completed + 1;
+        let cycle = self.cycles_completed + 1;
+        self.last_tick = None;
+        if self.tracker.cut && cycle > self.player.total_cycles() {
+            // All counted cycles are done; only the taper out was cut.
+            self.last_tick = Some(tick);
+        } else if self.tracker.cut {
             self.player = player_from(&self.profile, level, self.header.sample_rate_hz, cycle)?;
             self.controller = None;
         }
         self.tracker = CycleTracker::default();
         self.next_tick = tick;
-        self.last_tick = None;
         self.held = false;
         Ok(())
     }
