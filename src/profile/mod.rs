@@ -1,6 +1,86 @@
 //! Profiles: what the rig is asked to do over time. A profile is blocks in order, a block is segments that repeat.
+//!
+//! `player` turns a profile into one command a tick, `stop` leaves it smoothly, `correction` keeps a sine's amplitude and
+//! mean. Whether the rig obeys is `control`'s business; what the spring answers is a model's.
+
+pub mod correction;
+mod pieces;
+pub mod player;
+pub mod stop;
+
+pub use correction::{Correction, CycleController, CycleMeasurement};
+pub use pieces::{MAX_DURATION_H, MAX_SEGMENTS};
+pub use player::{CycleTarget, Player, Slot};
+pub use stop::StopMotion;
 
 use crate::units::Mode;
+
+/// Why a profile cannot be used. Segments are numbered from 1 through the expanded profile.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ProfileError {
+    /// Nothing to do.
+    #[error("profile {name} has no segment: add a [[block]] with at least one [[block.segment]]")]
+    Empty {
+        /// The profile.
+        name: String,
+    },
+    /// More segments than a session can hold.
+    #[error(
+        "profile {name} expands to more than {limit} segments: repeat less, or put the cycles into one sine"
+    )]
+    TooManySegments {
+        /// The profile.
+        name: String,
+        /// How many are allowed.
+        limit: usize,
+    },
+    /// Longer than the longest test.
+    #[error("profile {name} lasts longer than {limit_h} h: shorten it or split it into runs")]
+    TooLong {
+        /// The profile.
+        name: String,
+        /// Hours allowed.
+        limit_h: u32,
+    },
+    /// A number that makes no motion.
+    #[error("segment {segment} of profile {name}: {key} = {value} {reason}")]
+    Value {
+        /// The profile.
+        name: String,
+        /// Expanded segment.
+        segment: u32,
+        /// Key of the file.
+        key: &'static str,
+        /// As given.
+        value: f64,
+        /// What is wrong and what to do.
+        reason: &'static str,
+    },
+    /// A sine, triangle or table that would begin with a step.
+    #[error(
+        "segment {segment} of profile {name} begins at {begins} but the one before ends at {level}: add a ramp to {begins} before it"
+    )]
+    Step {
+        /// The profile.
+        name: String,
+        /// Expanded segment.
+        segment: u32,
+        /// Level that the segment begins at.
+        begins: f64,
+        /// Level before it.
+        level: f64,
+    },
+    /// Resume at a cycle that the profile does not count.
+    #[error("cycle {cycle} cannot be resumed: profile {name} counts cycles 1 to {total}")]
+    NoSuchCycle {
+        /// The profile.
+        name: String,
+        /// As asked for.
+        cycle: u32,
+        /// Counted cycles.
+        total: u32,
+    },
+}
 
 /// A test as a technician writes it. The TOML form is in `file`.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,0 +1,531 @@
+//! Plays a profile: one command a tick, computed from the tick's number, so that end levels are exact and nothing adds up.
+//! A slot is what is due at the end of its tick: 60 s at 1 kHz are slots 1 to 60 000, and the last one is the end level.
+//! Sending slots, measuring cycles and stopping are `control`'s.
+
+use std::f64::consts::TAU;
+
+use super::correction::Correction;
+use super::pieces::{self, Cyclic, MAX_DURATION_H, Motion, Piece, Wave};
+use super::stop::StopMotion;
+use super::{Profile, ProfileError};
+use crate::units::{Command, Mode};
+
+/// One command with what it is for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Slot {
+    /// The command.
+    pub command: Command,
+    /// Counted full-amplitude cycle, from 1 through the profile; 0 outside.
+    pub cycle: u32,
+    /// Segment of the expanded profile, from 1; 0 outside the profile.
+    pub segment: u32,
+    /// Above 0 to 1 within a cycle of a sine or triangle; 0 outside.
+    pub phase: f64,
+    /// The last slot of the motion.
+    pub last: bool,
+    /// In a cycle that grows or shrinks.
+    pub taper: bool,
+}
+
+/// What the cycles of a segment are to reach.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CycleTarget {
+    /// Mean level.
+    pub mean: f64,
+    /// Half of peak minus valley.
+    pub amplitude: f64,
+    /// The profile asks for correction cycle by cycle.
+    pub corrected: bool,
+}
+
+/// Share of a cycle in which a new correction is blended in: done when a sine reaches its first peak.
+const BLEND_PHASE: f64 = 0.25;
+/// Mean speed of the approach of a resumed test, in shares of the sine's peak speed, and its least duration.
+const APPROACH_SPEED: f64 = 0.1;
+const APPROACH_LEAST_S: f64 = 2.0;
+
+/// A profile being played. `next` neither allocates nor waits.
+#[derive(Debug, Clone)]
+pub struct Player {
+    name: String,
+    mode: Mode,
+    sample_rate_hz: f64,
+    start_level: f64,
+    pieces: Vec<Piece>,
+    segments: u32,
+    total_cycles: u32,
+    total_ticks: u64,
+    elapsed: u64,
+    piece: usize,
+    tick_in_piece: u64,
+    cycle_in_piece: Option<u64>,
+    in_force: Correction,
+    blend_to: Correction,
+    pending: Option<Correction>,
+    last_two: [f64; 2],
+}
+
+impl Player {
+    /// Resolves levels, repeats and ticks. `start_level` is where the rig stands, in the unit of the profile's mode.
+    pub fn new(profile: &Profile, start_level: f64, sample_rate_hz: f64) -> Result<Player, ProfileError> {
+        let (pieces, total_cycles) = pieces::resolve(profile, start_level, sample_rate_hz)?;
+        let mut player = Player {
+            name: profile.name.clone(),
+            mode: profile.mode,
+            sample_rate_hz,
+            start_level,
+            segments: pieces.len() as u32,
+            pieces,
+            total_cycles,
+            total_ticks: 0,
+            elapsed: 0,
+            piece: 0,
+            tick_in_piece: 0,
+            cycle_in_piece: None,
+            in_force: Correction::NONE,
+            blend_to: Correction::NONE,
+            pending: None,
+            last_two: [start_level; 2],
+        };
+        player.count_ticks()?;
+        Ok(player)
+    }
+
+    /// An interrupted test goes on at counted cycle `cycle`: approach to the mean, taper in, then the cycles that remain,
+    /// numbered on. To be called before the first `next`.
+    pub fn resume_at(mut self, cycle: u32) -> Result<Player, ProfileError> {
+        let refusal = ProfileError::NoSuchCycle {
+            name: self.name.clone(),
+            cycle,
+            total: self.total_cycles,
+        };
+        let holds = |p: &Piece| match &p.motion {
+            Motion::Cycles(c) => {
+                (u64::from(c.first_cycle)..u64::from(c.first_cycle) + c.counted).contains(&u64::from(cycle))
+            }
+            _ => false,
+        };
+        let Some(index) = self.pieces.iter().position(holds) else {
+            return Err(refusal);
+        };
+        self.pieces.drain(..index);
+        let rate = self.sample_rate_hz;
+        let Some(Piece {
+            motion: Motion::Cycles(cyclic),
+            ticks,
+            ..
+        }) = self.pieces.first_mut()
+        else {
+            return Err(refusal);
+        };
+        let skipped = u64::from(cycle - cyclic.first_cycle);
+        let all = cyclic.cycles();
+        cyclic.first_cycle = cycle;
+        cyclic.counted -= skipped;
+        *ticks = (*ticks as f64 * cyclic.cycles() as f64 / all as f64).round() as u64;
+        let (mean, speed) = (
+            cyclic.target.mean,
+            TAU * cyclic.frequency_hz * cyclic.target.amplitude,
+        );
+        let duration_s = ((mean - self.start_level).abs() / (APPROACH_SPEED * speed)).max(APPROACH_LEAST_S);
+        let approach = Piece {
+            segment: self.pieces.first().map_or(0, |p| p.segment),
+            from: self.start_level,
+            to: mean,
+            ticks: (duration_s * rate).round() as u64,
+            motion: Motion::Approach,
+        };
+        self.pieces.insert(0, approach);
+        self.count_ticks()?;
+        Ok(self)
+    }
+
+    fn count_ticks(&mut self) -> Result<(), ProfileError> {
+        let longest = f64::from(MAX_DURATION_H) * 3600.0 * self.sample_rate_hz;
+        let sum: f64 = self.pieces.iter().map(|p| p.ticks as f64).sum();
+        if sum > longest {
+            return Err(ProfileError::TooLong {
+                name: self.name.clone(),
+                limit_h: MAX_DURATION_H,
+            });
+        }
+        self.total_ticks = self.pieces.iter().map(|p| p.ticks).sum();
+        Ok(())
+    }
+
+    /// The command for the next tick; `None` after the last.
+    #[allow(
+        clippy::should_implement_trait,
+        reason = "a player is asked, not iterated: corrections come between slots"
+    )]
+    pub fn next(&mut self) -> Option<Slot> {
+        while self
+            .pieces
+            .get(self.piece)
+            .is_some_and(|p| self.tick_in_piece == p.ticks)
+        {
+            self.piece += 1;
+            self.tick_in_piece = 0;
+            self.cycle_in_piece = None;
+            (self.in_force, self.blend_to, self.pending) = (Correction::NONE, Correction::NONE, None);
+        }
+        let piece = self.pieces.get(self.piece)?;
+        self.tick_in_piece += 1;
+        self.elapsed += 1;
+        let mut slot = Slot {
+            command: Command::new(self.mode, piece.to),
+            cycle: 0,
+            segment: piece.segment,
+            phase: 0.0,
+            last: self.elapsed == self.total_ticks,
+            taper: false,
+        };
+        let ends = self.tick_in_piece == piece.ticks;
+        let share = self.tick_in_piece as f64 / piece.ticks as f64;
+        let value = match &piece.motion {
+            Motion::Cycles(cyclic) => {
+                let (cyclic, ticks, to) = (*cyclic, piece.ticks, piece.to);
+                let value = self.cyclic_value(&cyclic, ticks, &mut slot);
+                if ends { to } else { value }
+            }
+            _ if ends => piece.to,
+            Motion::Line => piece.from + (piece.to - piece.from) * share,
+            Motion::Approach => piece.from + (piece.to - piece.from) * smoother(share),
+            Motion::Table { time_s, level, base } => {
+                base + interpolate(time_s, level, self.tick_in_piece as f64 / self.sample_rate_hz)
+            }
+        };
+        slot.command = Command::new(self.mode, value);
+        self.last_two = [self.last_two[1], value];
+        Some(slot)
+    }
+
+    fn cyclic_value(&mut self, cyclic: &Cyclic, ticks: u64, slot: &mut Slot) -> f64 {
+        let cycles = cyclic.cycles();
+        // In whole numbers: the piece has a whole number of ticks for all its cycles together, so nothing drifts.
+        let done = self.tick_in_piece * cycles;
+        let index = (done - 1) / ticks;
+        let phase = (done - index * ticks) as f64 / ticks as f64;
+        let counted = index >= cyclic.taper && index < cyclic.taper + cyclic.counted;
+        let shrinking = index >= cyclic.taper + cyclic.counted;
+        if self.cycle_in_piece != Some(index) {
+            self.cycle_in_piece = Some(index);
+            self.in_force = self.blend_to;
+            // While shrinking the correction fades with the envelope and takes no news.
+            if let Some(next) = self.pending.take().filter(|_| !shrinking) {
+                self.blend_to = next;
+            }
+        }
+        slot.phase = phase;
+        slot.taper = !counted;
+        if counted {
+            slot.cycle = cyclic.first_cycle + (index - cyclic.taper) as u32;
+        }
+        let correction = self
+            .in_force
+            .blend(self.blend_to, smoother((phase / BLEND_PHASE).min(1.0)));
+        let position = index as f64 + phase;
+        let envelope = match cyclic.taper as f64 {
+            taper if position < taper => smoother(position / taper),
+            taper if shrinking => smoother(((cycles as f64 - position) / taper).clamp(0.0, 1.0)),
+            _ => 1.0,
+        };
+        let fade = if shrinking { envelope } else { 1.0 };
+        let wave = match cyclic.wave {
+            Wave::Sine => (TAU * phase).sin(),
+            Wave::Triangle => 1.0 - 4.0 * (((phase + 0.25) % 1.0) - 0.5).abs(),
+        };
+        cyclic.target.mean
+            + correction.mean_offset * fade
+            + cyclic.target.amplitude * correction.amplitude_factor * envelope * wave
+    }
+
+    /// Takes effect from the next cycle on, blended in over its first quarter. Not finite, a factor that is not positive, or
+    /// a segment that is not to be corrected: nothing changes.
+    pub fn set_correction(&mut self, correction: Correction) {
+        let sound = correction.mean_offset.is_finite()
+            && correction.amplitude_factor.is_finite()
+            && correction.amplitude_factor > 0.0;
+        if sound && self.current_targets().is_some_and(|t| t.corrected) {
+            self.pending = Some(correction);
+        }
+    }
+
+    /// The correction that the cycle of the newest slot runs with (or blends to).
+    pub fn correction(&self) -> Correction {
+        self.blend_to
+    }
+
+    /// What the cycles of the newest slot's segment are to reach; `None` outside sines and triangles.
+    pub fn current_targets(&self) -> Option<CycleTarget> {
+        self.pieces.get(self.piece).and_then(Piece::target)
+    }
+
+    /// What the cycles of expanded segment `segment` (from 1) are to reach: for samples that are older than the newest slot.
+    pub fn targets_of(&self, segment: u32) -> Option<CycleTarget> {
+        self.pieces
+            .iter()
+            .filter(|p| p.segment == segment)
+            .find_map(Piece::target)
+    }
+
+    /// A smooth stop from the newest slot, at its speed, to rest at `level`. See [`StopMotion::new`].
+    pub fn stop(&self, level: f64, velocity_max: f64, acceleration_max: f64) -> StopMotion {
+        let [before, now] = self.last_two;
+        let velocity = (now - before) * self.sample_rate_hz;
+        StopMotion::new(
+            Command::new(self.mode, now),
+            velocity,
+            level,
+            velocity_max,
+            acceleration_max,
+            self.sample_rate_hz,
+        )
+    }
+
+    /// What the rig controls.
+    pub fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// Counted cycles of the whole profile, those before a resumed cycle included.
+    pub fn total_cycles(&self) -> u32 {
+        self.total_cycles
+    }
+
+    /// Segments of the expanded profile.
+    pub fn segments(&self) -> u32 {
+        self.segments
+    }
+
+    /// Slots from start to end.
+    pub fn total_ticks(&self) -> u64 {
+        self.total_ticks
+    }
+
+    /// Slots given so far.
+    pub fn elapsed_ticks(&self) -> u64 {
+        self.elapsed
+    }
+
+    /// Length in s.
+    pub fn duration_s(&self) -> f64 {
+        self.total_ticks as f64 / self.sample_rate_hz
+    }
+}
+
+/// 0 to 1 with speed and acceleration zero at both ends (quintic).
+fn smoother(x: f64) -> f64 {
+    x * x * x * (10.0 + x * (6.0 * x - 15.0))
+}
+
+/// Straight lines between points.
+fn interpolate(time_s: &[f64], level: &[f64], t: f64) -> f64 {
+    let i = time_s
+        .partition_point(|&x| x <= t)
+        .clamp(1, time_s.len().max(2) - 1);
+    match (time_s.get(i - 1..=i), level.get(i - 1..=i)) {
+        (Some(&[t0, t1]), Some(&[a, b])) => a + (b - a) * ((t - t0) / (t1 - t0)).clamp(0.0, 1.0),
+        // `pieces` lets no table of fewer than two points through.
+        _ => 0.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::profile::{Block, Level, Segment};
+
+    const RATE_HZ: f64 = 1000.0;
+
+    fn profile(mode: Mode, segments: Vec<Segment>) -> Profile {
+        let blocks = vec![Block { repeat: 1, segments }];
+        Profile {
+            name: "t".into(),
+            description: String::new(),
+            mode,
+            blocks,
+        }
+    }
+
+    fn sine(frequency_hz: f64, cycles: u32, taper_cycles: u32) -> Profile {
+        let mean = Level::Absolute(20.0);
+        let approach = Segment::Ramp {
+            to: mean,
+            duration_s: 4.0,
+        };
+        let sine = Segment::Sine {
+            mean,
+            amplitude: 6.0,
+            frequency_hz,
+            cycles,
+            taper_cycles,
+            correct: true,
+        };
+        profile(Mode::Displacement, vec![approach, sine])
+    }
+
+    fn play(mut player: Player) -> Vec<Slot> {
+        std::iter::from_fn(|| player.next()).collect()
+    }
+
+    #[test]
+    fn a_ramp_ends_exactly_at_its_tick() {
+        let up = Segment::Ramp {
+            to: Level::Absolute(2000.0),
+            duration_s: 60.0,
+        };
+        let down = Segment::Ramp {
+            to: Level::Relative(-2000.0),
+            duration_s: 60.0,
+        };
+        let slots = play(Player::new(&profile(Mode::Force, vec![up, down]), 0.3, RATE_HZ).unwrap());
+        assert_eq!(slots.len(), 120_000);
+        assert_eq!(slots[59_999].command, Command::Force(2000.0));
+        assert_eq!(slots[119_999].command, Command::Force(0.0));
+        assert_eq!((slots[59_999].segment, slots[60_000].segment), (1, 2));
+        assert!(slots[119_999].last && !slots[119_998].last);
+    }
+
+    #[test]
+    fn cycles_are_counted_at_full_amplitude_only() {
+        // 3 Hz does not divide 1000: the cycles still share their ticks without drift.
+        for frequency_hz in [1.0, 2.5, 3.0] {
+            let slots = play(Player::new(&sine(frequency_hz, 50, 3), 0.0, RATE_HZ).unwrap());
+            assert_eq!(
+                slots.len(),
+                4000 + (56.0 / frequency_hz * RATE_HZ).round() as usize
+            );
+            assert_eq!(slots.iter().map(|s| s.cycle).max(), Some(50));
+            for cycle in [1, 7, 50] {
+                let values: Vec<f64> = slots
+                    .iter()
+                    .filter(|s| s.cycle == cycle)
+                    .map(|s| s.command.value())
+                    .collect();
+                assert!((values.len() as f64 - RATE_HZ / frequency_hz).abs() <= 1.0);
+                let peak = values.iter().fold(f64::MIN, |m, v| m.max(*v));
+                // A peak between two samples is missed by at most 1 - cos(pi f / rate) of the amplitude.
+                assert!(
+                    (peak - 26.0).abs() < 6.0 * 5e-5,
+                    "{frequency_hz} Hz cycle {cycle}: {peak}"
+                );
+            }
+            assert!(slots.iter().all(|s| s.taper == (s.segment == 2 && s.cycle == 0)));
+            assert_eq!(slots.last().unwrap().command.value(), 20.0);
+        }
+    }
+
+    #[test]
+    fn sine_with_tapers_and_corrections_is_smooth() {
+        let mut player = Player::new(&sine(2.5, 12, 2), 20.0, RATE_HZ).unwrap();
+        let mut values = vec![20.0];
+        let mut n = 0;
+        while let Some(slot) = player.next() {
+            if slot.segment == 2 {
+                values.push(slot.command.value());
+                n += 1;
+                if n % 700 == 0 {
+                    let sign = if n % 1400 == 0 { 1.0 } else { -1.0 };
+                    player.set_correction(Correction {
+                        amplitude_factor: 1.0 + 0.08 * sign,
+                        mean_offset: 0.3 * sign,
+                    });
+                }
+            }
+        }
+        let second = values
+            .windows(3)
+            .fold(0.0, |m: f64, w| m.max((w[2] - 2.0 * w[1] + w[0]).abs()));
+        // A omega^2 is 1480 mm/s2; 16 % of amplitude and 0.6 mm within a tenth of a second add up to about as much.
+        let bound = 2.0 * 6.0 * (TAU * 2.5_f64).powi(2) / (RATE_HZ * RATE_HZ);
+        assert!(second < bound, "second difference {second} mm, bound {bound} mm");
+        // At rest at both ends: the first and last moves are of third order.
+        assert!((values[1] - values[0]).abs() < 1e-6);
+        assert!((values[values.len() - 1] - values[values.len() - 2]).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_correction_waits_for_the_next_cycle() {
+        let mut player = Player::new(&sine(1.0, 5, 1), 20.0, RATE_HZ).unwrap();
+        let asked = Correction {
+            amplitude_factor: 1.1,
+            mean_offset: -0.2,
+        };
+        let mut peaks = [f64::MIN; 6];
+        while let Some(slot) = player.next() {
+            if slot.cycle == 2 && slot.phase == 0.1 {
+                player.set_correction(asked);
+                assert_eq!(player.correction(), Correction::NONE);
+            }
+            let peak = &mut peaks[slot.cycle as usize];
+            *peak = peak.max(slot.command.value());
+        }
+        assert_eq!(peaks[2], 26.0);
+        // Blended in by the first peak.
+        assert!((peaks[3] - (20.0 - 0.2 + 6.6)).abs() < 1e-9, "{}", peaks[3]);
+        assert_eq!(peaks[5], peaks[4]);
+    }
+
+    #[test]
+    fn resumes_at_a_cycle_and_numbers_on() {
+        let player = Player::new(&sine(1.0, 50, 2), 0.0, RATE_HZ)
+            .unwrap()
+            .resume_at(31)
+            .unwrap();
+        assert_eq!(player.total_cycles(), 50);
+        let slots = play(player);
+        let counted: Vec<u32> = slots.iter().map(|s| s.cycle).filter(|&c| c > 0).collect();
+        assert_eq!(
+            (counted.len(), counted[0], *counted.last().unwrap()),
+            (20_000, 31, 50)
+        );
+        assert!(slots[0].command.value().abs() < 1e-6);
+        let jump = slots.windows(2).fold(0.0, |m: f64, w| {
+            m.max((w[1].command.value() - w[0].command.value()).abs())
+        });
+        // The fastest tick is the sine's own: A omega / rate = 0.038 mm.
+        assert!(jump < 0.04, "{jump}");
+        let refused = Player::new(&sine(1.0, 50, 2), 0.0, RATE_HZ)
+            .unwrap()
+            .resume_at(51);
+        assert!(matches!(
+            refused,
+            Err(ProfileError::NoSuchCycle {
+                cycle: 51,
+                total: 50,
+                ..
+            })
+        ));
+    }
+
+    #[test]
+    fn a_profile_that_would_begin_with_a_step_is_refused() {
+        let mut p = sine(1.0, 5, 2);
+        p.blocks[0].segments.remove(0);
+        assert!(matches!(
+            Player::new(&p, 0.0, RATE_HZ),
+            Err(ProfileError::Step { segment: 1, .. })
+        ));
+        assert!(Player::new(&p, 20.0, RATE_HZ).is_ok());
+        assert!(matches!(
+            Player::new(&sine(1.0, 5, 0), 0.0, RATE_HZ),
+            Err(ProfileError::Value { .. })
+        ));
+    }
+
+    #[test]
+    fn a_table_is_joined_by_straight_lines() {
+        let table = Segment::Table {
+            time_s: vec![0.0, 1.0, 3.0],
+            level: vec![0.0, 5.0, -1.0],
+            relative: true,
+        };
+        let p = profile(Mode::Displacement, vec![table]);
+        let slots = play(Player::new(&p, 2.0, RATE_HZ).unwrap());
+        assert_eq!(slots.len(), 3000);
+        assert_eq!(slots[999].command.value(), 7.0);
+        assert_eq!(slots[1999].command.value(), 4.0);
+        assert_eq!(slots[2999].command.value(), 1.0);
+    }
+}
