@@ -423,8 +423,8 @@ mod tests {
             worst = worst.max((force_n - measured).abs());
             eprintln!("{x:7.3} mm: {force_n:7.1} N, measured {measured:7.1} N");
         }
-        // Printed envelopes overshoot the measured peak by 287 N (tables/README): the model cannot be nearer than that.
-        assert!(worst < 290.0, "worst {worst} N");
+        // The largest miss is 159 N at 32 mm on the way up: under 9 % of the peak, with the printed values as they stand.
+        assert!(worst < 170.0, "worst {worst} N");
     }
 
     #[test]
