@@ -1,12 +1,16 @@
-//! Links: move frames, never look inside. A link is two lock-free rings that a task of its own serves, so the control
-//! thread neither waits nor allocates.
+//! Links: move frames, never look inside. A link is lock-free rings that a task on a thread of its own serves, so the
+//! control thread neither waits nor allocates.
 //!
 //! A new backend is one file and one line in [`BACKENDS`].
+
+pub mod loopback;
+mod wake;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use crate::protocol::frame::Frame;
+use wake::Waker;
 
 /// Frames that a ring holds: 4 s of samples, so a reader that stalls for 2 s loses nothing.
 pub const RING_FRAMES: usize = 8192;
@@ -16,7 +20,7 @@ pub const RING_FRAMES: usize = 8192;
 pub struct Arrival {
     /// The frame.
     pub frame: Frame,
-    /// Nanoseconds on the host's monotonic clock; in memory the virtual clock.
+    /// Nanoseconds on the host's monotonic clock; in memory what the pair's virtual clock showed as it was sent.
     pub at_ns: u64,
 }
 
@@ -36,22 +40,79 @@ pub struct LinkHealth {
 }
 
 impl LinkHealth {
+    /// Open, all counters zero.
+    pub fn opened() -> Self {
+        LinkHealth {
+            open: AtomicBool::new(true),
+            ..Self::default()
+        }
+    }
+
     /// True while the far end is there.
     pub fn is_open(&self) -> bool {
         self.open.load(Ordering::Relaxed)
     }
 }
 
-/// One end of a link.
+/// One end of a link. All three methods are lock-free, never wait and never allocate.
 pub struct Link {
-    /// Frames to send, in order.
-    pub out: rtrb::Producer<Frame>,
-    /// Frames to send before all others: the abort.
-    pub urgent: rtrb::Producer<Frame>,
-    /// Frames that arrived, in order.
-    pub inbox: rtrb::Consumer<Arrival>,
     /// Counters.
     pub health: Arc<LinkHealth>,
+    /// Towards the far end, in order. `at_ns` means something in memory only.
+    out: rtrb::Producer<Arrival>,
+    /// Overtakes `out`, where there is a queue to overtake.
+    urgent: Option<rtrb::Producer<Arrival>>,
+    inbox: rtrb::Consumer<Arrival>,
+    /// Virtual clock that stamps what we send; in memory only.
+    clock: Option<Arc<AtomicU64>>,
+    /// Wakes the task that empties `out` and `urgent`; none in memory.
+    wake: Option<Waker>,
+}
+
+impl Link {
+    /// Queues `frame`. False, and counted, where the ring is full or the far end gone.
+    pub fn send(&mut self, frame: Frame) -> bool {
+        let at_ns = self.stamp();
+        let sent = !self.out.is_abandoned() && self.out.push(Arrival { frame, at_ns }).is_ok();
+        self.after_send(sent)
+    }
+
+    /// Queues `frame` before all others: the abort.
+    pub fn send_urgent(&mut self, frame: Frame) -> bool {
+        let at_ns = self.stamp();
+        let Some(urgent) = &mut self.urgent else {
+            return self.send(frame);
+        };
+        let sent = !urgent.is_abandoned() && urgent.push(Arrival { frame, at_ns }).is_ok();
+        self.after_send(sent)
+    }
+
+    /// The next frame that arrived.
+    pub fn receive(&mut self) -> Option<Arrival> {
+        // Asked before the pop: what the far end sent before it went is still delivered.
+        let abandoned = self.inbox.is_abandoned();
+        let arrival = self.inbox.pop().ok();
+        if arrival.is_none() && abandoned {
+            self.health.open.store(false, Ordering::Relaxed);
+        }
+        arrival
+    }
+
+    fn stamp(&self) -> u64 {
+        self.clock
+            .as_ref()
+            .map_or(0, |clock| clock.load(Ordering::Relaxed))
+    }
+
+    fn after_send(&self, sent: bool) -> bool {
+        if !sent {
+            self.health.send_failures.fetch_add(1, Ordering::Relaxed);
+        }
+        if let Some(wake) = &self.wake {
+            wake.wake();
+        }
+        sent
+    }
 }
 
 /// Why a link could not be opened.
@@ -81,8 +142,8 @@ pub struct Backend {
     pub scheme: &'static str,
     /// One sentence.
     pub what: &'static str,
-    /// Opens the address after the scheme; `is_ours` keeps frames of other nodes asleep in the kernel. Must be called
-    /// inside a tokio runtime, whose task serves the rings.
+    /// Opens the address after the scheme and starts the thread that serves the rings; it ends when the [`Link`] is
+    /// dropped or the far end is gone. Needs no runtime around it. `side` tells which frames are for us.
     pub open: fn(address: &str, side: Side) -> Result<Link, LinkError>,
 }
 

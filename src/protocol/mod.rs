@@ -1,5 +1,11 @@
 //! The wire: frames, messages, protection, serial framing. Pure: bytes in, meaning out, no socket and no clock.
 //! `firmware-protocol.md` is the truth that this module follows; `tests/protocol` holds the two together.
 
+mod codec;
 pub mod frame;
 pub mod message;
+mod object;
+pub mod protection;
+mod state;
+
+pub use codec::cob;

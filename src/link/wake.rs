@@ -1,0 +1,92 @@
+//! Wakes a link's task when the control thread has put frames into a ring. One write of one byte to a pipe that never
+//! blocks: no lock, no allocation.
+
+use std::io;
+use std::os::fd::OwnedFd;
+
+use nix::fcntl::OFlag;
+use nix::unistd;
+use tokio::net::unix::pipe;
+
+/// The control thread's end.
+pub(super) struct Waker(OwnedFd);
+
+/// The task's end; [`Sleep::wakeup`] makes it one.
+pub(super) struct Sleep(OwnedFd);
+
+/// The task's end inside its runtime.
+pub(super) struct Wakeup(pipe::Receiver);
+
+/// Both ends.
+pub(super) fn pair() -> io::Result<(Waker, Sleep)> {
+    let (reader, writer) = unistd::pipe2(OFlag::O_NONBLOCK | OFlag::O_CLOEXEC)?;
+    Ok((Waker(writer), Sleep(reader)))
+}
+
+impl Waker {
+    /// Wakes the task, now or at its next wait.
+    pub(super) fn wake(&self) {
+        // Fails where the pipe is full (then the task is woken anyway) or the task has ended (its health says so).
+        let _ = unistd::write(&self.0, &[1]);
+    }
+}
+
+impl Sleep {
+    /// Registers with the runtime that we are called in.
+    pub(super) fn wakeup(self) -> io::Result<Wakeup> {
+        pipe::Receiver::from_owned_fd(self.0).map(Wakeup)
+    }
+}
+
+impl Wakeup {
+    /// Waits until somebody woke us; wakes that piled up are one. Fails once the [`Waker`] is gone. Safe to cancel.
+    pub(super) async fn wait(&self) -> io::Result<()> {
+        loop {
+            self.0.readable().await?;
+            match self.0.try_read(&mut [0; 256]) {
+                Ok(0) => return Err(io::ErrorKind::BrokenPipe.into()),
+                Ok(_) => return Ok(()),
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+                Err(error) => return Err(error),
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(test: impl Future<Output = ()>) {
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .build()
+            .expect("a runtime");
+        runtime.block_on(test);
+    }
+
+    #[test]
+    fn a_wake_before_the_wait_is_not_lost_and_two_are_one() {
+        let (waker, sleep) = pair().expect("a pipe");
+        waker.wake();
+        waker.wake();
+        run(async {
+            let wakeup = sleep.wakeup().expect("registered");
+            wakeup.wait().await.expect("woken");
+            let mut again = std::pin::pin!(wakeup.wait());
+            let poll =
+                std::future::poll_fn(|context| std::task::Poll::Ready(again.as_mut().poll(context))).await;
+            assert!(poll.is_pending());
+        });
+    }
+
+    #[test]
+    fn the_end_of_the_waker_ends_the_wait() {
+        let (waker, sleep) = pair().expect("a pipe");
+        drop(waker);
+        run(async {
+            let wakeup = sleep.wakeup().expect("registered");
+            assert!(wakeup.wait().await.is_err());
+        });
+    }
+}

@@ -1,0 +1,136 @@
+//! The object dictionary: what the host may read and write over SDO, and the limits among it.
+
+/// Why a configuration access was refused (CiA 301 abort codes).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum ConfigAbort {
+    /// No such object.
+    NoObject = 0x0602_0000,
+    /// No such sub-index.
+    NoSubIndex = 0x0609_0011,
+    /// Read only.
+    ReadOnly = 0x0601_0002,
+    /// Value out of range.
+    Range = 0x0609_0030,
+    /// Not in this state (pressure is on).
+    State = 0x0800_0022,
+    /// Malformed request.
+    Command = 0x0504_0001,
+}
+
+impl ConfigAbort {
+    /// All abort codes.
+    pub const ALL: [ConfigAbort; 6] = [
+        ConfigAbort::NoObject,
+        ConfigAbort::NoSubIndex,
+        ConfigAbort::ReadOnly,
+        ConfigAbort::Range,
+        ConfigAbort::State,
+        ConfigAbort::Command,
+    ];
+
+    /// The one that `value` stands for on the wire.
+    pub fn from_wire(value: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|&one| one as u32 == value)
+    }
+}
+
+/// Objects of the configuration that both sides know (index, sub-index).
+pub mod object {
+    /// Device type (ro).
+    pub const DEVICE_TYPE: (u16, u8) = (0x1000, 0);
+    /// Vendor id (ro).
+    pub const VENDOR: (u16, u8) = (0x1018, 1);
+    /// Product code (ro).
+    pub const PRODUCT: (u16, u8) = (0x1018, 2);
+    /// Firmware revision (ro).
+    pub const REVISION: (u16, u8) = (0x1018, 3);
+    /// Serial number (ro).
+    pub const SERIAL: (u16, u8) = (0x1018, 4);
+    /// Protocol version (ro).
+    pub const PROTOCOL: (u16, u8) = (0x2000, 0);
+    /// Boot id, another one after each boot (ro).
+    pub const BOOT_ID: (u16, u8) = (0x2001, 0);
+    /// Sample rate in Hz (ro).
+    pub const SAMPLE_RATE: (u16, u8) = (0x2002, 0);
+    /// Hash of the sensors' calibration: first four bytes of its SHA-256, big endian (rw in Off).
+    pub const CALIBRATION_HASH: (u16, u8) = (0x2003, 0);
+    /// CRC-32 (ISO-HDLC) over the limits 0x2100:1.. as little-endian i32 in order (ro).
+    pub const CONFIGURATION_CRC: (u16, u8) = (0x2004, 0);
+    /// Index of the limits; sub-index n is `LIMITS[n - 1]` (rw in Off and Tripped).
+    pub const LIMITS: u16 = 0x2100;
+}
+
+/// The limits that the firmware holds, in the order of their sub-indices at 0x2100. All are i32 on the wire.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// 1: upper force, counts.
+    pub force_max_counts: i32,
+    /// 2: lower force, counts.
+    pub force_min_counts: i32,
+    /// 3: upper displacement, counts.
+    pub displacement_max_counts: i32,
+    /// 4: lower displacement, counts.
+    pub displacement_min_counts: i32,
+    /// 5: speed, counts a second.
+    pub velocity_max_counts_s: i32,
+    /// 6: following error in displacement control, counts (persistence 20 ms).
+    pub following_error_displacement_counts: i32,
+    /// 7: following error in force control, counts (persistence 20 ms).
+    pub following_error_force_counts: i32,
+    /// 8: lease, ms.
+    pub lease_ms: i32,
+    /// 9: time after which Hold becomes Unload, ms.
+    pub hold_timeout_ms: i32,
+    /// 10: speed of the unload ramp, counts a second.
+    pub unload_velocity_counts_s: i32,
+    /// 11: queue level below which the rig slows to Hold, ms.
+    pub queue_low_ms: i32,
+    /// 12: force at or below which the specimen counts as unloaded, counts.
+    pub unloaded_force_counts: i32,
+    /// 13: displacement that the unload ramp ends at when the force did not fall before, counts.
+    pub retract_counts: i32,
+}
+
+/// Number of limits.
+pub const LIMIT_COUNT: usize = 13;
+
+impl Limits {
+    /// As they stand at sub-indices 1 to 13.
+    pub fn to_array(&self) -> [i32; LIMIT_COUNT] {
+        [
+            self.force_max_counts,
+            self.force_min_counts,
+            self.displacement_max_counts,
+            self.displacement_min_counts,
+            self.velocity_max_counts_s,
+            self.following_error_displacement_counts,
+            self.following_error_force_counts,
+            self.lease_ms,
+            self.hold_timeout_ms,
+            self.unload_velocity_counts_s,
+            self.queue_low_ms,
+            self.unloaded_force_counts,
+            self.retract_counts,
+        ]
+    }
+
+    /// From sub-indices 1 to 13.
+    pub fn from_array(a: [i32; LIMIT_COUNT]) -> Self {
+        Limits {
+            force_max_counts: a[0],
+            force_min_counts: a[1],
+            displacement_max_counts: a[2],
+            displacement_min_counts: a[3],
+            velocity_max_counts_s: a[4],
+            following_error_displacement_counts: a[5],
+            following_error_force_counts: a[6],
+            lease_ms: a[7],
+            hold_timeout_ms: a[8],
+            unload_velocity_counts_s: a[9],
+            queue_low_ms: a[10],
+            unloaded_force_counts: a[11],
+            retract_counts: a[12],
+        }
+    }
+}
