@@ -54,6 +54,11 @@ impl Outbox {
         }
     }
 
+    /// True where nothing is to be sent.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
     /// Takes all messages out, in order.
     pub fn drain(&mut self) -> impl Iterator<Item = FromRig> {
         let len = std::mem::take(&mut self.len);

@@ -7,7 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::link::Link;
 use crate::model::Plant;
-use crate::protocol::message::{DISPLACEMENT_MM_PER_COUNT, DecodeError, FORCE_N_PER_COUNT, FromRig, ToRig};
+use crate::protocol::message::{
+    Cause, DISPLACEMENT_MM_PER_COUNT, DecodeError, FORCE_N_PER_COUNT, FromRig, ToRig,
+};
 
 pub mod actuator;
 pub mod firmware;
@@ -24,7 +26,7 @@ pub use realtime::Punctuality;
 
 use actuator::{Actuator, ActuatorConfig, STEP_S, STEPS_PER_MS};
 use firmware::{Drive, Firmware, Identity};
-use guard::Reading;
+use guard::{Reaction, Reading};
 use sensors::{Sensor, SensorConfig};
 use servo::ServoConfig;
 
@@ -170,9 +172,12 @@ pub struct Injection {
     pub emergency_stop: bool,
     /// Nothing is sent; what arrives is still obeyed.
     pub mute: bool,
-    /// The firmware does not tick: no samples, the oil keeps the last valve command.
+    /// The firmware does not tick: no samples; the hardware watchdog closes the valve after 10 ms.
     pub firmware_hangs: bool,
 }
+
+/// A firmware that does not tick for this long loses pressure: the watchdog is hardware.
+const WATCHDOG_MS: u32 = 10;
 
 /// The rig.
 pub struct MockRig {
@@ -186,6 +191,7 @@ pub struct MockRig {
     contact_mm: f64,
     plant_every: usize,
     specimen_n: f64,
+    hung_ms: u32,
     /// Faults in force from the next tick on.
     pub injection: Injection,
     injected: Injection,
@@ -226,6 +232,7 @@ impl MockRig {
             contact_mm: config.contact_displacement_mm,
             plant_every: STEPS_PER_MS / config.plant_steps_per_ms as usize,
             specimen_n,
+            hung_ms: 0,
             injection: Injection::default(),
             injected: Injection::default(),
         })
@@ -265,7 +272,18 @@ impl MockRig {
             self.inject();
         }
         self.physics();
-        if !self.injection.firmware_hangs {
+        if self.injection.firmware_hangs {
+            self.hung_ms += 1;
+            if self.hung_ms >= WATCHDOG_MS {
+                self.drive = Drive {
+                    valve: 0.0,
+                    open: false,
+                };
+            }
+        } else {
+            if std::mem::take(&mut self.hung_ms) >= WATCHDOG_MS {
+                self.firmware.trip(Cause::Watchdog, Reaction::Off);
+            }
             let reading = Reading {
                 force_counts: self.load_cell.read(),
                 displacement_counts: self.lvdt.read(),
@@ -311,6 +329,9 @@ impl MockRig {
 
     /// A full ring is the link's to count: the rig does not wait for a host.
     fn send(&mut self, link: &mut Link) {
+        if self.firmware.outbox().is_empty() {
+            return;
+        }
         for message in self.firmware.outbox().drain() {
             if !self.injection.mute {
                 let frame = message.encode(self.node);
