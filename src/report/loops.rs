@@ -10,8 +10,8 @@ pub struct LoopSection {
     pub title: String,
     /// Displacement in mm, force in N, twin force in N (NaN where it was off), a row a sample.
     pub samples: Vec<[f64; 3]>,
-    /// The same over one mean loop; empty where the profile has no counted cycles.
-    pub mean_loop: Vec<[f64; 3]>,
+    /// The same over the last counted cycle; empty where the profile has no counted cycles.
+    pub last_cycle: Vec<[f64; 3]>,
     /// Caption under the plots.
     pub caption: String,
 }
@@ -29,9 +29,9 @@ pub fn page(
     for section in sections {
         page.heading(&section.title);
         page.figure(&plot("whole run", &section.samples)?, &section.caption);
-        if !section.mean_loop.is_empty() {
+        if !section.last_cycle.is_empty() {
             page.figure(
-                &plot("mean loop over counted cycles", &section.mean_loop)?,
+                &plot("mean loop over counted cycles", &section.last_cycle)?,
                 "Mean by phase.",
             );
         }
