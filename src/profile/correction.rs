@@ -144,3 +144,144 @@ impl CycleController {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::profile::{Block, Level, Player, Profile, Segment};
+    use crate::units::Mode;
+    use rand::{RngExt, SeedableRng};
+
+    const RATE_HZ: f64 = 1000.0;
+    /// Commands are queued this far ahead of the sample that answers them.
+    const AHEAD: usize = 100;
+
+    /// First-order lag, gain and offset, with noise on what is measured.
+    struct Lag {
+        gain: f64,
+        offset: f64,
+        time_constant_s: f64,
+        noise: f64,
+        value: f64,
+        random: rand_chacha::ChaCha8Rng,
+    }
+
+    impl Lag {
+        fn step(&mut self, command: f64) -> f64 {
+            let target = 20.0 + (command - 20.0) * self.gain + self.offset;
+            self.value += (target - self.value) / (RATE_HZ * self.time_constant_s);
+            let sum: f64 = (0..12).map(|_| self.random.random_range(-0.5..0.5)).sum();
+            self.value + self.noise * sum
+        }
+    }
+
+    /// Runs a corrected sine through the plant; amplitude and mean of each counted cycle without the noise's bias.
+    fn run(amplitude: f64, frequency_hz: f64, mut plant: Lag) -> Vec<(f64, f64)> {
+        let mean = Level::Absolute(20.0);
+        let sine = Segment::Sine {
+            mean,
+            amplitude,
+            frequency_hz,
+            cycles: 12,
+            taper_cycles: 2,
+            correct: true,
+        };
+        let blocks = vec![Block {
+            repeat: 1,
+            segments: vec![sine],
+        }];
+        let profile = Profile {
+            name: "t".into(),
+            description: String::new(),
+            mode: Mode::Displacement,
+            blocks,
+        };
+        let mut player = Player::new(&profile, 20.0, RATE_HZ).unwrap();
+        let mut controller = CycleController::new(player.targets_of(1).unwrap());
+        let mut queue = std::collections::VecDeque::new();
+        let mut cycles: Vec<(f64, f64)> = Vec::new();
+        let empty = CycleMeasurement {
+            peak: f64::MIN,
+            valley: f64::MAX,
+            command_peak: f64::MIN,
+            command_valley: f64::MAX,
+        };
+        let (mut now, mut last_phase, mut last_cycle, mut done) = (empty, 0.0, 0, 0);
+        while !queue.is_empty() || done == 0 {
+            while queue.len() < AHEAD
+                && let Some(slot) = player.next()
+            {
+                queue.push_back(slot);
+                done += 1;
+            }
+            let Some(slot) = queue.pop_front() else { break };
+            if slot.phase < last_phase {
+                let correction = controller.cycle(&now);
+                player.set_correction(correction);
+                if last_cycle > 0 {
+                    cycles.push((now.amplitude(), now.mean()));
+                }
+                now = empty;
+            }
+            (last_phase, last_cycle) = (slot.phase, slot.cycle);
+            let (command, value) = (slot.command.value(), plant.step(slot.command.value()));
+            now.peak = now.peak.max(value);
+            now.valley = now.valley.min(value);
+            now.command_peak = now.command_peak.max(command);
+            now.command_valley = now.command_valley.min(command);
+        }
+        cycles
+    }
+
+    #[test]
+    fn amplitude_and_mean_are_within_one_percent_by_the_fifth_cycle() {
+        for (amplitude, frequency_hz) in [(6.0, 1.0), (10.0, 1.0), (15.0, 1.0), (6.0, 2.5)] {
+            for (gain, offset, seed) in [(0.92, 0.3, 1), (1.08, -0.3, 2), (1.0, 0.0, 3), (0.95, -0.3, 4)] {
+                let random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+                let plant = Lag {
+                    gain,
+                    offset,
+                    time_constant_s: 0.01,
+                    noise: 0.005,
+                    value: 20.0,
+                    random,
+                };
+                let cycles = run(amplitude, frequency_hz, plant);
+                assert_eq!(cycles.len(), 12);
+                for (i, (a, m)) in cycles.iter().enumerate().skip(4) {
+                    let (da, dm) = ((a / amplitude - 1.0).abs(), (m - 20.0).abs() / amplitude);
+                    let case = format!("{amplitude} mm {frequency_hz} Hz gain {gain} cycle {}", i + 1);
+                    // The bench's own figure.
+                    assert!(da < 0.01 && dm < 0.01, "{case}: amplitude {da:.4}, mean {dm:.4}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_rig_that_does_not_answer_is_not_pushed_beyond_the_range() {
+        let target = CycleTarget {
+            mean: 20.0,
+            amplitude: 6.0,
+            corrected: true,
+        };
+        let mut controller = CycleController::new(target);
+        let dead = CycleMeasurement {
+            peak: 21.0,
+            valley: 19.0,
+            command_peak: 26.0,
+            command_valley: 14.0,
+        };
+        let first = controller.cycle(&dead);
+        assert!((first.amplitude_factor - 1.1).abs() < 1e-12, "one step at a time");
+        for _ in 0..20 {
+            controller.cycle(&dead);
+        }
+        assert_eq!(controller.correction().amplitude_factor, FACTOR_RANGE[1]);
+        let nothing = CycleMeasurement {
+            peak: f64::NAN,
+            ..dead
+        };
+        assert_eq!(controller.cycle(&nothing).amplitude_factor, FACTOR_RANGE[1]);
+    }
+}

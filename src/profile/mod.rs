@@ -1,13 +1,16 @@
 //! Profiles: what the rig is asked to do over time. A profile is blocks in order, a block is segments that repeat.
 //!
 //! `player` turns a profile into one command a tick, `stop` leaves it smoothly, `correction` keeps a sine's amplitude and
-//! mean. Whether the rig obeys is `control`'s business; what the spring answers is a model's.
+//! mean, `file` is the TOML form, `check` holds a profile against limits. Whether the rig obeys is `control`'s business; what the spring answers is a model's.
 
+pub mod check;
 pub mod correction;
+pub mod file;
 mod pieces;
 pub mod player;
 pub mod stop;
 
+pub use check::{ProfileLimits, Violation, violations};
 pub use correction::{Correction, CycleController, CycleMeasurement};
 pub use pieces::{MAX_DURATION_H, MAX_SEGMENTS};
 pub use player::{CycleTarget, Player, Slot};
@@ -41,6 +44,18 @@ pub enum ProfileError {
         name: String,
         /// Hours allowed.
         limit_h: u32,
+    },
+    /// The file cannot be read, or a segment in it cannot be played.
+    #[error("profile {name}, line {line}, column {column}: {reason}")]
+    File {
+        /// File name, for messages.
+        name: String,
+        /// From 1.
+        line: usize,
+        /// From 1, in characters.
+        column: usize,
+        /// What is wrong and what to do.
+        reason: String,
     },
     /// A number that makes no motion.
     #[error("segment {segment} of profile {name}: {key} = {value} {reason}")]

@@ -226,6 +226,31 @@ pub trait Recorder {
     fn event(&mut self, event: &Event);
     /// The run is over.
     fn end(&mut self, outcome: &Outcome);
+    /// Called about every 10 ms where the run is live: what has come so far must survive a kill of this process.
+    /// A recorder that wraps another one passes it on.
+    fn flush(&mut self) {}
+}
+
+impl<R: Recorder + ?Sized> Recorder for Box<R> {
+    fn begin(&mut self, header: &Header) {
+        (**self).begin(header);
+    }
+
+    fn sample(&mut self, sample: &Sample) {
+        (**self).sample(sample);
+    }
+
+    fn event(&mut self, event: &Event) {
+        (**self).event(event);
+    }
+
+    fn end(&mut self, outcome: &Outcome) {
+        (**self).end(outcome);
+    }
+
+    fn flush(&mut self) {
+        (**self).flush();
+    }
 }
 
 /// A recording in memory, of this bench or foreign: columns of equal length, time strictly increasing.
@@ -239,7 +264,7 @@ pub struct Recording {
     pub displacement_mm: Vec<f64>,
     /// Force in N.
     pub force_n: Vec<f64>,
-    /// Command in its mode's unit, where recorded.
+    /// Command in its mode's unit, where recorded; NaN in rows where nothing was commanded.
     pub command: Option<Vec<f64>>,
     /// Mode of the command column, where recorded.
     pub command_mode: Option<crate::units::Mode>,

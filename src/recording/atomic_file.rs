@@ -1,0 +1,85 @@
+//! Writes a file whole or not at all: temporary name, fsync, rename, fsync of the folder. What is in it is the caller's.
+
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// Fills `path` through `fill`. A crash at any instant leaves the old file or the new one, never half of one.
+pub fn write<T, E: From<io::Error>>(
+    path: &Path,
+    fill: impl FnOnce(&mut BufWriter<File>) -> Result<T, E>,
+) -> Result<T, E> {
+    let temporary = temporary_path(path)?;
+    let written = fill_and_sync(&temporary, fill).and_then(|value| {
+        fs::rename(&temporary, path)?;
+        sync_folder(path)?;
+        Ok(value)
+    });
+    if written.is_err() {
+        // Half a file under a hidden name helps nobody; the error that led here is the one to report.
+        let _ = fs::remove_file(&temporary);
+    }
+    written
+}
+
+fn fill_and_sync<T, E: From<io::Error>>(
+    temporary: &Path,
+    fill: impl FnOnce(&mut BufWriter<File>) -> Result<T, E>,
+) -> Result<T, E> {
+    let mut writer = BufWriter::with_capacity(1 << 18, File::create(temporary)?);
+    let value = fill(&mut writer)?;
+    writer.flush()?;
+    writer.get_ref().sync_all()?;
+    Ok(value)
+}
+
+/// Hidden, in the same folder (a rename must not cross file systems) and marked with the process, so that two exports
+/// of one run do not write into each other's file.
+fn temporary_path(path: &Path) -> io::Result<PathBuf> {
+    let name = path.file_name().ok_or_else(|| {
+        io::Error::new(
+            io::ErrorKind::InvalidInput,
+            format!("{} names no file: give a file name", path.display()),
+        )
+    })?;
+    let hidden = format!(".{}.{}.tmp", name.to_string_lossy(), std::process::id());
+    Ok(path.with_file_name(hidden))
+}
+
+/// Makes the folder's entry for `path` survive a power cut.
+pub fn sync_folder(path: &Path) -> io::Result<()> {
+    let folder = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    File::open(folder)?.sync_all()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_failed_export_leaves_the_old_file_and_no_litter() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.csv");
+        write::<_, io::Error>(&path, |w| w.write_all(b"old")).unwrap();
+        let failed = write::<(), io::Error>(&path, |w| {
+            w.write_all(b"half of the new")?;
+            Err(io::Error::other("disk full"))
+        });
+        assert!(failed.is_err());
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_finished_export_replaces_the_old_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.csv");
+        write::<_, io::Error>(&path, |w| w.write_all(b"old")).unwrap();
+        write::<_, io::Error>(&path, |w| w.write_all(b"new")).unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"new");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+}

@@ -1,0 +1,348 @@
+//! Recorders that stand in front of others: several at once, memory, and a thread of their own behind a bounded ring.
+//!
+//! Control sees `&mut dyn Recorder` and nothing else. In real time that is a [`RecorderInput`], which never waits; in
+//! virtual time it is the chain itself, called inline, so that a slow disk slows the run instead of losing samples.
+
+use std::io;
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use rtrb::{Consumer, Producer, RingBuffer};
+
+use super::{Event, EventKind, Flags, Header, Outcome, Recorder, Sample};
+
+/// Samples that fit between control and the recording thread: 65 s at 1 kHz.
+pub const RING_SAMPLES: usize = 65_536;
+/// Places that samples leave free, so that events and the end of a run get through a full ring.
+const RESERVED_FOR_EVENTS: usize = 256;
+/// The thread sleeps this long between two looks: with the commit after it well under 20 ms.
+const DRAIN_PERIOD: Duration = Duration::from_millis(8);
+
+/// Passes everything on to several recorders, in order.
+#[derive(Default)]
+pub struct FanOut(pub Vec<Box<dyn Recorder + Send>>);
+
+impl Recorder for FanOut {
+    fn begin(&mut self, header: &Header) {
+        self.0.iter_mut().for_each(|recorder| recorder.begin(header));
+    }
+
+    fn sample(&mut self, sample: &Sample) {
+        self.0.iter_mut().for_each(|recorder| recorder.sample(sample));
+    }
+
+    fn event(&mut self, event: &Event) {
+        self.0.iter_mut().for_each(|recorder| recorder.event(event));
+    }
+
+    fn end(&mut self, outcome: &Outcome) {
+        self.0.iter_mut().for_each(|recorder| recorder.end(outcome));
+    }
+
+    fn flush(&mut self) {
+        self.0.iter_mut().for_each(|recorder| recorder.flush());
+    }
+}
+
+/// Keeps a run in memory.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Memory {
+    /// Header, once begun.
+    pub header: Option<Header>,
+    /// Samples in order.
+    pub samples: Vec<Sample>,
+    /// Events in order.
+    pub events: Vec<Event>,
+    /// Outcome, once ended.
+    pub outcome: Option<Outcome>,
+}
+
+impl Recorder for Memory {
+    fn begin(&mut self, header: &Header) {
+        self.header = Some(header.clone());
+    }
+
+    fn sample(&mut self, sample: &Sample) {
+        self.samples.push(*sample);
+    }
+
+    fn event(&mut self, event: &Event) {
+        self.events.push(event.clone());
+    }
+
+    fn end(&mut self, outcome: &Outcome) {
+        self.outcome = Some(outcome.clone());
+    }
+}
+
+/// What travels through the ring; one ring keeps samples and events in their order.
+enum Item {
+    Begin(Box<Header>),
+    Sample(Sample),
+    Event(Event),
+    End(Box<Outcome>),
+}
+
+/// Control's end of the ring. Never waits: what does not fit is counted, becomes an event and flags the next sample.
+pub struct RecorderInput {
+    ring: Producer<Item>,
+    thread: thread::Thread,
+    overrun: Overrun,
+    overruns_total: u64,
+}
+
+/// Items that did not fit since the last that did.
+#[derive(Default)]
+struct Overrun {
+    samples: u64,
+    events: u64,
+    first_tick: u64,
+    last_tick: u64,
+    last_time_s: f64,
+}
+
+impl RecorderInput {
+    /// Samples and events that did not fit, since the start.
+    pub fn overruns(&self) -> u64 {
+        self.overruns_total
+    }
+
+    /// Puts an item in where more than `reserve` places are free.
+    fn push(&mut self, item: Item, reserve: usize) -> bool {
+        self.ring.slots() > reserve && self.ring.push(item).is_ok()
+    }
+
+    fn missed(&mut self, tick: u64, time_s: f64) {
+        if self.overrun.samples + self.overrun.events == 0 {
+            self.overrun.first_tick = tick;
+        }
+        self.overrun.last_tick = tick;
+        self.overrun.last_time_s = time_s;
+        self.overruns_total += 1;
+    }
+
+    /// Tells of an overrun as soon as there is room; true where one was told of just now.
+    fn tell_of_overrun(&mut self, reserve: usize) -> bool {
+        let missed = &self.overrun;
+        if missed.samples + missed.events == 0 || self.ring.slots() <= reserve + 1 {
+            return false;
+        }
+        let text = format!(
+            "recording fell behind: {} samples and {} events between ticks {} and {} were not recorded; look at the \
+             disk's load",
+            missed.samples, missed.events, missed.first_tick, missed.last_tick
+        );
+        let event = Event {
+            tick: missed.last_tick,
+            time_s: missed.last_time_s,
+            kind: EventKind::Host,
+            text,
+        };
+        let told = self.push(Item::Event(event), reserve);
+        if told {
+            self.overrun = Overrun::default();
+        }
+        told
+    }
+}
+
+impl Recorder for RecorderInput {
+    fn begin(&mut self, header: &Header) {
+        self.push(Item::Begin(Box::new(header.clone())), 1);
+    }
+
+    fn sample(&mut self, sample: &Sample) {
+        let mut sample = *sample;
+        if self.tell_of_overrun(RESERVED_FOR_EVENTS) {
+            sample.flags.set(Flags::AFTER_GAP);
+        }
+        let behind = self.overrun.samples > 0;
+        if behind || !self.push(Item::Sample(sample), RESERVED_FOR_EVENTS) {
+            self.missed(sample.tick, sample.time_s);
+            self.overrun.samples += 1;
+        }
+    }
+
+    fn event(&mut self, event: &Event) {
+        // Two places stay free: one to tell of an overrun, one for the end.
+        if !self.push(Item::Event(event.clone()), 2) {
+            self.missed(event.tick, event.time_s);
+            self.overrun.events += 1;
+        }
+    }
+
+    fn end(&mut self, outcome: &Outcome) {
+        self.tell_of_overrun(0);
+        // The last place is kept for this one; without it the thread would still close when this end is dropped.
+        self.push(Item::End(Box::new(outcome.clone())), 0);
+        self.thread.unpark();
+    }
+}
+
+/// The recording thread; `join` after the run's end.
+pub struct RecorderThread<R> {
+    thread: JoinHandle<R>,
+}
+
+impl<R> RecorderThread<R> {
+    /// Waits until all is recorded and hands the chain back; `None` where it panicked.
+    pub fn join(self) -> Option<R> {
+        self.thread.join().ok()
+    }
+
+    /// True once all is recorded.
+    pub fn is_finished(&self) -> bool {
+        self.thread.is_finished()
+    }
+}
+
+/// Starts a thread that takes one run from control and passes it through `chain`, flushing it about every 10 ms.
+/// It ends after the run's end, or when the input is dropped.
+pub fn spawn<R: Recorder + Send + 'static>(chain: R) -> io::Result<(RecorderInput, RecorderThread<R>)> {
+    spawn_with_ring(chain, RING_SAMPLES)
+}
+
+fn spawn_with_ring<R: Recorder + Send + 'static>(
+    chain: R,
+    samples: usize,
+) -> io::Result<(RecorderInput, RecorderThread<R>)> {
+    let (ring, consumer) = RingBuffer::new(samples + RESERVED_FOR_EVENTS);
+    let thread = thread::Builder::new()
+        .name("recorder".into())
+        .spawn(move || record(chain, consumer))?;
+    let input = RecorderInput {
+        ring,
+        thread: thread.thread().clone(),
+        overrun: Overrun::default(),
+        overruns_total: 0,
+    };
+    Ok((input, RecorderThread { thread }))
+}
+
+fn record<R: Recorder>(mut chain: R, mut ring: Consumer<Item>) -> R {
+    loop {
+        // Looked at before draining: what the input pushed before it was dropped is drained below.
+        let abandoned = ring.is_abandoned();
+        while let Ok(item) = ring.pop() {
+            match item {
+                Item::Begin(header) => chain.begin(&header),
+                Item::Sample(sample) => chain.sample(&sample),
+                Item::Event(event) => chain.event(&event),
+                Item::End(outcome) => {
+                    chain.end(&outcome);
+                    return chain;
+                }
+            }
+        }
+        chain.flush();
+        if abandoned {
+            return chain;
+        }
+        thread::park_timeout(DRAIN_PERIOD);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc;
+
+    use super::super::run_file::test_support::{header, outcome, sample};
+    use super::*;
+
+    fn event(tick: u64) -> Event {
+        Event {
+            tick,
+            time_s: 0.0,
+            kind: EventKind::Operator,
+            text: "hold".into(),
+        }
+    }
+
+    fn drive(recorder: &mut dyn Recorder) {
+        recorder.begin(&header());
+        for tick in 0..3000 {
+            recorder.sample(&sample(tick));
+            if tick % 1000 == 0 {
+                recorder.event(&event(tick));
+            }
+        }
+        recorder.end(&outcome(3000));
+    }
+
+    #[test]
+    fn the_thread_records_what_the_inline_form_records() {
+        let mut inline = Memory::default();
+        drive(&mut inline);
+        let (mut input, thread) = spawn(Memory::default()).unwrap();
+        drive(&mut input);
+        assert_eq!(thread.join().unwrap(), inline);
+        assert_eq!(input.overruns(), 0);
+    }
+
+    #[test]
+    fn a_dropped_input_ends_the_thread_with_all_samples() {
+        let (mut input, thread) = spawn(Memory::default()).unwrap();
+        input.sample(&sample(0));
+        drop(input);
+        let memory = thread.join().unwrap();
+        assert_eq!((memory.samples.len(), memory.outcome), (1, None));
+    }
+
+    /// A recorder that stands still until it is told to go on.
+    struct Stalled {
+        memory: Memory,
+        go_on: mpsc::Receiver<()>,
+        reached: mpsc::Sender<()>,
+    }
+
+    impl Recorder for Stalled {
+        fn begin(&mut self, header: &Header) {
+            self.memory.begin(header);
+            self.reached.send(()).unwrap();
+            self.go_on.recv().unwrap();
+        }
+        fn sample(&mut self, sample: &Sample) {
+            self.memory.sample(sample);
+        }
+        fn event(&mut self, event: &Event) {
+            self.memory.event(event);
+        }
+        fn end(&mut self, outcome: &Outcome) {
+            self.memory.end(outcome);
+        }
+    }
+
+    #[test]
+    fn an_overrun_is_counted_told_and_flagged_and_the_end_gets_through() {
+        let (go, go_on) = mpsc::channel();
+        let (reached, at_begin) = mpsc::channel();
+        let chain = Stalled {
+            memory: Memory::default(),
+            go_on,
+            reached,
+        };
+        let (mut input, thread) = spawn_with_ring(chain, 100).unwrap();
+        input.begin(&header());
+        at_begin.recv().unwrap();
+        for tick in 0..150 {
+            input.sample(&sample(tick));
+        }
+        assert_eq!(input.overruns(), 50, "the ring holds 100 samples");
+        input.event(&event(150));
+        input.end(&outcome(150));
+        go.send(()).unwrap();
+        let memory = thread.join().unwrap().memory;
+        assert_eq!(memory.samples.len(), 100);
+        assert_eq!(memory.events[0], event(150));
+        assert!(memory.events[1].text.contains("50 samples and 0 events between ticks 100 and 149"));
+        assert_eq!(memory.outcome, Some(outcome(150)));
+    }
+
+    #[test]
+    fn a_fan_out_gives_all_the_same() {
+        let mut chain = FanOut(vec![Box::new(Memory::default())]);
+        drive(&mut chain);
+        chain.flush();
+        assert_eq!(chain.0.len(), 1);
+    }
+}

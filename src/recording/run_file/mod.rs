@@ -1,0 +1,240 @@
+//! One SQLite file a run: `writer` fills it while the run lasts, `reader` opens it afterwards, whole or damaged.
+//! CSV and data packages are made from it by `recording::export`.
+//!
+//! Table `run` has one row: header (JSON), first tick, and at the end outcome (JSON), last tick and number of blocks.
+//! Table `events` has one row an event. Table `blocks` has packed samples (layout in `block`) with their CRC-32.
+//! While a run is live a write-ahead log (`-wal`) stands beside the file; a clean end folds it in and leaves one file.
+
+mod block;
+mod listing;
+mod reader;
+mod sync;
+mod writer;
+
+#[cfg(test)]
+mod damage_tests;
+
+use std::path::{Path, PathBuf};
+
+pub use listing::{RunListing, list};
+pub use reader::{CycleSpan, Gap, GapCause, RunFile, SampleReader, Survey};
+pub use writer::{RunFileStatus, RunFileWriter};
+
+/// Ending of a run file's name, without the dot.
+pub const EXTENSION: &str = "leafrun";
+/// `LEAF`: SQLite's application id of a run file.
+pub const APPLICATION_ID: i32 = 0x4C45_4146;
+/// Version of the tables and of the block layout.
+pub const FORMAT_VERSION: i32 = 1;
+
+/// Bytes of disk that a second of samples takes at most (records, b-tree and the write-ahead log before it is folded in).
+const BYTES_PER_SAMPLE_AT_MOST: f64 = 128.0;
+/// What a run file takes before its first sample, and the write-ahead log at its longest.
+const BYTES_OF_A_RUN_AT_MOST: f64 = 160e6;
+
+const SCHEMA: &str = "
+CREATE TABLE run (
+    id INTEGER PRIMARY KEY CHECK (id = 1),
+    header_json TEXT NOT NULL,
+    header_crc32 INTEGER NOT NULL,
+    first_tick INTEGER,
+    outcome_json TEXT,
+    outcome_crc32 INTEGER,
+    last_tick INTEGER,
+    block_count INTEGER
+);
+CREATE TABLE events (
+    seq INTEGER PRIMARY KEY,
+    tick INTEGER NOT NULL,
+    time_s REAL NOT NULL,
+    kind TEXT NOT NULL,
+    text TEXT NOT NULL
+);
+CREATE TABLE blocks (
+    seq INTEGER PRIMARY KEY,
+    first_tick INTEGER NOT NULL,
+    sample_count INTEGER NOT NULL,
+    crc32 INTEGER NOT NULL,
+    data BLOB NOT NULL
+);
+";
+
+/// Why a run file could not be written or read.
+#[derive(Debug, thiserror::Error)]
+pub enum RunFileError {
+    /// A run of this name is there already.
+    #[error("{path} is there already: a run file is never overwritten, use a new run id")]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// SQLite or the disk under it refused.
+    #[error("{doing} {path} failed: check the disk's space and rights")]
+    Database {
+        /// The file.
+        path: PathBuf,
+        /// What was tried: "writing", "opening" ...
+        doing: &'static str,
+        /// SQLite's own words.
+        source: rusqlite::Error,
+    },
+    /// The file system refused.
+    #[error("{doing} {path} failed: check the disk's space and rights")]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What was tried.
+        doing: &'static str,
+        /// The system's own words.
+        source: std::io::Error,
+    },
+    /// Not a run file at all.
+    #[error("{path} is not a leafbench run file (.leafrun): {reason}")]
+    NotARun {
+        /// The file.
+        path: PathBuf,
+        /// What it is instead.
+        reason: String,
+    },
+    /// Written by a newer leafbench.
+    #[error("{path} has run file version {found}, this program reads {FORMAT_VERSION}: use a newer leafbench")]
+    Version {
+        /// The file.
+        path: PathBuf,
+        /// As found.
+        found: i32,
+    },
+    /// Header or outcome do not match their checksum.
+    #[error("{path}: the {part} is damaged ({reason}): restore the file from a copy")]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// "header" or "outcome".
+        part: &'static str,
+        /// What was found.
+        reason: String,
+    },
+    /// Only a run that was left open can be closed as aborted.
+    #[error("{path} was closed already: nothing to do")]
+    Closed {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Twice what the run needs is not free.
+    #[error(
+        "{folder} has {free_mb:.0} MB free and this run needs {needed_mb:.0} MB (twice its size): delete or move old \
+         runs, or record elsewhere"
+    )]
+    NoSpace {
+        /// Folder of the run files.
+        folder: PathBuf,
+        /// Free for this user.
+        free_mb: f64,
+        /// Twice the run's size.
+        needed_mb: f64,
+    },
+}
+
+impl RunFileError {
+    fn database(path: &Path, doing: &'static str, source: rusqlite::Error) -> Self {
+        RunFileError::Database {
+            path: path.to_owned(),
+            doing,
+            source,
+        }
+    }
+}
+
+/// Before a run: refuses where `folder` has not twice the space that the run will take.
+pub fn check_space(folder: &Path, duration_s: f64, sample_rate_hz: f64) -> Result<(), RunFileError> {
+    let space = nix::sys::statvfs::statvfs(folder).map_err(|errno| RunFileError::Io {
+        path: folder.to_owned(),
+        doing: "asking for the free space of",
+        source: errno.into(),
+    })?;
+    let free_mb = space.blocks_available() as f64 * space.fragment_size() as f64 / 1e6;
+    let samples = duration_s * sample_rate_hz;
+    let needed_mb = 2.0 * (samples * BYTES_PER_SAMPLE_AT_MOST + BYTES_OF_A_RUN_AT_MOST) / 1e6;
+    if free_mb < needed_mb {
+        return Err(RunFileError::NoSpace {
+            folder: folder.to_owned(),
+            free_mb,
+            needed_mb,
+        });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+pub(crate) mod test_support {
+    use crate::recording::{ChannelScale, Ending, FirmwareIdentity, Flags, Header, Outcome, Sample};
+    use crate::units::Command;
+
+    /// A header with awkward but honest calibration numbers.
+    pub(crate) fn header() -> Header {
+        Header {
+            run_id: "20261121-103000-a1b2".into(),
+            started_utc: "2026-11-21T10:30:00Z".into(),
+            specimen: "leaf spring, \"no. 7\"".into(),
+            operator: "=1+1".into(),
+            profile_name: "sine-6mm-1hz".into(),
+            profile_toml: "name = \"sine-6mm-1hz\"\n".into(),
+            bench_toml: "name = \"mock\"\n".into(),
+            bench_sha256: "00".repeat(32),
+            firmware: FirmwareIdentity {
+                serial: 12,
+                ..FirmwareIdentity::default()
+            },
+            program_version: "0.1.0".into(),
+            sample_rate_hz: 1000.0,
+            force_channel: ChannelScale {
+                scale_per_count: 0.1,
+                offset: 1.25,
+                tare: 12.3437,
+            },
+            displacement_channel: ChannelScale {
+                scale_per_count: 0.0005,
+                offset: 0.0,
+                tare: 0.012_34,
+            },
+            twin: "equivalent".into(),
+            first_cycle: 1,
+            resumes_run: String::new(),
+            cycles_planned: 50,
+            duration_planned_s: 60.0,
+            remarks: vec!["no real-time rights".into()],
+        }
+    }
+
+    /// A sample of a 6 mm 1 Hz sine (1000 ticks a cycle) whose first tick is 0.
+    pub(crate) fn sample(tick: u64) -> Sample {
+        let header = header();
+        let phase_rad = std::f64::consts::TAU * (tick % 1000) as f64 / 1000.0;
+        let displacement_counts = (12_000.0 * phase_rad.sin()).round() as i32;
+        let force_counts = (3_000.0 * (phase_rad - 0.2).sin()).round() as i32;
+        Sample {
+            tick,
+            time_s: tick as f64 / 1000.0,
+            force_n: header.force_channel.value(force_counts),
+            displacement_mm: header.displacement_channel.value(displacement_counts),
+            force_counts,
+            displacement_counts,
+            command: Some(Command::Displacement(6.0 * phase_rad.sin())),
+            cycle: (tick / 1000) as u32 + 1,
+            segment: (tick / 500) as u32 + 1,
+            twin_force_n: (tick % 3 != 0).then_some(300.0 * (phase_rad - 0.25).sin()),
+            flags: Flags::default(),
+        }
+    }
+
+    /// A completed run of `samples` samples.
+    pub(crate) fn outcome(samples: u64) -> Outcome {
+        Outcome {
+            ending: Ending::Completed,
+            cause: String::new(),
+            samples,
+            lost: 0,
+            cycles_completed: (samples / 1000) as u32,
+        }
+    }
+}

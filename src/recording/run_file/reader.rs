@@ -1,0 +1,476 @@
+//! Opens a run file, whole, still being written, or damaged: every block whose checksum holds is read, the rest is a gap.
+
+use std::path::{Path, PathBuf};
+
+use rusqlite::{Connection, OpenFlags, OptionalExtension};
+
+use super::block::{self, RECORD_BYTES};
+use super::writer;
+use super::{APPLICATION_ID, FORMAT_VERSION, RunFileError};
+use crate::recording::{Ending, Event, EventKind, Flags, Header, Outcome, Sample};
+use crate::units::{Command, Mode};
+
+/// A file whose index of blocks is damaged is searched block by block until this many in a row are not there.
+const MISSING_BLOCKS_AT_END: u64 = 4096;
+
+/// An open run file.
+#[derive(Debug)]
+pub struct RunFile {
+    path: PathBuf,
+    database: Connection,
+    header: Header,
+    outcome: Option<Outcome>,
+    first_tick: Option<u64>,
+    last_tick: Option<u64>,
+    block_count: Option<u64>,
+}
+
+/// Why ticks have no sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GapCause {
+    /// The sample never came from the rig.
+    Lost,
+    /// The sample was recorded; its block is damaged.
+    Damaged,
+}
+
+/// Ticks without a sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+pub struct Gap {
+    /// First tick without a sample.
+    pub from_tick: u64,
+    /// Last tick without a sample; of a damaged end of an open run only the lower bound is known.
+    pub to_tick: u64,
+    /// Why.
+    pub cause: GapCause,
+}
+
+impl Gap {
+    /// Ticks in the gap.
+    pub fn ticks(&self) -> u64 {
+        (self.to_tick + 1).saturating_sub(self.from_tick)
+    }
+}
+
+/// Where a counted cycle is in the run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CycleSpan {
+    /// Number from 1.
+    pub cycle: u32,
+    /// Its first sample's tick.
+    pub first_tick: u64,
+    /// Its last sample's tick.
+    pub last_tick: u64,
+    /// Samples readable in it.
+    pub samples: u64,
+    /// True where another cycle or the way out followed: the run did not end in it.
+    pub complete: bool,
+}
+
+/// What one pass over all samples tells. `samples + lost + damaged` = ticks from first to last.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Survey {
+    /// Readable samples.
+    pub samples: u64,
+    /// Ticks that never had a sample.
+    pub lost: u64,
+    /// Ticks in damaged blocks.
+    pub damaged: u64,
+    /// Samples with any quality bit, beyond standing after a gap.
+    pub flagged: u64,
+    /// First and last tick of the run.
+    pub ticks: Option<(u64, u64)>,
+    /// Lost and damaged ranges in order.
+    pub gaps: Vec<Gap>,
+    /// Counted cycles in order.
+    pub cycles: Vec<CycleSpan>,
+    /// Modes that were commanded.
+    pub modes: Vec<Mode>,
+}
+
+impl Survey {
+    /// Counted cycles that ran to their end.
+    pub fn cycles_completed(&self) -> u32 {
+        self.cycles.iter().filter(|cycle| cycle.complete).count() as u32
+    }
+
+    fn add(&mut self, sample: &Sample) {
+        self.samples += 1;
+        let other_bits = sample.flags.0 & !Flags::AFTER_GAP.0;
+        self.flagged += u64::from(other_bits != 0);
+        if let Some(mode) = sample.command.map(Command::mode)
+            && !self.modes.contains(&mode)
+        {
+            self.modes.push(mode);
+        }
+        match self.cycles.last_mut() {
+            Some(span) if span.cycle == sample.cycle => {
+                span.last_tick = sample.tick;
+                span.samples += 1;
+                return;
+            }
+            Some(span) => span.complete = true,
+            None => {}
+        }
+        if sample.cycle > 0 {
+            self.cycles.push(CycleSpan {
+                cycle: sample.cycle,
+                first_tick: sample.tick,
+                last_tick: sample.tick,
+                samples: 1,
+                complete: false,
+            });
+        }
+    }
+}
+
+impl RunFile {
+    /// Opens for reading; the file and a log beside it are not changed.
+    pub fn open(path: &Path) -> Result<RunFile, RunFileError> {
+        let failed = |source| RunFileError::database(path, "opening", source);
+        if !path.is_file() {
+            return Err(RunFileError::NotARun {
+                path: path.to_owned(),
+                reason: "there is no such file".into(),
+            });
+        }
+        let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let database = Connection::open_with_flags(path, flags).map_err(failed)?;
+        RunFile::from_database(path, database)
+    }
+
+    fn from_database(path: &Path, database: Connection) -> Result<RunFile, RunFileError> {
+        // Without this SQLite refuses a file that is cut off; the readable blocks are what one wants of such a file.
+        let tolerant = database.pragma_update(None, "writable_schema", true);
+        let (application_id, version) = tolerant
+            .and_then(|()| {
+                let id: i32 = database.query_row("PRAGMA application_id", [], |row| row.get(0))?;
+                let version: i32 = database.query_row("PRAGMA user_version", [], |row| row.get(0))?;
+                Ok((id, version))
+            })
+            .map_err(|source| RunFileError::NotARun {
+                path: path.to_owned(),
+                reason: source.to_string(),
+            })?;
+        if application_id != APPLICATION_ID {
+            return Err(RunFileError::NotARun {
+                path: path.to_owned(),
+                reason: format!("its application id is {application_id:#x}"),
+            });
+        }
+        if version != FORMAT_VERSION {
+            return Err(RunFileError::Version {
+                path: path.to_owned(),
+                found: version,
+            });
+        }
+        let row = read_run_row(&database).map_err(|source| RunFileError::Damaged {
+            path: path.to_owned(),
+            part: "header",
+            reason: source.to_string(),
+        })?;
+        let checked = |part, json: &str, crc32| checked_json(path, part, json, crc32);
+        let header: Header = parse(path, "header", checked("header", &row.header_json, row.header_crc32)?)?;
+        let outcome = match (&row.outcome_json, row.outcome_crc32) {
+            (Some(json), Some(crc32)) => Some(parse(path, "outcome", checked("outcome", json, crc32)?)?),
+            _ => None,
+        };
+        Ok(RunFile {
+            path: path.to_owned(),
+            database,
+            header,
+            outcome,
+            first_tick: row.first_tick.map(|tick| tick as u64),
+            last_tick: row.last_tick.map(|tick| tick as u64),
+            block_count: row.block_count.map(|count| count as u64),
+        })
+    }
+
+    /// Where the file is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The run's header.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// How the run ended; `None` where it is live or its daemon was killed.
+    pub fn outcome(&self) -> Option<&Outcome> {
+        self.outcome.as_ref()
+    }
+
+    /// Events in order. Rows that cannot be read are left out; the samples have their own checksums.
+    pub fn events(&self) -> Vec<Event> {
+        let mut events = Vec::new();
+        let Ok(mut statement) = self.database.prepare("SELECT tick, time_s, kind, text FROM events ORDER BY seq") else {
+            return events;
+        };
+        let rows = statement.query_map([], |row| {
+            let kind: String = row.get(2)?;
+            Ok(Event {
+                tick: row.get::<_, i64>(0)? as u64,
+                time_s: row.get(1)?,
+                kind: serde_json::from_value(kind.into()).unwrap_or(EventKind::Host),
+                text: row.get(3)?,
+            })
+        });
+        if let Ok(rows) = rows {
+            // A damaged page answers with one error and then ends: no endless loop here.
+            events.extend(rows.map_while(Result::ok));
+        }
+        events
+    }
+
+    /// All readable samples in the order of ticks, a block at a time in memory.
+    pub fn samples(&self) -> SampleReader<'_> {
+        SampleReader {
+            run: self,
+            next_block: 1,
+            last_block: self.last_block(),
+            missing: 0,
+            data: Vec::new(),
+            block_first_tick: 0,
+            at: 0,
+            next_tick: self.first_tick,
+            run_first_tick: self.first_tick,
+            unreadable: false,
+            gaps: Vec::new(),
+        }
+    }
+
+    /// One pass over everything: accounts, gaps, cycles.
+    pub fn survey(&self) -> Survey {
+        let mut survey = Survey::default();
+        let mut reader = self.samples();
+        let mut ticks: Option<(u64, u64)> = None;
+        for sample in reader.by_ref() {
+            survey.add(&sample);
+            ticks = Some((ticks.map_or(sample.tick, |(first, _)| first), sample.tick));
+        }
+        survey.gaps = reader.gaps;
+        for gap in &survey.gaps {
+            match gap.cause {
+                GapCause::Lost => survey.lost += gap.ticks(),
+                GapCause::Damaged => survey.damaged += gap.ticks(),
+            }
+            let (first, last) = ticks.unwrap_or((gap.from_tick, gap.to_tick));
+            ticks = Some((first.min(gap.from_tick), last.max(gap.to_tick)));
+        }
+        survey.ticks = ticks;
+        if let (Some(outcome), Some(span)) = (&self.outcome, survey.cycles.last_mut()) {
+            // The last counted cycle of a run without a way out is complete where the run says so.
+            span.complete |= outcome.ending == Ending::Completed;
+        }
+        survey
+    }
+
+    /// Closes a run that its daemon left open: says how many samples there are and why it ended.
+    pub fn close_as_aborted(self, cause: &str) -> Result<Outcome, RunFileError> {
+        if self.outcome.is_some() {
+            return Err(RunFileError::Closed { path: self.path });
+        }
+        let survey = self.survey();
+        let blocks = self.last_block().unwrap_or(0);
+        let outcome = Outcome {
+            ending: Ending::Aborted,
+            cause: cause.to_owned(),
+            samples: survey.samples,
+            lost: survey.lost + survey.damaged,
+            cycles_completed: survey.cycles_completed(),
+        };
+        let RunFile { path, database, .. } = self;
+        let last_tick = survey.ticks.map(|(_, last)| last as i64);
+        drop(database);
+        let close = || -> rusqlite::Result<()> {
+            let database = Connection::open_with_flags(&path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
+            writer::write_outcome(&database, &outcome, last_tick, blocks)?;
+            writer::fold_log(&database)
+        };
+        close().map_err(|source| RunFileError::database(&path, "closing", source))?;
+        Ok(outcome)
+    }
+
+    /// Number of the last block, where the file can still tell.
+    fn last_block(&self) -> Option<u64> {
+        let indexed: Option<i64> = self
+            .database
+            .query_row("SELECT max(seq) FROM blocks", [], |row| row.get(0))
+            .unwrap_or(None);
+        let empty = || {
+            let count = self.database.query_row("SELECT count(*) FROM blocks", [], |row| row.get(0));
+            (count == Ok(0)).then_some(0)
+        };
+        indexed.map(|seq| seq as u64).max(self.block_count).or_else(empty)
+    }
+}
+
+/// Samples of a run file one by one. A block that cannot be read is skipped and stands in `gaps`, as do lost ticks.
+pub struct SampleReader<'a> {
+    run: &'a RunFile,
+    next_block: u64,
+    last_block: Option<u64>,
+    missing: u64,
+    data: Vec<u8>,
+    block_first_tick: u64,
+    at: usize,
+    /// Tick that the next sample has if nothing is missing.
+    next_tick: Option<u64>,
+    run_first_tick: Option<u64>,
+    /// A block since the last good one could not be read.
+    unreadable: bool,
+    gaps: Vec<Gap>,
+}
+
+impl SampleReader<'_> {
+    /// Gaps up to the sample returned last; complete after the iterator has ended.
+    pub fn gaps(&self) -> &[Gap] {
+        &self.gaps
+    }
+
+    /// Loads the next good block; false at the end.
+    fn load(&mut self) -> bool {
+        loop {
+            match self.last_block {
+                Some(last) if self.next_block > last => return false,
+                None if self.missing >= MISSING_BLOCKS_AT_END => return false,
+                _ => {}
+            }
+            let seq = self.next_block;
+            self.next_block += 1;
+            if let Some((first_tick, data)) = self.read_block(seq) {
+                self.missing = 0;
+                self.block_first_tick = first_tick;
+                self.data = data;
+                self.at = 0;
+                return true;
+            }
+            self.missing += 1;
+            self.unreadable = true;
+        }
+    }
+
+    /// A block with a good checksum. Looked up by its number alone, so that damage beside it does no harm.
+    fn read_block(&self, seq: u64) -> Option<(u64, Vec<u8>)> {
+        let sql = "SELECT first_tick, sample_count, crc32, data FROM blocks WHERE seq = ?1";
+        let row = self
+            .run
+            .database
+            .prepare_cached(sql)
+            .and_then(|mut statement| {
+                statement
+                    .query_row([seq as i64], |row| {
+                        Ok((
+                            row.get::<_, i64>(0)?,
+                            row.get::<_, i64>(1)?,
+                            row.get::<_, i64>(2)?,
+                            row.get::<_, Vec<u8>>(3)?,
+                        ))
+                    })
+                    .optional()
+            })
+            .ok()
+            .flatten();
+        let (first_tick, count, crc32, data) = row?;
+        let (first_tick, count) = (first_tick as u64, count as u64);
+        let good = block::block_crc32(seq, first_tick, count, &data) as i64 == crc32
+            && count.checked_mul(RECORD_BYTES as u64) == Some(data.len() as u64);
+        good.then_some((first_tick, data))
+    }
+
+    /// Notes the ticks between the last sample and `tick`; true where there are any.
+    fn note_gap(&mut self, tick: u64) -> bool {
+        let unreadable = std::mem::take(&mut self.unreadable);
+        let from_tick = self.next_tick.unwrap_or(tick);
+        if tick <= from_tick {
+            return false;
+        }
+        self.gaps.push(Gap {
+            from_tick,
+            to_tick: tick - 1,
+            cause: if unreadable { GapCause::Damaged } else { GapCause::Lost },
+        });
+        true
+    }
+
+    /// Damage at the end: up to the run's last tick where the file knows it.
+    fn note_end(&mut self) {
+        let end = match (self.run.last_tick, self.next_tick) {
+            (Some(last), _) => last + 1,
+            (None, Some(next)) if self.last_block.is_some() => next + 1,
+            _ => return,
+        };
+        if self.unreadable {
+            self.note_gap(end);
+        }
+    }
+}
+
+impl Iterator for SampleReader<'_> {
+    type Item = Sample;
+
+    fn next(&mut self) -> Option<Sample> {
+        loop {
+            if let Some(record) = self.data.get(self.at..).and_then(<[u8]>::first_chunk::<RECORD_BYTES>) {
+                let run_first = *self.run_first_tick.get_or_insert(self.block_first_tick);
+                let mut sample = block::unpack(record, self.block_first_tick, run_first, &self.run.header);
+                self.at += RECORD_BYTES;
+                if self.note_gap(sample.tick) {
+                    sample.flags.set(Flags::AFTER_GAP);
+                }
+                self.next_tick = Some(sample.tick + 1);
+                return Some(sample);
+            }
+            if !self.load() {
+                self.note_end();
+                return None;
+            }
+        }
+    }
+}
+
+struct RunRow {
+    header_json: String,
+    header_crc32: i64,
+    first_tick: Option<i64>,
+    outcome_json: Option<String>,
+    outcome_crc32: Option<i64>,
+    last_tick: Option<i64>,
+    block_count: Option<i64>,
+}
+
+fn read_run_row(database: &Connection) -> rusqlite::Result<RunRow> {
+    let sql = "SELECT header_json, header_crc32, first_tick, outcome_json, outcome_crc32, last_tick, block_count FROM run";
+    database.query_row(sql, [], |row| {
+        Ok(RunRow {
+            header_json: row.get(0)?,
+            header_crc32: row.get(1)?,
+            first_tick: row.get(2)?,
+            outcome_json: row.get(3)?,
+            outcome_crc32: row.get(4)?,
+            last_tick: row.get(5)?,
+            block_count: row.get(6)?,
+        })
+    })
+}
+
+fn checked_json<'a>(path: &Path, part: &'static str, json: &'a str, crc32: i64) -> Result<&'a str, RunFileError> {
+    if i64::from(block::crc32(json.as_bytes())) == crc32 {
+        return Ok(json);
+    }
+    Err(RunFileError::Damaged {
+        path: path.to_owned(),
+        part,
+        reason: "its checksum does not hold".into(),
+    })
+}
+
+fn parse<T: serde::de::DeserializeOwned>(path: &Path, part: &'static str, json: &str) -> Result<T, RunFileError> {
+    serde_json::from_str(json).map_err(|error| RunFileError::Damaged {
+        path: path.to_owned(),
+        part,
+        reason: error.to_string(),
+    })
+}

@@ -1,0 +1,476 @@
+//! Writes one run's file: a block of samples at least every 10 ms, so that a kill costs no more than the last 20 ms.
+//!
+//! The first write error is final for the file: it stays as it is, the cause is in the status, and the samples go on into
+//! memory for at most 60 s. Nothing is called saved that is not.
+
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
+
+use rusqlite::{Connection, OpenFlags, params};
+
+use super::block::{self, RECORD_BYTES};
+use super::sync::Syncer;
+use super::{APPLICATION_ID, FORMAT_VERSION, RunFileError, SCHEMA};
+use crate::recording::{Event, Header, Outcome, Recorder, Sample, atomic_file};
+
+/// Samples in the largest block: what a run in virtual time commits at once.
+const BLOCK_SAMPLES: usize = 2048;
+/// A block is committed no later than this after the one before it.
+const COMMIT_PERIOD: Duration = Duration::from_millis(10);
+/// Seconds of samples kept in memory after the file failed.
+const RESCUE_S: f64 = 60.0;
+/// Reading a clock costs more than packing a sample: look at it every this many.
+const SAMPLES_PER_CLOCK_LOOK: usize = 8;
+
+/// What others may ask about a run file while its writer is busy on another thread.
+#[derive(Debug, Default)]
+pub struct RunFileStatus {
+    saved: AtomicU64,
+    in_memory: AtomicU64,
+    dropped: AtomicU64,
+    out_of_order: AtomicU64,
+    complete: AtomicBool,
+    failure: OnceLock<String>,
+}
+
+impl RunFileStatus {
+    /// Samples committed to the file.
+    pub fn saved(&self) -> u64 {
+        self.saved.load(Ordering::Relaxed)
+    }
+
+    /// Samples that came after the file failed and are still in memory.
+    pub fn in_memory(&self) -> u64 {
+        self.in_memory.load(Ordering::Relaxed)
+    }
+
+    /// Samples that came after the file failed and fell out of memory: lost.
+    pub fn dropped(&self) -> u64 {
+        self.dropped.load(Ordering::Relaxed)
+    }
+
+    /// Samples refused because their tick was not later than the one before.
+    pub fn out_of_order(&self) -> u64 {
+        self.out_of_order.load(Ordering::Relaxed)
+    }
+
+    /// The first write error; final for this file.
+    pub fn failure(&self) -> Option<&str> {
+        self.failure.get().map(String::as_str)
+    }
+
+    /// True once the outcome is in the file, the log is folded in and all of it is on the disk.
+    pub fn complete(&self) -> bool {
+        self.complete.load(Ordering::Acquire)
+    }
+}
+
+/// A [`Recorder`] into one run file.
+pub struct RunFileWriter {
+    path: PathBuf,
+    /// `None` after a failure or the end.
+    database: Option<Connection>,
+    syncer: Option<Syncer>,
+    pending: Vec<Sample>,
+    events: Vec<Event>,
+    packed: Vec<u8>,
+    blocks: u64,
+    first_tick: Option<u64>,
+    last_tick: Option<u64>,
+    last_commit: Instant,
+    rescue: VecDeque<Sample>,
+    rescue_samples: usize,
+    status: Arc<RunFileStatus>,
+}
+
+impl RunFileWriter {
+    /// Makes the file with its header, on the disk before this returns: a disk that cannot take a run refuses it here.
+    pub fn create(path: &Path, header: &Header) -> Result<RunFileWriter, RunFileError> {
+        if path.exists() {
+            return Err(RunFileError::Exists { path: path.to_owned() });
+        }
+        let database = create_database(path, header)
+            .map_err(|source| RunFileError::database(path, "making the run file", source))?;
+        let io = |doing| {
+            move |source| RunFileError::Io {
+                path: path.to_owned(),
+                doing,
+                source,
+            }
+        };
+        atomic_file::sync_folder(path).map_err(io("syncing the folder of"))?;
+        let syncer = Syncer::spawn(path).map_err(io("starting the sync thread of"))?;
+        Ok(RunFileWriter {
+            path: path.to_owned(),
+            database: Some(database),
+            syncer: Some(syncer),
+            pending: Vec::with_capacity(BLOCK_SAMPLES),
+            events: Vec::new(),
+            packed: Vec::with_capacity(BLOCK_SAMPLES * RECORD_BYTES),
+            blocks: 0,
+            first_tick: None,
+            last_tick: None,
+            last_commit: Instant::now(),
+            rescue: VecDeque::new(),
+            rescue_samples: (RESCUE_S * header.sample_rate_hz).clamp(1.0, 1e6) as usize,
+            status: Arc::default(),
+        })
+    }
+
+    /// What others may ask while the run lasts.
+    pub fn status(&self) -> Arc<RunFileStatus> {
+        self.status.clone()
+    }
+
+    /// Samples that came after the file failed, oldest first: a second file can be made of them.
+    pub fn unsaved(&self) -> impl Iterator<Item = &Sample> {
+        self.rescue.iter().chain(&self.pending)
+    }
+
+    /// Commits what is pending; a failure is final.
+    fn commit(&mut self) {
+        self.last_commit = Instant::now();
+        if self.pending.is_empty() && self.events.is_empty() {
+            return;
+        }
+        if self.syncer.as_ref().is_some_and(Syncer::failed) {
+            return self.fail("syncing the run file to the disk failed".into());
+        }
+        match self.try_commit() {
+            Ok(()) => {
+                self.status.saved.fetch_add(self.pending.len() as u64, Ordering::Relaxed);
+                self.pending.clear();
+                self.events.clear();
+                self.finish_checkpoint_if_asked();
+            }
+            Err(error) => self.fail(error.to_string()),
+        }
+    }
+
+    fn try_commit(&mut self) -> rusqlite::Result<()> {
+        let Some(database) = self.database.as_mut() else {
+            return Ok(());
+        };
+        let transaction = database.transaction()?;
+        let mut blocks = self.blocks;
+        let mut rest = self.pending.as_slice();
+        while let Some(first) = rest.first() {
+            // A block's ticks are 32-bit offsets; only a gap of seven weeks splits one.
+            let fits = rest
+                .iter()
+                .position(|s| s.tick - first.tick > u64::from(u32::MAX))
+                .unwrap_or(rest.len());
+            let (now, later) = rest.split_at(fits);
+            self.packed.clear();
+            for sample in now {
+                block::pack(sample, first.tick, &mut self.packed);
+            }
+            blocks += 1;
+            if blocks == 1 {
+                transaction.execute("UPDATE run SET first_tick = ?1", [first.tick as i64])?;
+            }
+            let crc32 = block::block_crc32(blocks, first.tick, now.len() as u64, &self.packed);
+            transaction
+                .prepare_cached("INSERT INTO blocks VALUES (?1, ?2, ?3, ?4, ?5)")?
+                .execute(params![blocks as i64, first.tick as i64, now.len() as i64, crc32, self.packed])?;
+            rest = later;
+        }
+        for event in &self.events {
+            let kind = serde_json::to_value(event.kind).unwrap_or_default();
+            transaction
+                .prepare_cached("INSERT INTO events (tick, time_s, kind, text) VALUES (?1, ?2, ?3, ?4)")?
+                .execute(params![
+                    event.tick as i64,
+                    event.time_s,
+                    kind.as_str().unwrap_or_default(),
+                    event.text
+                ])?;
+        }
+        transaction.commit()?;
+        self.blocks = blocks;
+        Ok(())
+    }
+
+    /// The sync thread has copied the bulk of a long log; the few frames since then are copied here, between two commits.
+    fn finish_checkpoint_if_asked(&mut self) {
+        let (Some(database), Some(syncer)) = (&self.database, &self.syncer) else {
+            return;
+        };
+        if syncer.take_finish_request() {
+            // A reader of the live run can hold this up: then the log grows and the thread asks again.
+            let _ = database.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |_| Ok(()));
+        }
+    }
+
+    /// Gives the file up as it stands and keeps the samples in memory.
+    fn fail(&mut self, cause: String) {
+        tracing::error!(path = %self.path.display(), cause, "run file failed; samples go to memory");
+        // Only the first cause is kept: the later ones follow from it.
+        let _ = self.status.failure.set(cause);
+        self.syncer = None;
+        self.database = None;
+        self.events.clear();
+        self.keep_in_memory();
+    }
+
+    fn keep_in_memory(&mut self) {
+        self.rescue.extend(self.pending.drain(..));
+        let excess = self.rescue.len().saturating_sub(self.rescue_samples);
+        self.rescue.drain(..excess);
+        self.status.dropped.fetch_add(excess as u64, Ordering::Relaxed);
+        self.status.in_memory.store(self.rescue.len() as u64, Ordering::Relaxed);
+    }
+
+    /// Outcome in, log folded in, one file left, all of it on the disk.
+    fn close(&mut self, outcome: &Outcome) -> Result<(), String> {
+        self.syncer = None;
+        let Some(database) = self.database.take() else {
+            return Ok(());
+        };
+        let last = self.last_tick.map(|tick| tick as i64);
+        write_outcome(&database, outcome, last, self.blocks)
+            .and_then(|()| fold_log(&database))
+            .map_err(|error| error.to_string())?;
+        database.close().map_err(|(_, error)| error.to_string())?;
+        atomic_file::sync_folder(&self.path).map_err(|error| error.to_string())
+    }
+
+    /// The control's outcome with the accounts of this file: samples + lost = ticks from the first to the last sample.
+    fn with_own_accounts(&self, outcome: &Outcome) -> Outcome {
+        let samples = self.status.saved();
+        let span = match (self.first_tick, self.last_tick) {
+            (Some(first), Some(last)) => last - first + 1,
+            _ => 0,
+        };
+        Outcome {
+            samples,
+            lost: span.saturating_sub(samples),
+            ..outcome.clone()
+        }
+    }
+
+    #[cfg(test)]
+    pub(super) fn limit_pages(&mut self, pages: u32) {
+        if let Some(database) = &self.database {
+            let set = database.query_row(&format!("PRAGMA max_page_count = {pages}"), [], |_| Ok(()));
+            set.expect("the pragma takes any number");
+        }
+    }
+}
+
+impl Recorder for RunFileWriter {
+    /// Header as it is at the first sample: a tare taken since `create` changes it.
+    fn begin(&mut self, header: &Header) {
+        if let Some(database) = &self.database
+            && let Err(error) = write_header(database, header)
+        {
+            self.fail(error.to_string());
+        }
+    }
+
+    fn sample(&mut self, sample: &Sample) {
+        if self.last_tick.is_some_and(|last| sample.tick <= last) {
+            self.status.out_of_order.fetch_add(1, Ordering::Relaxed);
+            return;
+        }
+        self.first_tick.get_or_insert(sample.tick);
+        self.last_tick = Some(sample.tick);
+        self.pending.push(*sample);
+        if self.database.is_none() {
+            return self.keep_in_memory();
+        }
+        let pending = self.pending.len();
+        let look = pending.is_multiple_of(SAMPLES_PER_CLOCK_LOOK);
+        if pending >= BLOCK_SAMPLES || (look && self.last_commit.elapsed() >= COMMIT_PERIOD) {
+            self.commit();
+        }
+    }
+
+    fn event(&mut self, event: &Event) {
+        if self.database.is_some() {
+            self.events.push(event.clone());
+        }
+    }
+
+    fn end(&mut self, outcome: &Outcome) {
+        self.commit();
+        if self.database.is_none() {
+            return;
+        }
+        let outcome = self.with_own_accounts(outcome);
+        match self.close(&outcome) {
+            Ok(()) => self.status.complete.store(true, Ordering::Release),
+            Err(cause) => self.fail(cause),
+        }
+    }
+
+    fn flush(&mut self) {
+        self.commit();
+    }
+}
+
+impl Drop for RunFileWriter {
+    /// A writer that is dropped without an end leaves an open run with everything that came.
+    fn drop(&mut self) {
+        self.commit();
+    }
+}
+
+fn create_database(path: &Path, header: &Header) -> rusqlite::Result<Connection> {
+    let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_CREATE;
+    let database = Connection::open_with_flags(path, flags)?;
+    database.pragma_update(None, "application_id", APPLICATION_ID)?;
+    database.pragma_update(None, "user_version", FORMAT_VERSION)?;
+    database.execute_batch(SCHEMA)?;
+    write_header(&database, header)?;
+    // From here on: the log takes each commit without an fsync, and only the sync thread says when it is folded in.
+    database.query_row("PRAGMA journal_mode = WAL", [], |_| Ok(()))?;
+    database.pragma_update(None, "synchronous", "NORMAL")?;
+    database.query_row("PRAGMA wal_autocheckpoint = 0", [], |_| Ok(()))?;
+    database.busy_timeout(Duration::ZERO)?;
+    // The log exists from the first write on; the sync thread opens it by name.
+    database.execute("UPDATE run SET first_tick = NULL", [])?;
+    Ok(database)
+}
+
+fn write_header(database: &Connection, header: &Header) -> rusqlite::Result<()> {
+    let json = to_json(header)?;
+    database.execute(
+        "INSERT INTO run (id, header_json, header_crc32) VALUES (1, ?1, ?2)
+         ON CONFLICT (id) DO UPDATE SET header_json = ?1, header_crc32 = ?2",
+        params![json, block::crc32(json.as_bytes())],
+    )?;
+    Ok(())
+}
+
+/// The outcome with what the reader needs where the file is damaged: where the samples end and how many blocks there are.
+pub(super) fn write_outcome(
+    database: &Connection,
+    outcome: &Outcome,
+    last_tick: Option<i64>,
+    blocks: u64,
+) -> rusqlite::Result<()> {
+    let json = to_json(outcome)?;
+    database.execute(
+        "UPDATE run SET outcome_json = ?1, outcome_crc32 = ?2, last_tick = ?3, block_count = ?4",
+        params![json, block::crc32(json.as_bytes()), last_tick, blocks as i64],
+    )?;
+    Ok(())
+}
+
+/// Folds the write-ahead log in and leaves one plain file; syncs it.
+pub(super) fn fold_log(database: &Connection) -> rusqlite::Result<()> {
+    // A live view may be reading just now.
+    database.busy_timeout(Duration::from_secs(2))?;
+    database.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |_| Ok(()))?;
+    match database.query_row("PRAGMA journal_mode = DELETE", [], |_| Ok(())) {
+        // All is in the file; a reader that keeps it open only keeps an empty log beside it.
+        Err(error) if error.sqlite_error_code() == Some(rusqlite::ErrorCode::DatabaseBusy) => Ok(()),
+        other => other,
+    }
+}
+
+fn to_json<T: serde::Serialize>(value: &T) -> rusqlite::Result<String> {
+    serde_json::to_string(value).map_err(|error| rusqlite::Error::ToSqlConversionFailure(Box::new(error)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_support::{header, outcome, sample};
+    use super::super::{RunFile, check_space};
+    use super::*;
+    use crate::recording::EventKind;
+
+    fn event(tick: u64) -> Event {
+        Event {
+            tick,
+            time_s: tick as f64 / 1000.0,
+            kind: EventKind::Start,
+            text: "started".into(),
+        }
+    }
+
+    #[test]
+    fn a_run_comes_back_bit_for_bit_from_one_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.leafrun");
+        let mut writer = RunFileWriter::create(&path, &header()).unwrap();
+        let status = writer.status();
+        writer.begin(&header());
+        writer.event(&event(0));
+        let samples: Vec<Sample> = (0..5000).filter(|tick| tick % 1700 != 7).map(sample).collect();
+        for s in &samples {
+            writer.sample(s);
+        }
+        writer.end(&outcome(1));
+        assert!(status.complete());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "no log beside the file");
+
+        let run = RunFile::open(&path).unwrap();
+        assert_eq!(run.header(), &header());
+        assert_eq!(run.events(), vec![event(0)]);
+        let ended = run.outcome().unwrap();
+        assert_eq!((ended.samples, ended.lost), (4998, 2), "7 is lost at tick 7, 1707; 3407 ends ... by ticks");
+        let back: Vec<Sample> = run.samples().map(|s| Sample { flags: samples[0].flags, ..s }).collect();
+        assert_eq!(back, samples);
+    }
+
+    #[test]
+    fn late_and_repeated_samples_are_counted_not_stored() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.leafrun");
+        let mut writer = RunFileWriter::create(&path, &header()).unwrap();
+        for tick in [5, 6, 6, 4, 7] {
+            writer.sample(&sample(tick));
+        }
+        assert_eq!(writer.status().out_of_order(), 2);
+        writer.end(&outcome(0));
+        let run = RunFile::open(&path).unwrap();
+        assert_eq!(run.samples().map(|s| s.tick).collect::<Vec<_>>(), [5, 6, 7]);
+    }
+
+    /// Fault K1: what is in the file stays, the rest is in memory, nothing is called saved that is not.
+    #[test]
+    fn a_full_disk_keeps_the_file_and_the_samples() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.leafrun");
+        let mut writer = RunFileWriter::create(&path, &header()).unwrap();
+        writer.limit_pages(60);
+        let status = writer.status();
+        for tick in 0..100_000 {
+            writer.sample(&sample(tick));
+        }
+        writer.end(&outcome(100_000));
+        assert!(status.failure().is_some() && !status.complete());
+        let saved = status.saved();
+        assert!(saved > 0);
+        assert_eq!(status.in_memory(), 60_000);
+        assert_eq!(saved + status.in_memory() + status.dropped(), 100_000);
+        assert_eq!(writer.unsaved().last().map(|s| s.tick), Some(99_999));
+
+        let run = RunFile::open(&path).unwrap();
+        assert!(run.outcome().is_none(), "never closed, so it stands as open");
+        let back: Vec<Sample> = run.samples().collect();
+        assert_eq!(back, (0..saved).map(sample).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_run_file_is_never_overwritten() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.leafrun");
+        std::fs::write(&path, "mine").unwrap();
+        assert!(matches!(RunFileWriter::create(&path, &header()), Err(RunFileError::Exists { .. })));
+        assert_eq!(std::fs::read(&path).unwrap(), b"mine");
+    }
+
+    #[test]
+    fn a_run_that_would_fill_the_disk_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        // A million hours at 1 kHz are 460 TB: more than any disk that runs this test.
+        let refused = check_space(folder.path(), 3.6e9, 1000.0);
+        assert!(matches!(refused, Err(RunFileError::NoSpace { .. })));
+    }
+}
