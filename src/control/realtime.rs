@@ -19,9 +19,9 @@ use thread_priority::{ThreadPriority, ThreadPriorityValue};
 use tokio::sync::oneshot;
 
 use super::run::RunOrder;
-use super::{Refusal, Rig, RigStatus, TareReport};
+use super::{Phase, Refusal, Rig, RigStatus, TareReport};
 use crate::link::Link;
-use crate::recording::Recorder;
+use crate::recording::{Event, Header, Outcome, Recorder, Sample};
 
 /// Period of the loop.
 const PERIOD_NS: u64 = 1_000_000;
@@ -35,10 +35,9 @@ const REQUESTS: usize = 8;
 const FIFO_PRIORITY: u8 = 40;
 
 /// What people ask of control.
-#[derive(Debug)]
 pub enum Request {
-    /// Arms the rig and starts a run.
-    Start(Box<RunOrder>),
+    /// Arms the rig and starts a run into this recorder, which is dropped once the run is over or came to nothing.
+    Start(Box<RunOrder>, Box<dyn Recorder + Send>),
     /// Ends the run with this cause; the rig unloads.
     Stop(String),
     /// Keeps the position.
@@ -49,6 +48,8 @@ pub enum Request {
     Reset,
     /// Takes the present readings as zero.
     Tare,
+    /// A link that was lost is open again. The rig is only observed until someone starts anew.
+    Relink(Box<Link>),
     /// Ends the control thread. Commands stop, the lease lapses: only for after a stop.
     End,
 }
@@ -77,7 +78,7 @@ pub enum RequestError {
 }
 
 /// Counts of the loop itself.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
 pub struct LoopHealth {
     /// Turns so far.
     pub turns: u64,
@@ -99,11 +100,7 @@ pub struct Control {
 
 impl Control {
     /// Starts the thread. The handle joins once [`Request::End`] was asked for or every `Control` is gone.
-    pub fn spawn(
-        rig: Rig,
-        link: Link,
-        recorder: Box<dyn Recorder + Send>,
-    ) -> io::Result<(Control, JoinHandle<()>)> {
+    pub fn spawn(rig: Rig, link: Link) -> io::Result<(Control, JoinHandle<()>)> {
         let (requests, inbox) = mpsc::sync_channel(REQUESTS);
         let (ready, degraded) = mpsc::sync_channel(1);
         let published = Arc::new(Mutex::new((rig.status(), LoopHealth::default())));
@@ -111,7 +108,7 @@ impl Control {
         let thread = std::thread::Builder::new().name("control".to_owned()).spawn(move || {
             // The receiver waits just below; it is gone only if that thread died.
             let _ = ready.send(degradations());
-            Loop { rig, link, recorder, inbox, published: shared, health: LoopHealth::default() }.run();
+            Loop { rig, link, recorder: None, inbox, published: shared, health: LoopHealth::default() }.run();
         })?;
         let degraded = degraded
             .recv()
@@ -144,7 +141,8 @@ impl Control {
 struct Loop {
     rig: Rig,
     link: Link,
-    recorder: Box<dyn Recorder + Send>,
+    /// Of the run under way.
+    recorder: Option<Box<dyn Recorder + Send>>,
     inbox: Receiver<Envelope>,
     published: Arc<Mutex<(RigStatus, LoopHealth)>>,
     health: LoopHealth,
@@ -156,11 +154,15 @@ impl Loop {
         loop {
             let now_ns = monotonic_ns();
             self.note_lateness(now_ns.saturating_sub(deadline_ns));
-            self.rig.poll(now_ns, &mut self.link, self.recorder.as_mut());
+            match &mut self.recorder {
+                Some(recorder) => self.rig.poll(now_ns, &mut self.link, recorder.as_mut()),
+                None => self.rig.poll(now_ns, &mut self.link, &mut Nobody),
+            }
             if !self.take_request(now_ns) {
                 return;
             }
             if self.health.turns.is_multiple_of(STATUS_TURNS) {
+                self.let_go_of_recorder();
                 self.publish();
             }
             deadline_ns += PERIOD_NS;
@@ -188,12 +190,16 @@ impl Loop {
         let accepted = |result: Result<(), Refusal>| result.map(|()| Answer::Accepted);
         let mut goes_on = true;
         let result = match request {
-            Request::Start(order) => accepted(self.rig.start(*order)),
+            Request::Start(order, recorder) => accepted(self.rig.start(*order).inspect(|()| self.recorder = Some(recorder))),
             Request::Stop(cause) => accepted(self.rig.stop(&cause, now_ns)),
             Request::Hold => accepted(self.rig.hold()),
             Request::Resume => accepted(self.rig.resume()),
             Request::Reset => accepted(self.rig.reset()),
             Request::Tare => self.rig.tare().map(Answer::Tared),
+            Request::Relink(link) => {
+                self.link = *link;
+                Ok(Answer::Accepted)
+            }
             Request::End => {
                 goes_on = false;
                 Ok(Answer::Accepted)
@@ -203,6 +209,13 @@ impl Loop {
         // Whoever asked may have gone; the request stands all the same. Sending wakes, it never waits.
         let _ = answer.send(result);
         goes_on
+    }
+
+    /// A run that is over, or never began, needs its recorder no more: dropping it ends the recording thread.
+    fn let_go_of_recorder(&mut self) {
+        if matches!(self.rig.phase(), Phase::Ready | Phase::Interlocked | Phase::Connecting) {
+            self.recorder = None;
+        }
     }
 
     /// Leaves the status for whoever wants it. Where a reader holds the lock just now this round is left out, so a
@@ -217,6 +230,16 @@ impl Loop {
         self.rig.status_into(&mut slot.0);
         slot.1 = self.health;
     }
+}
+
+/// Between runs nothing is recorded.
+struct Nobody;
+
+impl Recorder for Nobody {
+    fn begin(&mut self, _: &Header) {}
+    fn sample(&mut self, _: &Sample) {}
+    fn event(&mut self, _: &Event) {}
+    fn end(&mut self, _: &Outcome) {}
 }
 
 /// Nanoseconds on the host's monotonic clock: the one that links stamp arrivals with.

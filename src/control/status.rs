@@ -5,7 +5,7 @@ use crate::protocol::message::{Cause, RequestCode, RigState};
 use crate::recording::{Ending, FirmwareIdentity};
 
 /// What the bench is doing, for people and scripts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Phase {
     /// No rig is heard, or the hello is not through.
@@ -25,7 +25,7 @@ pub enum Phase {
 }
 
 /// Counts since the program started.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
 pub struct Counters {
     /// Samples taken.
     pub samples: u64,
@@ -48,13 +48,15 @@ pub struct Counters {
 }
 
 /// The bench at one moment.
-#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
 pub struct RigStatus {
     /// What it is doing.
     pub phase: Phase,
     /// State of the firmware.
+    #[schema(value_type = Option<String>)]
     pub rig_state: Option<RigState>,
     /// First cause of a latched state.
+    #[schema(value_type = String)]
     pub cause: Cause,
     /// Newest notice for people: why something was refused or ended; empty where all is well.
     pub notice: String,
@@ -81,6 +83,7 @@ pub struct RigStatus {
     /// Commands queued in the rig, ms.
     pub queue_ms: u8,
     /// What the rig said at the hello.
+    #[schema(value_type = Object)]
     pub firmware: FirmwareIdentity,
     /// Counts.
     pub counters: Counters,
@@ -164,7 +167,7 @@ pub enum Refusal {
 }
 
 /// What a tare did.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
 pub struct TareReport {
     /// Load cell before, N.
     pub force_old_n: f64,
