@@ -47,7 +47,10 @@ impl Channels {
             Command::Force(n) => self.force.counts(n),
             Command::Displacement(mm) => self.displacement.counts(mm),
         };
-        counts.clamp(-crate::protocol::message::COUNTS_MAX, crate::protocol::message::COUNTS_MAX)
+        counts.clamp(
+            -crate::protocol::message::COUNTS_MAX,
+            crate::protocol::message::COUNTS_MAX,
+        )
     }
 
     /// The channel that `mode` closes the loop on, of a reading.
@@ -82,7 +85,11 @@ pub struct Still {
 
 impl Default for Stillness {
     fn default() -> Self {
-        Stillness { force_n: [0.0; Self::SAMPLES], displacement_mm: [0.0; Self::SAMPLES], count: 0 }
+        Stillness {
+            force_n: [0.0; Self::SAMPLES],
+            displacement_mm: [0.0; Self::SAMPLES],
+            count: 0,
+        }
     }
 }
 
@@ -108,7 +115,12 @@ impl Stillness {
         (self.count >= Self::SAMPLES).then(|| {
             let (force_n, force_sigma_n) = mean_and_sigma(&self.force_n);
             let (displacement_mm, displacement_sigma_mm) = mean_and_sigma(&self.displacement_mm);
-            Still { force_n, force_sigma_n, displacement_mm, displacement_sigma_mm }
+            Still {
+                force_n,
+                force_sigma_n,
+                displacement_mm,
+                displacement_sigma_mm,
+            }
         })
     }
 }
@@ -126,8 +138,16 @@ mod tests {
 
     fn channels() -> Channels {
         Channels {
-            force: ChannelScale { scale_per_count: 0.1, offset: 1.0, tare: 2.0 },
-            displacement: ChannelScale { scale_per_count: -0.0005, offset: 0.0, tare: 0.25 },
+            force: ChannelScale {
+                scale_per_count: 0.1,
+                offset: 1.0,
+                tare: 2.0,
+            },
+            displacement: ChannelScale {
+                scale_per_count: -0.0005,
+                offset: 0.0,
+                tare: 0.25,
+            },
         }
     }
 
@@ -145,7 +165,10 @@ mod tests {
     fn an_open_sensor_is_flagged_and_a_wild_command_stays_in_range() {
         let r = channels().reading(COUNTS_INVALID, 5);
         assert!(r.flags.has(Flags::FORCE_INVALID) && !r.flags.has(Flags::DISPLACEMENT_INVALID));
-        assert_eq!(channels().command_counts(Command::Force(1e9)), crate::protocol::message::COUNTS_MAX);
+        assert_eq!(
+            channels().command_counts(Command::Force(1e9)),
+            crate::protocol::message::COUNTS_MAX
+        );
     }
 
     #[test]
@@ -154,7 +177,11 @@ mod tests {
         for i in 0..Stillness::SAMPLES {
             assert!(still.measure().is_none());
             let force_n = if i % 2 == 0 { 1.0 } else { 3.0 };
-            still.push(&Reading { force_n, displacement_mm: 4.0, flags: Flags::default() });
+            still.push(&Reading {
+                force_n,
+                displacement_mm: 4.0,
+                flags: Flags::default(),
+            });
         }
         let m = still.measure().expect("window is full");
         assert!((m.force_n - 2.0).abs() < 1e-12 && (m.force_sigma_n - 1.001).abs() < 1e-3);

@@ -25,7 +25,11 @@ pub struct DetectorLimits {
 
 impl Default for DetectorLimits {
     fn default() -> Self {
-        DetectorLimits { silence_ms: 20, lost_per_s: 10, under_peak: 0.05 }
+        DetectorLimits {
+            silence_ms: 20,
+            lost_per_s: 10,
+            under_peak: 0.05,
+        }
     }
 }
 
@@ -41,7 +45,12 @@ pub struct Detectors {
 impl Detectors {
     /// Detectors that have seen nothing yet.
     pub fn new(limits: DetectorLimits) -> Self {
-        Detectors { limits, last_sample_ns: None, lost_window: (0, 0), short_cycles: 0 }
+        Detectors {
+            limits,
+            last_sample_ns: None,
+            lost_window: (0, 0),
+            short_cycles: 0,
+        }
     }
 
     /// A run starts: counts of cycles and losses begin anew.
@@ -59,7 +68,10 @@ impl Detectors {
         if now_ns.saturating_sub(self.lost_window.0) > 1000 * MS {
             self.lost_window = (now_ns, 0);
         }
-        self.lost_window.1 = self.lost_window.1.saturating_add(u32::try_from(lost).unwrap_or(u32::MAX));
+        self.lost_window.1 = self
+            .lost_window
+            .1
+            .saturating_add(u32::try_from(lost).unwrap_or(u32::MAX));
         (self.lost_window.1 > self.limits.lost_per_s).then(|| {
             Action::Hold(format!(
                 "{} samples were lost within 1 s (limit {}): check the bus load and the cable, then resume",

@@ -11,7 +11,7 @@ use std::thread::JoinHandle;
 
 use nix::sys::mman::{MlockAllFlags, mlockall};
 use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit};
-use nix::time::{ClockId, ClockNanosleepFlags, clock_gettime, clock_nanosleep};
+use nix::time::{ClockId, ClockNanosleepFlags, clock_nanosleep};
 use thread_priority::unix::{
     RealtimeThreadSchedulePolicy, ThreadSchedulePolicy, set_thread_priority_and_policy, thread_native_id,
 };
@@ -20,7 +20,7 @@ use tokio::sync::oneshot;
 
 use super::run::RunOrder;
 use super::{Phase, Refusal, Rig, RigStatus, TareReport};
-use crate::link::Link;
+use crate::link::{Link, now_ns as monotonic_ns};
 use crate::recording::{Event, Header, Outcome, Recorder, Sample};
 
 /// Period of the loop.
@@ -240,12 +240,6 @@ impl Recorder for Nobody {
     fn sample(&mut self, _: &Sample) {}
     fn event(&mut self, _: &Event) {}
     fn end(&mut self, _: &Outcome) {}
-}
-
-/// Nanoseconds on the host's monotonic clock: the one that links stamp arrivals with.
-pub fn monotonic_ns() -> u64 {
-    let now = clock_gettime(ClockId::CLOCK_MONOTONIC).expect("Linux always has a monotonic clock");
-    now.tv_sec() as u64 * 1_000_000_000 + now.tv_nsec() as u64
 }
 
 fn sleep_until(deadline_ns: u64) {

@@ -30,7 +30,9 @@ impl RigClock {
 
     /// Age of a tick in ms beyond the quickest transport.
     pub fn age_ms(&self, tick: u64, now_ns: u64) -> u64 {
-        let late_ns = self.origin_ns.map_or(0, |origin| Self::origin(tick, now_ns) - origin);
+        let late_ns = self
+            .origin_ns
+            .map_or(0, |origin| Self::origin(tick, now_ns) - origin);
         u64::try_from(late_ns).unwrap_or(0) / MS
     }
 

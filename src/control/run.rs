@@ -71,7 +71,12 @@ pub struct Due {
 impl Run {
     /// A run whose time begins at `first_tick`, from `start_level` in the profile's unit.
     pub fn new(order: RunOrder, start_level: f64, first_tick: u64) -> Result<Self, ProfileError> {
-        let player = player_from(&order.profile, start_level, order.header.sample_rate_hz, order.first_cycle)?;
+        let player = player_from(
+            &order.profile,
+            start_level,
+            order.header.sample_rate_hz,
+            order.first_cycle,
+        )?;
         let start = Slot {
             command: Command::new(order.profile.mode, start_level),
             cycle: 0,
@@ -130,7 +135,9 @@ impl Run {
 
     /// What was planned for a tick.
     pub fn due(&self, tick: u64) -> Option<Slot> {
-        self.planned[tick as usize % MEMORY].filter(|(t, _)| *t == tick).map(|(_, s)| s)
+        self.planned[tick as usize % MEMORY]
+            .filter(|(t, _)| *t == tick)
+            .map(|(_, s)| s)
     }
 
     /// The profile's last tick has passed.
@@ -153,7 +160,11 @@ impl Run {
         if !ended.target.corrected || self.held {
             return None;
         }
-        if self.controller.as_ref().is_none_or(|(segment, _)| *segment != ended.segment) {
+        if self
+            .controller
+            .as_ref()
+            .is_none_or(|(segment, _)| *segment != ended.segment)
+        {
             self.controller = Some((ended.segment, CycleController::new(ended.target)));
         }
         let (_, controller) = self.controller.as_mut()?;
@@ -169,13 +180,18 @@ impl Run {
             return;
         }
         self.held = true;
-        let in_cycle = self.due(tick).is_some_and(|s| self.player.targets_of(s.segment).is_some());
+        let in_cycle = self
+            .due(tick)
+            .is_some_and(|s| self.player.targets_of(s.segment).is_some());
         self.replay = match in_cycle {
             // A sine that was cut tapers in again: no command is played twice.
             true => VecDeque::new(),
             false => (tick + 1..self.next_tick).filter_map(|t| self.due(t)).collect(),
         };
-        self.tracker = CycleTracker { cut: in_cycle, ..CycleTracker::default() };
+        self.tracker = CycleTracker {
+            cut: in_cycle,
+            ..CycleTracker::default()
+        };
     }
 
     /// True between hold and resume.
@@ -223,7 +239,10 @@ impl Run {
 
     /// Seconds of the run that lie ahead of `tick`.
     pub fn remaining_s(&self, tick: u64) -> f64 {
-        let unplayed = self.player.total_ticks().saturating_sub(self.player.elapsed_ticks());
+        let unplayed = self
+            .player
+            .total_ticks()
+            .saturating_sub(self.player.elapsed_ticks());
         let queued = self.next_tick.saturating_sub(tick.max(self.first_tick));
         (unplayed + self.replay.len() as u64 + queued) as f64 / self.header.sample_rate_hz
     }
@@ -242,7 +261,11 @@ impl Run {
 
 fn player_from(profile: &Profile, level: f64, rate_hz: f64, cycle: u32) -> Result<Player, ProfileError> {
     let player = Player::new(profile, level, rate_hz)?;
-    if cycle > 1 { player.resume_at(cycle) } else { Ok(player) }
+    if cycle > 1 {
+        player.resume_at(cycle)
+    } else {
+        Ok(player)
+    }
 }
 
 /// Follows feedback and command through the cycles of periodic segments.

@@ -3,7 +3,8 @@
 
 use crate::link::Link;
 use crate::protocol::message::{
-    ConfigAbort, LIMIT_COUNT, Limits, PROTOCOL_VERSION, RequestCode, RequestResult, ToRig, next_counter, object,
+    ConfigAbort, LIMIT_COUNT, Limits, PROTOCOL_VERSION, RequestCode, RequestResult, ToRig, next_counter,
+    object,
 };
 use crate::recording::FirmwareIdentity;
 
@@ -50,7 +51,9 @@ pub enum HelloError {
         bench: u32,
     },
     /// The rig refused an access.
-    #[error("the rig refused object {index:#06x}:{sub} ({abort:?}): check that firmware and firmware-protocol.md are of one version")]
+    #[error(
+        "the rig refused object {index:#06x}:{sub} ({abort:?}): check that firmware and firmware-protocol.md are of one version"
+    )]
     Refused {
         /// Index.
         index: u16,
@@ -60,7 +63,9 @@ pub enum HelloError {
         abort: ConfigAbort,
     },
     /// The limits that came back are not those that were sent.
-    #[error("the rig holds other limits than were sent (CRC {rig:#010x}, expected {bench:#010x}): power-cycle the rig and start again")]
+    #[error(
+        "the rig holds other limits than were sent (CRC {rig:#010x}, expected {bench:#010x}): power-cycle the rig and start again"
+    )]
     Limits {
         /// As the rig computed it.
         rig: u32,
@@ -180,14 +185,24 @@ impl Session {
     /// Sends a request. One at a time: a second one replaces the first, whose answer no longer matters.
     pub fn request(&mut self, code: RequestCode, argument: u32, now_ns: u64, link: &mut Link) {
         self.request_counter = next_counter(self.request_counter);
-        let pending = Pending { counter: self.request_counter, code, argument, sent_ns: now_ns, tries: 1 };
+        let pending = Pending {
+            counter: self.request_counter,
+            code,
+            argument,
+            sent_ns: now_ns,
+            tries: 1,
+        };
         self.send_request(&pending, link);
         self.pending = Some(pending);
     }
 
     fn send_request(&self, p: &Pending, link: &mut Link) {
-        let message =
-            ToRig::Request { counter: p.counter, session: self.id, code: p.code, argument: p.argument };
+        let message = ToRig::Request {
+            counter: p.counter,
+            session: self.id,
+            code: p.code,
+            argument: p.argument,
+        };
         link.send(message.encode(self.node));
     }
 
@@ -226,7 +241,11 @@ impl Session {
             }
             return Some(pending.code);
         }
-        let again = Pending { sent_ns: now_ns, tries: pending.tries + 1, ..pending };
+        let again = Pending {
+            sent_ns: now_ns,
+            tries: pending.tries + 1,
+            ..pending
+        };
         self.send_request(&again, link);
         self.pending = Some(again);
         None
@@ -242,7 +261,10 @@ impl Session {
             }
             return;
         }
-        if self.sent_ns.is_some_and(|at| now_ns.saturating_sub(at) < CONFIG_TIMEOUT_NS) {
+        if self
+            .sent_ns
+            .is_some_and(|at| now_ns.saturating_sub(at) < CONFIG_TIMEOUT_NS)
+        {
             return;
         }
         if self.tries >= CONFIG_TRIES {
@@ -250,13 +272,19 @@ impl Session {
             return;
         }
         let message = match self.stage {
-            Stage::Reading(i) => ToRig::ConfigRead { index: HELLO[i].0, sub: HELLO[i].1 },
+            Stage::Reading(i) => ToRig::ConfigRead {
+                index: HELLO[i].0,
+                sub: HELLO[i].1,
+            },
             Stage::Writing(i) => ToRig::ConfigWrite {
                 index: object::LIMITS,
                 sub: i as u8 + 1,
                 value: self.limits.to_array()[i] as u32,
             },
-            _ => ToRig::ConfigRead { index: object::CONFIGURATION_CRC.0, sub: object::CONFIGURATION_CRC.1 },
+            _ => ToRig::ConfigRead {
+                index: object::CONFIGURATION_CRC.0,
+                sub: object::CONFIGURATION_CRC.1,
+            },
         };
         link.send(message.encode(self.node));
         self.sent_ns = Some(now_ns);
@@ -281,7 +309,11 @@ impl Session {
                 if let Err(error) = self.learn((index, sub), value) {
                     return self.fail(error, now_ns);
                 }
-                self.advance(if i + 1 < HELLO.len() { Stage::Reading(i + 1) } else { Stage::Writing(0) });
+                self.advance(if i + 1 < HELLO.len() {
+                    Stage::Reading(i + 1)
+                } else {
+                    Stage::Writing(0)
+                });
             }
             Stage::Verifying if (index, sub) == object::CONFIGURATION_CRC => {
                 let bench = self.limits.crc32();
@@ -314,7 +346,10 @@ impl Session {
             object::CALIBRATION_HASH => {
                 self.identity.calibration_hash = value;
                 if value != self.calibration_hash {
-                    return Err(HelloError::Calibration { rig: value, bench: self.calibration_hash });
+                    return Err(HelloError::Calibration {
+                        rig: value,
+                        bench: self.calibration_hash,
+                    });
                 }
             }
             _ => {}
@@ -328,7 +363,11 @@ impl Session {
             && index == object::LIMITS
             && usize::from(sub) == i + 1
         {
-            self.advance(if i + 1 < LIMIT_COUNT { Stage::Writing(i + 1) } else { Stage::Verifying });
+            self.advance(if i + 1 < LIMIT_COUNT {
+                Stage::Writing(i + 1)
+            } else {
+                Stage::Verifying
+            });
         }
     }
 

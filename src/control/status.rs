@@ -138,7 +138,9 @@ pub enum Refusal {
     #[error("{0} gives no valid reading: check sensor and cable")]
     Sensor(&'static str),
     /// The rig moves or a channel is noisy.
-    #[error("not still enough for a tare: {what} has a spread of {sigma:.4} {unit} (limit {limit:.4}): wait, or look for the cause")]
+    #[error(
+        "not still enough for a tare: {what} has a spread of {sigma:.4} {unit} (limit {limit:.4}): wait, or look for the cause"
+    )]
     NotStill {
         /// Channel.
         what: &'static str,
@@ -150,7 +152,9 @@ pub enum Refusal {
         unit: &'static str,
     },
     /// The tare would hide too much.
-    #[error("a tare of {value:.3} {unit} on the {what} is above its limit {limit:.3}: unload the rig or check the sensor")]
+    #[error(
+        "a tare of {value:.3} {unit} on the {what} is above its limit {limit:.3}: unload the rig or check the sensor"
+    )]
     TareTooLarge {
         /// Channel.
         what: &'static str,
@@ -259,7 +263,12 @@ impl Rig {
     }
 
     fn not_connected(&self) -> Refusal {
-        Refusal::NotConnected(self.session.error().map(|e| format!(" ({e})")).unwrap_or_default())
+        Refusal::NotConnected(
+            self.session
+                .error()
+                .map(|e| format!(" ({e})"))
+                .unwrap_or_default(),
+        )
     }
 
     /// Ends the run under way: the rig unloads, the data are kept. Without a run it unloads all the same.
@@ -268,10 +277,16 @@ impl Rig {
         match &self.activity {
             Activity::Running(_) => self.wind_down(Ending::Stopped, cause.to_owned(), now_ns),
             Activity::Arming(_) => self.activity = Activity::Unloading,
-            _ if matches!(self.state, Some(RigState::Armed | RigState::Running | RigState::Hold)) => {}
+            _ if matches!(
+                self.state,
+                Some(RigState::Armed | RigState::Running | RigState::Hold)
+            ) => {}
             _ => {
                 self.ask = None;
-                return Err(Refusal::Phase { what: "stop", phase: self.phase() });
+                return Err(Refusal::Phase {
+                    what: "stop",
+                    phase: self.phase(),
+                });
             }
         }
         Ok(())
@@ -295,7 +310,10 @@ impl Rig {
                 self.ask = Some(RequestCode::Resume);
                 Ok(())
             }
-            phase => Err(Refusal::Phase { what: "resume", phase }),
+            phase => Err(Refusal::Phase {
+                what: "resume",
+                phase,
+            }),
         }
     }
 
@@ -354,9 +372,27 @@ fn assign(slot: &mut Option<String>, text: Option<&str>) {
 }
 
 fn check_still(what: &'static str, sigma: f64, limit: f64, unit: &'static str) -> Result<(), Refusal> {
-    if sigma <= limit { Ok(()) } else { Err(Refusal::NotStill { what, sigma, limit, unit }) }
+    if sigma <= limit {
+        Ok(())
+    } else {
+        Err(Refusal::NotStill {
+            what,
+            sigma,
+            limit,
+            unit,
+        })
+    }
 }
 
 fn check_tare(what: &'static str, value: f64, limit: f64, unit: &'static str) -> Result<(), Refusal> {
-    if value.abs() <= limit { Ok(()) } else { Err(Refusal::TareTooLarge { what, value, limit, unit }) }
+    if value.abs() <= limit {
+        Ok(())
+    } else {
+        Err(Refusal::TareTooLarge {
+            what,
+            value,
+            limit,
+            unit,
+        })
+    }
 }

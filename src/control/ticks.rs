@@ -44,7 +44,10 @@ impl Ticks {
         }
         let tick = newest + u64::from(ahead);
         self.newest = Some(tick);
-        Place::Next { tick, lost: u64::from(ahead) - 1 }
+        Place::Next {
+            tick,
+            lost: u64::from(ahead) - 1,
+        }
     }
 }
 
@@ -55,9 +58,27 @@ mod tests {
     #[test]
     fn ticks_unfold_over_the_wrap_and_count_what_is_missing() {
         let mut t = Ticks::default();
-        assert_eq!(t.place(65_534), Place::Next { tick: 65_534, lost: 0 });
-        assert_eq!(t.place(65_535), Place::Next { tick: 65_535, lost: 0 });
-        assert_eq!(t.place(2), Place::Next { tick: 65_538, lost: 2 });
+        assert_eq!(
+            t.place(65_534),
+            Place::Next {
+                tick: 65_534,
+                lost: 0
+            }
+        );
+        assert_eq!(
+            t.place(65_535),
+            Place::Next {
+                tick: 65_535,
+                lost: 0
+            }
+        );
+        assert_eq!(
+            t.place(2),
+            Place::Next {
+                tick: 65_538,
+                lost: 2
+            }
+        );
         assert_eq!(t.place(1), Place::Old);
         assert_eq!(t.place(2), Place::Old);
     }

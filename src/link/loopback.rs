@@ -4,7 +4,7 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 
-use super::{Arrival, Link, LinkHealth, RING_FRAMES};
+use super::{Arrival, Link, LinkHealth, Outlet, RING_FRAMES};
 
 /// Host end and rig end. All arrival times are 0: time is the rig's tick.
 pub fn pair() -> (Link, Link) {
@@ -16,12 +16,12 @@ pub fn pair() -> (Link, Link) {
 pub fn pair_with_clock(clock: Arc<AtomicU64>) -> (Link, Link) {
     let (host_out, rig_in) = rtrb::RingBuffer::<Arrival>::new(RING_FRAMES);
     let (rig_out, host_in) = rtrb::RingBuffer::<Arrival>::new(RING_FRAMES);
-    let end = |out, inbox| Link {
-        out,
+    let end = |ring, inbox| Link {
+        out: Outlet { ring, waker: None },
         urgent: None,
         inbox,
         clock: Some(Arc::clone(&clock)),
-        wake: None,
+        service: None,
         health: Arc::new(LinkHealth::opened()),
     };
     (end(host_out, host_in), end(rig_out, rig_in))

@@ -3,12 +3,16 @@
 //!
 //! A new backend is one file and one line in [`BACKENDS`].
 
+mod can;
 pub mod loopback;
+mod serial;
+mod service;
 mod wake;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
+use crate::protocol::cob;
 use crate::protocol::frame::Frame;
 use wake::Waker;
 
@@ -31,8 +35,10 @@ pub struct LinkHealth {
     pub open: AtomicBool,
     /// Frames that the bus or port refused (queue full, write deadline).
     pub send_failures: AtomicU64,
-    /// Frames that arrived when the ring was full.
+    /// Frames that arrived when the ring, or the kernel's queue before it, was full.
     pub overflows: AtomicU64,
+    /// A CAN controller reports that it is error passive: no new run should start.
+    pub error_passive: AtomicBool,
     /// CAN error frames, or serial packets with a wrong CRC or framing.
     pub bus_errors: AtomicU64,
     /// CAN bus-off reports.
@@ -54,37 +60,40 @@ impl LinkHealth {
     }
 }
 
-/// One end of a link. All three methods are lock-free, never wait and never allocate.
+/// One end of a link. `send`, `send_urgent` and `receive` are lock-free, never wait and never allocate.
 pub struct Link {
     /// Counters.
     pub health: Arc<LinkHealth>,
-    /// Towards the far end, in order. `at_ns` means something in memory only.
-    out: rtrb::Producer<Arrival>,
+    /// Towards the far end, in order.
+    out: Outlet,
     /// Overtakes `out`, where there is a queue to overtake.
-    urgent: Option<rtrb::Producer<Arrival>>,
+    urgent: Option<Outlet>,
     inbox: rtrb::Consumer<Arrival>,
     /// Virtual clock that stamps what we send; in memory only.
     clock: Option<Arc<AtomicU64>>,
-    /// Wakes the task that empties `out` and `urgent`; none in memory.
-    wake: Option<Waker>,
+    /// The thread that serves the rings; none in memory.
+    service: Option<std::thread::JoinHandle<()>>,
+}
+
+/// A ring towards the far end, and what wakes the task that empties it (none in memory).
+struct Outlet {
+    /// `at_ns` means something in memory only.
+    ring: rtrb::Producer<Arrival>,
+    waker: Option<Waker>,
 }
 
 impl Link {
     /// Queues `frame`. False, and counted, where the ring is full or the far end gone.
     pub fn send(&mut self, frame: Frame) -> bool {
         let at_ns = self.stamp();
-        let sent = !self.out.is_abandoned() && self.out.push(Arrival { frame, at_ns }).is_ok();
-        self.after_send(sent)
+        self.out.push(Arrival { frame, at_ns }, &self.health)
     }
 
     /// Queues `frame` before all others: the abort.
     pub fn send_urgent(&mut self, frame: Frame) -> bool {
         let at_ns = self.stamp();
-        let Some(urgent) = &mut self.urgent else {
-            return self.send(frame);
-        };
-        let sent = !urgent.is_abandoned() && urgent.push(Arrival { frame, at_ns }).is_ok();
-        self.after_send(sent)
+        let outlet = self.urgent.as_mut().unwrap_or(&mut self.out);
+        outlet.push(Arrival { frame, at_ns }, &self.health)
     }
 
     /// The next frame that arrived.
@@ -98,21 +107,46 @@ impl Link {
         arrival
     }
 
+    /// Waits until what was queued is sent and the port is free again. A link that is just dropped does the same, but
+    /// nobody waits for it. Not for the control thread.
+    pub fn close(self) {
+        let Link {
+            service, out, urgent, ..
+        } = self;
+        drop((out, urgent));
+        if let Some(service) = service {
+            // A panic there has been reported by the panic hook; there is nothing left to close.
+            let _ = service.join();
+        }
+    }
+
     fn stamp(&self) -> u64 {
         self.clock
             .as_ref()
             .map_or(0, |clock| clock.load(Ordering::Relaxed))
     }
+}
 
-    fn after_send(&self, sent: bool) -> bool {
+impl Outlet {
+    fn push(&mut self, arrival: Arrival, health: &LinkHealth) -> bool {
+        let sent = !self.ring.is_abandoned() && self.ring.push(arrival).is_ok();
         if !sent {
-            self.health.send_failures.fetch_add(1, Ordering::Relaxed);
+            health.send_failures.fetch_add(1, Ordering::Relaxed);
         }
-        if let Some(wake) = &self.wake {
-            wake.wake();
+        if let Some(waker) = &self.waker {
+            waker.wake();
         }
         sent
     }
+}
+
+/// Now, on the host's monotonic clock: the clock of [`Arrival::at_ns`] on real links.
+pub fn now_ns() -> u64 {
+    let Ok(now) = nix::time::clock_gettime(nix::time::ClockId::CLOCK_MONOTONIC) else {
+        // The clock exists on every Linux.
+        return 0;
+    };
+    now.tv_sec() as u64 * 1_000_000_000 + now.tv_nsec() as u64
 }
 
 /// Why a link could not be opened.
@@ -142,9 +176,9 @@ pub struct Backend {
     pub scheme: &'static str,
     /// One sentence.
     pub what: &'static str,
-    /// Opens the address after the scheme and starts the thread that serves the rings; it ends when the [`Link`] is
+    /// Opens the address after the scheme, or says what is wrong and what to do, and starts the thread that serves the rings; it ends when the [`Link`] is
     /// dropped or the far end is gone. Needs no runtime around it. `side` tells which frames are for us.
-    pub open: fn(address: &str, side: Side) -> Result<Link, LinkError>,
+    pub open: fn(address: &str, side: Side) -> Result<Link, String>,
 }
 
 /// Which end of the wire this is: it decides which identifiers are for us.
@@ -162,5 +196,91 @@ pub enum Side {
     },
 }
 
+impl Side {
+    /// Identifiers that are for this end.
+    pub fn identifiers(self) -> [u16; 5] {
+        match self {
+            Side::Host { rig_node } => [
+                cob::EMERGENCY,
+                cob::SAMPLE,
+                cob::STATUS,
+                cob::CONFIG_ANSWER,
+                cob::HEARTBEAT,
+            ]
+            .map(|function| function + u16::from(rig_node & 0x7F)),
+            Side::Rig { node } => {
+                let own = |function| function + u16::from(node & 0x7F);
+                [
+                    cob::NMT,
+                    own(cob::COMMAND),
+                    own(cob::LEASE),
+                    own(cob::REQUEST),
+                    own(cob::CONFIG_REQUEST),
+                ]
+            }
+        }
+    }
+}
+
 /// All backends.
-pub static BACKENDS: &[Backend] = &[];
+pub static BACKENDS: &[Backend] = &[
+    Backend {
+        scheme: "can",
+        what: "CAN interface of the kernel (SocketCAN): can:can0",
+        open: can::open,
+    },
+    Backend {
+        scheme: "serial",
+        what: "serial port, 921600 Bd unless said otherwise: serial:/dev/ttyUSB0?baud=460800",
+        open: serial::open,
+    },
+];
+
+/// Opens the link at `address`, such as `can:vcan0` or `serial:/dev/ttyUSB0`.
+pub fn open(address: &str, side: Side) -> Result<Link, LinkError> {
+    let backend = address.split_once(':').and_then(|(scheme, rest)| {
+        let backend = BACKENDS.iter().find(|backend| backend.scheme == scheme)?;
+        Some((backend, rest))
+    });
+    let Some((backend, rest)) = backend else {
+        let known: Vec<&str> = BACKENDS.iter().map(|backend| backend.what).collect();
+        return Err(LinkError::Scheme {
+            address: address.to_owned(),
+            known: known.join("; "),
+        });
+    };
+    (backend.open)(rest, side).map_err(|reason| LinkError::Open {
+        address: address.to_owned(),
+        reason,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_unknown_scheme_names_the_known_ones() {
+        for address in ["vcan0", "usb:1", ""] {
+            let error = open(address, Side::Rig { node: 1 })
+                .err()
+                .expect("no such scheme")
+                .to_string();
+            assert!(
+                error.contains("can:can0") && error.contains("serial:/dev/ttyUSB0"),
+                "{error}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_two_sides_share_no_identifier() {
+        let host = Side::Host { rig_node: 5 }.identifiers();
+        assert!(
+            Side::Rig { node: 5 }
+                .identifiers()
+                .iter()
+                .all(|id| !host.contains(id))
+        );
+    }
+}

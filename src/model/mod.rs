@@ -2,6 +2,10 @@
 //!
 //! A new model is one file and one line in [`MODELS`].
 
+pub mod equivalent;
+pub mod five_link;
+pub mod friction;
+
 /// A model ready to step. Always driven by displacement, whatever the rig controls; same input, same bits.
 pub trait Plant: Send {
     /// Back to the virgin state at zero displacement.
@@ -95,7 +99,7 @@ pub struct Model {
 }
 
 /// All models, by name.
-pub static MODELS: &[Model] = &[];
+pub static MODELS: &[Model] = &[equivalent::MODEL, five_link::MODEL];
 
 /// The model called `name`.
 pub fn find(name: &str) -> Result<&'static Model, BuildError> {
@@ -147,4 +151,33 @@ impl Model {
         }
         (self.build)(values, structure)
     }
+}
+
+/// Numbers of a structure table in the order of `keys` (name, default); any other key is refused.
+pub(crate) fn structure_numbers<const N: usize>(
+    model: &'static str,
+    structure: &toml::Table,
+    keys: [(&str, f64); N],
+) -> Result<[f64; N], BuildError> {
+    let known = || keys.iter().map(|k| k.0).collect::<Vec<_>>().join(", ");
+    let mut numbers = keys.map(|k| k.1);
+    for (key, value) in structure {
+        let number = value.as_float().or_else(|| value.as_integer().map(|i| i as f64));
+        match (keys.iter().position(|k| k.0 == key), number) {
+            (Some(i), Some(number)) if number.is_finite() => numbers[i] = number,
+            (Some(_), _) => {
+                return Err(BuildError::Structure {
+                    model,
+                    reason: format!("{key} = {value} is not a finite number: enter one"),
+                });
+            }
+            (None, _) => {
+                return Err(BuildError::Structure {
+                    model,
+                    reason: format!("key \"{key}\" is unknown: use {}", known()),
+                });
+            }
+        }
+    }
+    Ok(numbers)
 }

@@ -1,6 +1,6 @@
 //! The messages, both directions, in counts and ticks. Layouts: firmware-protocol.md.
 
-pub use super::object::{ConfigAbort, LIMIT_COUNT, Limits, object};
+pub use super::dictionary::{ConfigAbort, LIMIT_COUNT, Limits, object};
 pub use super::state::{Cause, NmtCommand, NmtState, RequestCode, RequestResult, RigState};
 
 /// Node number of a rig on the bus, 1 to 126.

@@ -2,10 +2,11 @@
 //! `firmware-protocol.md` is the truth that this module follows; `tests/protocol` holds the two together.
 
 mod codec;
+mod dictionary;
 pub mod frame;
 pub mod message;
-mod object;
 pub mod protection;
+pub mod serial_framing;
 mod state;
 
 pub use codec::cob;

@@ -1,0 +1,163 @@
+//! Frames over a serial port or pseudo-terminal, in the packets of `protocol::serial_framing`. Never flushes (that
+//! would block in tcdrain) and takes a read of nothing for an unplugged port.
+
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+use tokio_serial::{ErrorKind, SerialPortBuilderExt};
+
+use super::service::{self, Ends, Inlet, Lane};
+use super::{Link, LinkHealth, Side};
+use crate::protocol::serial_framing::{self, Decoder, PACKET_MAX};
+
+/// Bits a second where the address names none.
+const DEFAULT_BAUD: u32 = 921_600;
+/// A peer that does not take a packet within this has stopped reading.
+const WRITE_DEADLINE: Duration = Duration::from_millis(20);
+
+/// Opens `/dev/ttyUSB0` or `/dev/ttyUSB0?baud=460800`, for us alone.
+pub(super) fn open(address: &str, side: Side) -> Result<Link, String> {
+    let (path, baud) = parse(address)?;
+    let runtime = service::runtime().map_err(|error| format!("no runtime for its thread: {error}"))?;
+    let port = {
+        let _inside = runtime.enter();
+        tokio_serial::new(path, baud).exclusive(true).open_native_async()
+    };
+    let port = port.map_err(|error| advice(path, baud, &error))?;
+    service::start("link-serial", runtime, move |ends| serve(port, ends, side))
+        .map_err(|error| format!("its thread cannot be started: {error}"))
+}
+
+fn parse(address: &str) -> Result<(&str, u32), String> {
+    let Some((path, options)) = address.split_once('?') else {
+        return Ok((address, DEFAULT_BAUD));
+    };
+    let baud = options
+        .strip_prefix("baud=")
+        .and_then(|baud| baud.parse().ok())
+        .filter(|&baud| baud > 0);
+    let baud = baud.ok_or_else(|| format!("\"{options}\" is no option: write ?baud=460800"))?;
+    Ok((path, baud))
+}
+
+fn advice(path: &str, baud: u32, error: &tokio_serial::Error) -> String {
+    match error.kind() {
+        ErrorKind::Io(io::ErrorKind::NotFound) => {
+            format!(
+                "there is no {path}: is the adapter plugged in? `ls -l /dev/serial/by-id` shows what is there"
+            )
+        }
+        ErrorKind::Io(io::ErrorKind::PermissionDenied) => {
+            format!(
+                "no permission for {path}: add yourself to its group (`ls -l {path}` names it) and log in again"
+            )
+        }
+        ErrorKind::NoDevice => format!(
+            "{path} is taken by another program or not a serial port ({error}): `fuser -v {path}` names the program"
+        ),
+        _ => format!("{path} at {baud} Bd: {error}"),
+    }
+}
+
+async fn serve<P: AsyncRead + AsyncWrite>(port: P, ends: Ends, side: Side) {
+    let Ends { out, urgent, inlet } = ends;
+    let health = Arc::clone(&inlet.health);
+    let (reader, writer) = tokio::io::split(port);
+    // The first of the two to end takes the other with it: the port is gone, or the link was dropped and all is sent.
+    tokio::select! {
+        () = receive(reader, inlet, side) => {}
+        () = send(writer, out, urgent, &health) => {}
+    }
+}
+
+async fn receive(mut port: impl AsyncRead + Unpin, mut inlet: Inlet, side: Side) {
+    let ours = side.identifiers();
+    let mut decoder = Decoder::default();
+    let mut bytes = [0; 512];
+    loop {
+        let count = match port.read(&mut bytes).await {
+            // An unplugged adapter reads as nothing, for ever.
+            Ok(0) => return,
+            Ok(count) => count,
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+            Err(_) => return,
+        };
+        let errors_before = decoder.errors();
+        for &byte in bytes.iter().take(count) {
+            if let Some(frame) = decoder.push(byte).filter(|frame| ours.contains(&frame.id)) {
+                inlet.deliver(frame);
+            }
+        }
+        inlet
+            .health
+            .bus_errors
+            .fetch_add(decoder.errors() - errors_before, Ordering::Relaxed);
+    }
+}
+
+async fn send(mut port: impl AsyncWrite + Unpin, mut out: Lane, mut urgent: Lane, health: &LinkHealth) {
+    let mut packet = [0; PACKET_MAX];
+    // A zero first ends whatever the far end has read so far: noise, or a packet that the deadline cut.
+    let mut resync = true;
+    loop {
+        let frame = tokio::select! {
+            biased;
+            Some(frame) = urgent.next() => frame,
+            Some(frame) = out.next() => frame,
+            else => return,
+        };
+        let len = serial_framing::encode(&frame, &mut packet);
+        let write = async {
+            if resync {
+                port.write_all(&[0]).await?;
+            }
+            port.write_all(&packet[..len]).await
+        };
+        match tokio::time::timeout(WRITE_DEADLINE, write).await {
+            Ok(Ok(())) => resync = false,
+            Ok(Err(_)) => return,
+            Err(_) => {
+                resync = true;
+                health
+                    .send_failures
+                    .fetch_add(1 + out.discard(), Ordering::Relaxed);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_with_and_without_a_bit_rate() {
+        assert_eq!(parse("/dev/ttyUSB0"), Ok(("/dev/ttyUSB0", 921_600)));
+        assert_eq!(parse("/dev/ttyUSB0?baud=460800"), Ok(("/dev/ttyUSB0", 460_800)));
+        for wrong in [
+            "/dev/ttyUSB0?baud=",
+            "/dev/ttyUSB0?baud=0",
+            "/dev/ttyUSB0?rate=1",
+            "/dev/ttyUSB0?",
+        ] {
+            assert!(
+                parse(wrong).is_err_and(|advice| advice.contains("?baud=460800")),
+                "{wrong}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_missing_port_is_named_with_advice() {
+        let error = open("/dev/no-such-port", Side::Rig { node: 1 })
+            .err()
+            .expect("no such port");
+        assert!(
+            error.contains("/dev/no-such-port") && error.contains("plugged in"),
+            "{error}"
+        );
+    }
+}

@@ -1,0 +1,190 @@
+//! Frames over a real CAN stack: two links on `vcan0`. Where the kernel has no CAN this says so and passes;
+//! `LEAFBENCH_REQUIRE_VCAN=1` makes that a failure. `.ci/uml-run cargo test --test vcan` brings a kernel that has it.
+
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use leafbench::link::{self, Arrival, Link, Side};
+use leafbench::protocol::frame::Frame;
+use leafbench::protocol::message::{FromRig, NmtCommand, ToRig, next_counter};
+use socketcan::{CanFrame, CanRemoteFrame, CanSocket, EmbeddedFrame, ExtendedId, Socket, StandardId};
+
+const NODE: u8 = 5;
+/// Far beyond what a loaded virtual machine needs; only a lost frame waits this long.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// True where `vcan0` is there; else the test is over.
+fn vcan0(test: &str) -> bool {
+    let Err(error) = CanSocket::open("vcan0") else {
+        return true;
+    };
+    let required = std::env::var("LEAFBENCH_REQUIRE_VCAN").is_ok_and(|value| value == "1");
+    assert!(
+        !required,
+        "{test}: no vcan0 ({error}), and LEAFBENCH_REQUIRE_VCAN=1 forbids to skip"
+    );
+    eprintln!("SKIPPED {test}: no vcan0 here ({error}); `.ci/uml-run cargo test --test vcan` runs it");
+    false
+}
+
+fn open(side: Side) -> Link {
+    link::open("can:vcan0", side).expect("vcan0 opens")
+}
+
+fn host() -> Link {
+    open(Side::Host { rig_node: NODE })
+}
+
+fn rig() -> Link {
+    open(Side::Rig { node: NODE })
+}
+
+fn next(link: &mut Link) -> Arrival {
+    let until = Instant::now() + PATIENCE;
+    loop {
+        if let Some(arrival) = link.receive() {
+            return arrival;
+        }
+        assert!(
+            Instant::now() < until,
+            "nothing arrived; health: {:?}",
+            link.health
+        );
+        std::thread::sleep(Duration::from_micros(200));
+    }
+}
+
+fn sample(counter: u8, tick: u16) -> FromRig {
+    FromRig::Sample {
+        counter,
+        tick,
+        force_counts: i32::from(tick) - 40_000,
+        displacement_counts: -7,
+    }
+}
+
+/// All in one test: the tests of a crate run side by side, and these share one bus.
+#[test]
+fn two_links_on_vcan0() {
+    if !vcan0("two_links_on_vcan0") {
+        return;
+    }
+    ten_thousand_samples_arrive_in_order();
+    both_directions_and_the_abort();
+    foreign_frames_stay_in_the_kernel();
+    a_stalled_reader_loses_nothing_in_two_seconds();
+    a_missing_interface_is_named();
+    a_vanished_interface_closes_the_link();
+}
+
+fn ten_thousand_samples_arrive_in_order() {
+    let (mut host, mut rig) = (host(), rig());
+    let mut counter = 0;
+    for tick in 0..10_000 {
+        // The ring holds less than all of them: the receiver keeps pace, as control does.
+        assert!(rig.send(sample(counter, tick).encode(NODE)));
+        let arrival = next(&mut host);
+        assert_eq!(FromRig::decode(&arrival.frame, NODE), Ok(sample(counter, tick)));
+        assert!(arrival.at_ns <= link::now_ns() && arrival.at_ns > 0);
+        counter = next_counter(counter);
+    }
+    assert_eq!(host.health.overflows.load(Ordering::Relaxed), 0);
+    assert_eq!(rig.health.send_failures.load(Ordering::Relaxed), 0);
+}
+
+fn both_directions_and_the_abort() {
+    let (mut host, mut rig) = (host(), rig());
+    let lease = ToRig::Lease {
+        counter: 3,
+        session: 9,
+        control_tick: 77,
+    };
+    assert!(host.send(lease.encode(NODE)));
+    assert_eq!(ToRig::decode(&next(&mut rig).frame, NODE), Ok(lease));
+    let stop = ToRig::Nmt {
+        command: NmtCommand::Stop,
+        node: NODE,
+    };
+    assert!(host.send_urgent(stop.encode(NODE)));
+    assert_eq!(ToRig::decode(&next(&mut rig).frame, NODE), Ok(stop));
+    // What was queued before a close is still sent.
+    assert!(host.send(lease.encode(NODE)));
+    host.close();
+    assert_eq!(ToRig::decode(&next(&mut rig).frame, NODE), Ok(lease));
+}
+
+fn foreign_frames_stay_in_the_kernel() {
+    let mut host = host();
+    let bus = CanSocket::open("vcan0").expect("vcan0 opens");
+    let id = |id| StandardId::new(id).expect("11 bits");
+    // Another node's sample, our own direction, an extended and a remote frame with our number.
+    let foreign = [
+        CanFrame::new(id(0x186), &[0; 8]).expect("a frame"),
+        CanFrame::new(id(0x205), &[0; 8]).expect("a frame"),
+        CanFrame::new(ExtendedId::new(0x185).expect("29 bits"), &[0; 8]).expect("a frame"),
+        CanRemoteFrame::new_remote(id(0x185), 8).expect("a frame").into(),
+    ];
+    for frame in &foreign {
+        bus.write_frame(frame).expect("written");
+    }
+    let last = CanFrame::new(id(0x705), &[5]).expect("a frame");
+    bus.write_frame(&last).expect("written");
+    assert_eq!(next(&mut host).frame, Frame::new(0x705, &[5]));
+    assert_eq!(host.receive(), None);
+    assert_eq!(host.health.bus_errors.load(Ordering::Relaxed), 0);
+}
+
+fn a_stalled_reader_loses_nothing_in_two_seconds() {
+    let mut host = host();
+    let bus = CanSocket::open("vcan0").expect("vcan0 opens");
+    // Two seconds of three frames a millisecond, with nobody at the inbox.
+    for tick in 0..6000_u16 {
+        let frame = sample((tick % 15) as u8, tick).encode(NODE);
+        let frame =
+            CanFrame::new(StandardId::new(frame.id).expect("11 bits"), frame.bytes()).expect("a frame");
+        bus.write_frame_insist(&frame).expect("written");
+    }
+    for tick in 0..6000_u16 {
+        assert_eq!(
+            FromRig::decode(&next(&mut host).frame, NODE),
+            Ok(sample((tick % 15) as u8, tick))
+        );
+    }
+    assert_eq!(host.health.overflows.load(Ordering::Relaxed), 0);
+}
+
+fn a_missing_interface_is_named() {
+    let error = link::open("can:can7", Side::Rig { node: 1 })
+        .err()
+        .expect("no can7")
+        .to_string();
+    assert!(error.contains("ip link add dev can7 type vcan"), "{error}");
+}
+
+fn a_vanished_interface_closes_the_link() {
+    let ip = |arguments: &str| {
+        let status = std::process::Command::new("ip")
+            .args(arguments.split(' '))
+            .status()
+            .expect("ip runs");
+        assert!(status.success(), "ip {arguments}");
+    };
+    // Own interface: nobody else's bus is taken away.
+    ip("link add dev vcan7 type vcan");
+    ip("link set vcan7 up");
+    let mut gone = link::open("can:vcan7", Side::Rig { node: NODE }).expect("vcan7 opens");
+    assert!(gone.health.is_open());
+    ip("link del dev vcan7");
+    let until = Instant::now() + PATIENCE;
+    while gone.health.is_open() {
+        assert!(gone.receive().is_none());
+        assert!(Instant::now() < until, "the link never noticed");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let lease = ToRig::Lease {
+        counter: 0,
+        session: 1,
+        control_tick: 0,
+    };
+    assert!(!gone.send(lease.encode(NODE)));
+}
