@@ -18,7 +18,7 @@ const RING_BATCHES: usize = 64;
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
 pub struct Batch {
     /// The run.
-    pub run_id: Arc<str>,
+    pub run_id: String,
     /// Seconds in the run.
     pub time_s: Vec<f64>,
     /// Displacement in mm.
@@ -75,7 +75,7 @@ impl LiveTap {
         if self.batch.time_s.is_empty() {
             return;
         }
-        let next = Batch { run_id: Arc::clone(&self.batch.run_id), ..Batch::default() };
+        let next = Batch { run_id: self.batch.run_id.clone(), ..Batch::default() };
         // Fails where nobody watches.
         let _ = self.live.batches.send(Arc::new(std::mem::replace(&mut self.batch, next)));
     }
@@ -84,7 +84,7 @@ impl LiveTap {
 impl Recorder for LiveTap {
     fn begin(&mut self, header: &Header) {
         self.every = ((header.sample_rate_hz / POINTS_PER_S) as u64).max(1);
-        self.batch.run_id = header.run_id.as_str().into();
+        self.batch.run_id = header.run_id.clone();
     }
 
     fn sample(&mut self, sample: &Sample) {
