@@ -291,7 +291,7 @@ impl FromRig {
                     }
                     sdo::ABORT => {
                         let value = raw.bits(32, 32) as u32;
-                        let abort = ConfigAbort::from_wire(value).ok_or(raw.field("abort", value))?;
+                        let abort = ConfigAbort::from_wire(value).ok_or(raw.field("value", value))?;
                         Ok(FromRig::ConfigRefused { index, sub, abort })
                     }
                     other => Err(raw.field("command", u32::from(other))),

@@ -1,1 +1,231 @@
-//! stub
+//! The `NAME.datapackage.json` beside a CSV: a Frictionless Data Package whose Table Schema carries the units.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use super::run_file::{Gap, RunFile, Survey};
+use super::{Event, EventKind, Header};
+
+/// The CSV that the package describes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Resource {
+    /// File name without folder.
+    pub file_name: String,
+    /// Bytes of the file.
+    pub bytes: u64,
+    /// SHA-256 of the file in hex.
+    pub sha256: String,
+    /// Rows without the header row.
+    pub rows: u64,
+    /// Names of its columns in order.
+    pub columns: Vec<&'static str>,
+    /// What was exported: "whole run", "cycle 5" ...
+    pub selection: String,
+}
+
+/// `NAME.datapackage.json` of `NAME.csv`.
+pub fn path_of(csv: &Path) -> PathBuf {
+    csv.with_extension("datapackage.json")
+}
+
+/// The package of an exported run.
+pub fn build(run: &RunFile, survey: &Survey, resource: &Resource) -> Value {
+    let header = run.header();
+    let events = run.events();
+    let slug = slug(&header.run_id);
+    json!({
+        "profile": "data-package",
+        "name": slug,
+        "title": format!("{} on {}", header.profile_name, header.specimen),
+        "created": header.started_utc,
+        "resources": [{
+            "profile": "tabular-data-resource",
+            "name": slug,
+            "path": resource.file_name,
+            "format": "csv",
+            "mediatype": "text/csv",
+            "encoding": "utf-8",
+            "bytes": resource.bytes,
+            "hash": format!("sha256:{}", resource.sha256),
+            "dialect": {
+                "delimiter": ",",
+                "lineTerminator": "\r\n",
+                "quoteChar": "\"",
+                "doubleQuote": true,
+                "header": true
+            },
+            "schema": {
+                "fields": resource.columns.iter().map(|column| field(column)).collect::<Vec<_>>(),
+                "missingValues": [""]
+            }
+        }],
+        "leafbench": details(header, survey, &events, run, resource)
+    })
+}
+
+/// What a Data Package has no words for.
+fn details(header: &Header, survey: &Survey, events: &[Event], run: &RunFile, resource: &Resource) -> Value {
+    let firmware = &header.firmware;
+    json!({
+        "run_id": header.run_id,
+        "started_utc": header.started_utc,
+        "specimen": header.specimen,
+        "operator": header.operator,
+        "program_version": header.program_version,
+        "firmware": firmware,
+        "bench": { "toml": header.bench_toml, "sha256": header.bench_sha256 },
+        "profile": { "name": header.profile_name, "toml": header.profile_toml },
+        "calibration": {
+            "formula": "value = counts * scale_per_count - offset - tare",
+            "force_n": header.force_channel,
+            "displacement_mm": header.displacement_channel
+        },
+        "twin": header.twin,
+        "sample_rate_hz": header.sample_rate_hz,
+        "first_cycle": header.first_cycle,
+        "resumes_run": header.resumes_run,
+        "cycles_planned": header.cycles_planned,
+        "remarks": header.remarks,
+        "selection": resource.selection,
+        "rows": resource.rows,
+        "samples": survey.samples,
+        "lost": survey.lost,
+        "damaged": survey.damaged,
+        "flagged": survey.flagged,
+        "gaps": survey.gaps.iter().map(|gap| gap_json(gap, survey, header)).collect::<Vec<_>>(),
+        "events": events_json(events),
+        "outcome": run.outcome(),
+        "sign": "displacement and force are positive in the direction that loads the spring"
+    })
+}
+
+fn gap_json(gap: &Gap, survey: &Survey, header: &Header) -> Value {
+    let first = survey.ticks.map_or(gap.from_tick, |(first, _)| first);
+    let time_s = |tick: u64| tick.saturating_sub(first) as f64 / header.sample_rate_hz;
+    json!({
+        "cause": gap.cause,
+        "from_tick": gap.from_tick,
+        "to_tick": gap.to_tick,
+        "samples": gap.ticks(),
+        "from_s": time_s(gap.from_tick),
+        "to_s": time_s(gap.to_tick)
+    })
+}
+
+/// All events but the corrections, which come once a cycle and are counted.
+fn events_json(events: &[Event]) -> Value {
+    let (corrections, told): (Vec<&Event>, Vec<&Event>) = events
+        .iter()
+        .partition(|event| event.kind == EventKind::Correction);
+    json!({ "corrections": corrections.len(), "list": told })
+}
+
+/// A Data Package's name is lower case letters, digits, `.`, `_`, `-`.
+fn slug(text: &str) -> String {
+    let lower = text.to_ascii_lowercase();
+    let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || ".-_".contains(c);
+    lower.chars().map(|c| if allowed(c) { c } else { '-' }).collect()
+}
+
+/// Name, type, unit and description of each column that exports write.
+const FIELDS: &[(&str, &str, &str, &str)] = &[
+    (
+        "time_s",
+        "number",
+        "s",
+        "Time since the run's first sample, from the rig's tick",
+    ),
+    (
+        "displacement_mm",
+        "number",
+        "mm",
+        "Displacement of the specimen (LVDT)",
+    ),
+    ("force_n", "number", "N", "Force on the specimen (load cell)"),
+    (
+        "command_mm",
+        "number",
+        "mm",
+        "Displacement asked for; empty where none was",
+    ),
+    (
+        "command_n",
+        "number",
+        "N",
+        "Force asked for; empty where none was",
+    ),
+    (
+        "cycle",
+        "integer",
+        "1",
+        "Counted cycle from 1; 0 outside the counted cycles",
+    ),
+    (
+        "segment",
+        "integer",
+        "1",
+        "Segment of the profile from 1; 0 outside",
+    ),
+    (
+        "twin_force_n",
+        "number",
+        "N",
+        "Force of the virtual twin; empty where it was off",
+    ),
+    (
+        "flags",
+        "integer",
+        "1",
+        "Quality, 0 = good; sum of 1 after a gap, 2 late, 4 force invalid, 8 displacement invalid, 16 stuck, 32 spike, \
+         64 no command, 128 not the profile's motion",
+    ),
+    (
+        "cycles_averaged",
+        "integer",
+        "1",
+        "Cycles that this row is the mean of",
+    ),
+];
+
+fn field(column: &str) -> Value {
+    let known = FIELDS.iter().find(|(name, ..)| *name == column);
+    let (kind, unit, description) =
+        known.map_or(("any", "", ""), |&(_, kind, unit, text)| (kind, unit, text));
+    let mut field = json!({ "name": column, "type": kind, "unit": unit, "description": description });
+    if super::csv::NEEDED.contains(&column) {
+        field["constraints"] = json!({ "required": true });
+    }
+    field
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_what_a_data_package_allows() {
+        assert_eq!(slug("Run 7/ä=A"), "run-7---a");
+    }
+
+    #[test]
+    fn every_column_has_a_unit_and_a_description() {
+        for column in ["time_s", "command_n", "twin_force_n", "flags", "cycles_averaged"] {
+            let field = field(column);
+            assert!(field["unit"] != "" && field["description"] != "", "{field}");
+        }
+        assert_eq!(
+            field("twin_force_n").get("constraints"),
+            None,
+            "empty cells are allowed"
+        );
+    }
+
+    #[test]
+    fn the_package_stands_beside_the_csv() {
+        assert_eq!(
+            path_of(Path::new("out/run.csv")),
+            Path::new("out/run.datapackage.json")
+        );
+    }
+}

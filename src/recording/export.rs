@@ -1,1 +1,498 @@
-//! stub
+//! Run files to what others read: CSV with its data package, the cycles CSV, or a [`Recording`] in memory.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use sha2::{Digest, Sha256};
+
+use super::csv::{CsvFormat, CsvWriter};
+use super::cycles::{self, CycleMeter, CycleSummary};
+use super::datapackage::{self, Resource};
+use super::run_file::{CycleSpan, RunFile, Survey};
+use super::{Ending, Recording, Sample, atomic_file};
+use crate::units::{Command, Mode};
+
+/// Which part of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Selection {
+    /// Every sample.
+    Whole,
+    /// One counted cycle.
+    Cycle(u32),
+    /// The mean over the complete counted cycles, tick by tick from the start of the cycle.
+    MeanLoop,
+    /// Every n-th tick from the first.
+    Every(u64),
+}
+
+impl std::fmt::Display for Selection {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match self {
+            Selection::Whole => write!(f, "whole run"),
+            Selection::Cycle(cycle) => write!(f, "cycle {cycle}"),
+            Selection::MeanLoop => write!(f, "mean loop over the complete counted cycles"),
+            Selection::Every(n) => write!(f, "every {n}th tick"),
+        }
+    }
+}
+
+/// What an export made.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Exported {
+    /// The CSV.
+    pub csv: PathBuf,
+    /// Its data package.
+    pub datapackage: PathBuf,
+    /// Rows written.
+    pub rows: u64,
+    /// Accounts of the run file, with lost and damaged ranges.
+    pub survey: Survey,
+}
+
+impl Exported {
+    /// True where blocks of the run file are damaged: what is written is good, but it is not all.
+    pub fn is_partial(&self) -> bool {
+        self.survey.damaged > 0
+    }
+}
+
+/// Why a run could not be exported.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// The target cannot be written.
+    #[error("{path} cannot be written: check the folder, its rights and its space")]
+    Io {
+        /// The target.
+        path: PathBuf,
+        /// The system's own words.
+        source: io::Error,
+    },
+    /// The run has no such cycle.
+    #[error("{run} has no counted cycle {cycle}: it has {there}")]
+    NoCycle {
+        /// The run file.
+        run: PathBuf,
+        /// As asked for.
+        cycle: u32,
+        /// "cycles 1 to 50" or "none".
+        there: String,
+    },
+    /// No complete counted cycle to average.
+    #[error("{run} has no complete counted cycle: export the whole run instead of the mean loop")]
+    NoLoop {
+        /// The run file.
+        run: PathBuf,
+    },
+    /// Every 0th sample.
+    #[error("every 0th sample is none: give 1 or more")]
+    EveryZero,
+}
+
+/// Writes `csv` and its data package; each appears whole or not at all, and the run file is only read.
+pub fn export(run: &RunFile, selection: Selection, csv: &Path) -> Result<Exported, ExportError> {
+    let survey = run.survey();
+    check(run, selection, &survey)?;
+    let failed = |path: &Path| {
+        let path = path.to_owned();
+        move |source| ExportError::Io { path, source }
+    };
+    let resource =
+        atomic_file::write(csv, |file| write_csv(run, selection, &survey, csv, file)).map_err(failed(csv))?;
+    let package = datapackage::build(run, &survey, &resource);
+    let package_path = datapackage::path_of(csv);
+    atomic_file::write(&package_path, |file| {
+        serde_json::to_writer_pretty(&mut *file, &package)?;
+        file.write_all(b"\n")
+    })
+    .map_err(failed(&package_path))?;
+    Ok(Exported {
+        csv: csv.to_owned(),
+        datapackage: package_path,
+        rows: resource.rows,
+        survey,
+    })
+}
+
+fn check(run: &RunFile, selection: Selection, survey: &Survey) -> Result<(), ExportError> {
+    let run = run.path().to_owned();
+    match selection {
+        Selection::Every(0) => Err(ExportError::EveryZero),
+        Selection::MeanLoop if survey.cycles_completed() == 0 => Err(ExportError::NoLoop { run }),
+        Selection::Cycle(cycle) if !survey.cycles.iter().any(|span| span.cycle == cycle) => {
+            let there = match (survey.cycles.first(), survey.cycles.last()) {
+                (Some(first), Some(last)) => format!("cycles {} to {}", first.cycle, last.cycle),
+                _ => "none".to_owned(),
+            };
+            Err(ExportError::NoCycle { run, cycle, there })
+        }
+        _ => Ok(()),
+    }
+}
+
+fn write_csv(
+    run: &RunFile,
+    selection: Selection,
+    survey: &Survey,
+    csv: &Path,
+    file: &mut BufWriter<File>,
+) -> io::Result<Resource> {
+    let format = CsvFormat::new(run.header(), &survey.modes);
+    let mut sink = Hashing {
+        sink: file,
+        sha256: Sha256::new(),
+        bytes: 0,
+    };
+    let (rows, columns) = if selection == Selection::MeanLoop {
+        write_mean_loop(&mut sink, run, survey, &format)?
+    } else {
+        let columns = format.columns();
+        let mut writer = CsvWriter::new(&mut sink, format)?;
+        let first_tick = survey.ticks.map_or(0, |(first, _)| first);
+        for sample in run
+            .samples()
+            .filter(|sample| selected(selection, first_tick, sample))
+        {
+            writer.sample(&sample)?;
+        }
+        (writer.rows(), columns)
+    };
+    Ok(Resource {
+        file_name: csv.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        bytes: sink.bytes,
+        sha256: sink
+            .sha256
+            .finalize()
+            .iter()
+            .map(|byte| format!("{byte:02x}"))
+            .collect(),
+        rows,
+        columns,
+        selection: selection.to_string(),
+    })
+}
+
+fn selected(selection: Selection, first_tick: u64, sample: &Sample) -> bool {
+    match selection {
+        Selection::Cycle(cycle) => sample.cycle == cycle,
+        Selection::Every(n) => (sample.tick - first_tick).is_multiple_of(n),
+        Selection::Whole | Selection::MeanLoop => true,
+    }
+}
+
+/// One tick of the mean loop: sums over the cycles that have a good sample there.
+#[derive(Debug, Clone, Copy, Default)]
+struct Bin {
+    count: u32,
+    displacement_mm: f64,
+    force_n: f64,
+    command: f64,
+    commands: u32,
+    twin_force_n: f64,
+    twins: u32,
+}
+
+impl Bin {
+    fn add(&mut self, sample: &Sample) {
+        self.count += 1;
+        self.displacement_mm += sample.displacement_mm;
+        self.force_n += sample.force_n;
+        if let Some(command) = sample.command {
+            self.command += command.value();
+            self.commands += 1;
+        }
+        if let Some(twin_force_n) = sample.twin_force_n {
+            self.twin_force_n += twin_force_n;
+            self.twins += 1;
+        }
+    }
+}
+
+/// Ticks of the same distance from the start of their cycle go into one bin; the usual length of a cycle sets how many.
+fn mean_bins(run: &RunFile, survey: &Survey) -> Vec<Bin> {
+    let complete: Vec<CycleSpan> = survey
+        .cycles
+        .iter()
+        .copied()
+        .filter(|span| span.complete)
+        .collect();
+    let mut lengths: Vec<u64> = complete
+        .iter()
+        .map(|span| span.last_tick - span.first_tick + 1)
+        .collect();
+    lengths.sort_unstable();
+    let usual = lengths.get(lengths.len() / 2).copied().unwrap_or(0);
+    let mut bins = vec![Bin::default(); usual as usize];
+    let mut spans = complete.iter().peekable();
+    for sample in run.samples() {
+        while spans.next_if(|span| span.last_tick < sample.tick).is_some() {}
+        let Some(span) = spans.peek().filter(|span| span.first_tick <= sample.tick) else {
+            continue;
+        };
+        if let Some(bin) = bins.get_mut((sample.tick - span.first_tick) as usize)
+            && !cycles::is_excluded(sample.flags)
+        {
+            bin.add(&sample);
+        }
+    }
+    bins
+}
+
+fn write_mean_loop(
+    sink: &mut impl Write,
+    run: &RunFile,
+    survey: &Survey,
+    format: &CsvFormat,
+) -> io::Result<(u64, Vec<&'static str>)> {
+    let mut columns = vec!["time_s", "displacement_mm", "force_n"];
+    // Cycles are of one mode as a rule; with both a mean command has no unit.
+    let mode = match format.command_modes.as_slice() {
+        [mode] => Some(*mode),
+        _ => None,
+    };
+    columns.extend(mode.map(|mode| match mode {
+        Mode::Displacement => "command_mm",
+        Mode::Force => "command_n",
+    }));
+    columns.extend(["twin_force_n", "cycles_averaged"]);
+    write!(sink, "{}\r\n", columns.join(","))?;
+    let mut rows = 0;
+    // A mean has finer steps than a count: one digit more than single samples.
+    let (mm, n) = (
+        format.displacement_decimals as usize + 1,
+        format.force_decimals as usize + 1,
+    );
+    for (i, bin) in mean_bins(run, survey)
+        .iter()
+        .enumerate()
+        .filter(|(_, bin)| bin.count > 0)
+    {
+        let count = f64::from(bin.count);
+        let time_s = i as f64 / run.header().sample_rate_hz;
+        let (x, f) = (bin.displacement_mm / count, bin.force_n / count);
+        write!(
+            sink,
+            "{time_s:.*},{x:.mm$},{f:.n$}",
+            format.time_decimals as usize
+        )?;
+        if let Some(mode) = mode {
+            let decimals = if mode == Mode::Displacement { mm } else { n };
+            write_mean(sink, bin.command, bin.commands, decimals)?;
+        }
+        write_mean(sink, bin.twin_force_n, bin.twins, n)?;
+        write!(sink, ",{}\r\n", bin.count)?;
+        rows += 1;
+    }
+    Ok((rows, columns))
+}
+
+/// An empty cell where there was nothing to average.
+fn write_mean(sink: &mut impl Write, sum: f64, count: u32, decimals: usize) -> io::Result<()> {
+    match count {
+        0 => write!(sink, ","),
+        _ => write!(sink, ",{:.decimals$}", sum / f64::from(count)),
+    }
+}
+
+/// Every counted cycle of a run, summed up.
+pub fn cycle_summaries(run: &RunFile) -> Vec<CycleSummary> {
+    let mut meter = CycleMeter::default();
+    let mut summaries: Vec<CycleSummary> = run.samples().filter_map(|sample| meter.add(&sample)).collect();
+    let completed = run
+        .outcome()
+        .is_some_and(|outcome| outcome.ending == Ending::Completed);
+    summaries.extend(meter.finish(completed));
+    summaries
+}
+
+/// Writes the cycles CSV of a run; returns its rows.
+pub fn export_cycles(run: &RunFile, csv: &Path) -> Result<Vec<CycleSummary>, ExportError> {
+    let summaries = cycle_summaries(run);
+    atomic_file::write(csv, |file| cycles::write_csv(file, &summaries)).map_err(|source| {
+        ExportError::Io {
+            path: csv.to_owned(),
+            source,
+        }
+    })?;
+    Ok(summaries)
+}
+
+/// The whole run in memory, as identification and diagnosis take it. The mode of the first command is the recording's.
+pub fn recording(run: &RunFile) -> Recording {
+    let mut out = Recording {
+        name: run.header().run_id.clone(),
+        ..Recording::default()
+    };
+    let (mut command, mut cycle, mut flags) = (Vec::new(), Vec::new(), Vec::new());
+    for sample in run.samples() {
+        out.time_s.push(sample.time_s);
+        out.displacement_mm.push(sample.displacement_mm);
+        out.force_n.push(sample.force_n);
+        if out.command_mode.is_none() {
+            out.command_mode = sample.command.map(Command::mode);
+        }
+        let commanded = sample
+            .command
+            .filter(|command| Some(command.mode()) == out.command_mode);
+        command.push(commanded.map_or(f64::NAN, Command::value));
+        cycle.push(sample.cycle);
+        flags.push(sample.flags.0);
+    }
+    out.command = out.command_mode.map(|_| command);
+    out.cycle = Some(cycle);
+    out.flags = Some(flags);
+    out
+}
+
+/// Counts and hashes what passes.
+struct Hashing<W> {
+    sink: W,
+    sha256: Sha256,
+    bytes: u64,
+}
+
+impl<W: Write> Write for Hashing<W> {
+    fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
+        self.sink.write_all(buffer)?;
+        self.sha256.update(buffer);
+        self.bytes += buffer.len() as u64;
+        Ok(buffer.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.sink.flush()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::csv;
+    use super::super::run_file::RunFileWriter;
+    use super::super::run_file::test_support::{header, outcome, sample};
+    use super::super::{Flags, Recorder};
+    use super::*;
+
+    /// Ticks 0 to `ticks` of the sine, without those in `lost`.
+    fn run_in(folder: &Path, ticks: u64, lost: std::ops::Range<u64>) -> RunFile {
+        let path = folder.join("run.leafrun");
+        let mut writer = RunFileWriter::create(&path, &header()).unwrap();
+        for tick in (0..ticks).filter(|tick| !lost.contains(tick)) {
+            writer.sample(&sample(tick));
+        }
+        writer.end(&outcome(ticks));
+        RunFile::open(&path).unwrap()
+    }
+
+    #[test]
+    fn a_run_exported_and_read_back_is_equal_to_the_last_digit() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = run_in(folder.path(), 3000, 0..0);
+        let exported = export(&run, Selection::Whole, &folder.path().join("run.csv")).unwrap();
+        assert_eq!((exported.rows, exported.is_partial()), (3000, false));
+        let back = csv::read_file(&exported.csv).unwrap();
+        let own = recording(&run);
+        assert_eq!(back.time_s, own.time_s);
+        assert_eq!(
+            (&back.cycle, &back.flags, back.command_mode),
+            (&own.cycle, &own.flags, own.command_mode)
+        );
+        let head = run.header();
+        for (i, s) in run.samples().enumerate() {
+            // Half a unit of the last digit, and a hair for the double's own rounding.
+            assert!((back.displacement_mm[i] - s.displacement_mm).abs() <= 0.5001e-4);
+            assert!((back.force_n[i] - s.force_n).abs() <= 0.5001e-2);
+            assert_eq!(head.force_channel.counts(back.force_n[i]), s.force_counts);
+            assert_eq!(
+                head.displacement_channel.counts(back.displacement_mm[i]),
+                s.displacement_counts
+            );
+        }
+        assert_eq!(
+            std::fs::read_dir(folder.path()).unwrap().count(),
+            3,
+            "run, CSV, package and nothing else"
+        );
+    }
+
+    #[test]
+    fn the_package_tells_hash_bytes_and_gaps() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = run_in(folder.path(), 2000, 700..705);
+        let exported = export(&run, Selection::Whole, &folder.path().join("run.csv")).unwrap();
+        let bytes = std::fs::read(&exported.csv).unwrap();
+        let package: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(&exported.datapackage).unwrap()).unwrap();
+        let resource = &package["resources"][0];
+        assert_eq!(resource["bytes"], bytes.len());
+        let hex: String = Sha256::digest(&bytes)
+            .iter()
+            .map(|b| format!("{b:02x}"))
+            .collect();
+        assert_eq!(resource["hash"], format!("sha256:{hex}"));
+        let details = &package["leafbench"];
+        assert_eq!((&details["samples"], &details["lost"]), (&1995.into(), &5.into()));
+        assert_eq!(details["gaps"][0]["from_s"], 0.7);
+        assert_eq!(details["operator"], "=1+1");
+        let text = String::from_utf8(bytes).unwrap();
+        assert!(
+            text.lines().nth(701).unwrap().starts_with("0.705,")
+                && text.lines().nth(701).unwrap().ends_with(",1")
+        );
+    }
+
+    #[test]
+    fn parts_of_a_run_are_chosen_by_tick() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = run_in(folder.path(), 2500, 0..0);
+        let path = folder.path().join("part.csv");
+        export(&run, Selection::Cycle(2), &path).unwrap();
+        let cycle = csv::read_file(&path).unwrap();
+        assert_eq!(
+            (cycle.len(), cycle.time_s[0], cycle.time_s[999]),
+            (1000, 1.0, 1.999)
+        );
+        export(&run, Selection::Every(250), &path).unwrap();
+        assert_eq!(csv::read_file(&path).unwrap().time_s[..3], [0.0, 0.25, 0.5]);
+        assert!(matches!(
+            export(&run, Selection::Every(0), &path),
+            Err(ExportError::EveryZero)
+        ));
+        let missing = export(&run, Selection::Cycle(9), &path).unwrap_err().to_string();
+        assert!(missing.contains("cycles 1 to 3"), "{missing}");
+    }
+
+    #[test]
+    fn the_mean_loop_of_equal_cycles_is_the_cycle() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = run_in(folder.path(), 3500, 1200..1210);
+        let path = folder.path().join("mean.csv");
+        assert_eq!(export(&run, Selection::MeanLoop, &path).unwrap().rows, 1000);
+        let mean = csv::read_file(&path).unwrap();
+        for (i, s) in run.samples().take(1000).enumerate() {
+            assert!((mean.displacement_mm[i] - s.displacement_mm).abs() <= 0.5001e-5);
+            assert!((mean.force_n[i] - s.force_n).abs() <= 0.5001e-3);
+        }
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(
+            text.lines().nth(206).unwrap().ends_with(",2"),
+            "two cycles have a sample 0.205 s in"
+        );
+        assert!(
+            text.lines().nth(100).unwrap().ends_with(",3"),
+            "and three 0.099 s in"
+        );
+    }
+
+    #[test]
+    fn the_cycles_of_a_run_are_summed_up() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = run_in(folder.path(), 2000, 0..0);
+        let rows = export_cycles(&run, &folder.path().join("cycles.csv")).unwrap();
+        assert_eq!(
+            rows.iter().map(|c| (c.cycle, c.complete)).collect::<Vec<_>>(),
+            [(1, true), (2, true)]
+        );
+        let lost = Flags::default();
+        assert_eq!(recording(&run).flags.unwrap()[0], lost.0);
+    }
+}

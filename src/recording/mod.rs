@@ -1,6 +1,15 @@
 //! Samples, events and recordings: what a run leaves behind, and the seam (`Recorder`) that everything beside the run
 //! hangs on. Files are in `run_file` and `csv`; control, twin and models are elsewhere.
 
+pub mod atomic_file;
+pub mod csv;
+pub mod cycles;
+pub mod datapackage;
+pub mod export;
+pub mod metrics;
+pub mod recorder;
+pub mod run_file;
+
 use crate::units::Command;
 
 /// Quality of one sample; 0 = good. Bits may stand together. Written to CSV as a plain integer.

@@ -334,7 +334,11 @@ mod tests {
         let memory = thread.join().unwrap().memory;
         assert_eq!(memory.samples.len(), 100);
         assert_eq!(memory.events[0], event(150));
-        assert!(memory.events[1].text.contains("50 samples and 0 events between ticks 100 and 149"));
+        assert!(
+            memory.events[1]
+                .text
+                .contains("50 samples and 0 events between ticks 100 and 149")
+        );
         assert_eq!(memory.outcome, Some(outcome(150)));
     }
 

@@ -12,7 +12,9 @@ pub enum CsvError {
         source: std::io::Error,
     },
     /// No header row.
-    #[error("{name} is empty: a recording has a header row with time_s,displacement_mm,force_n and a row a sample")]
+    #[error(
+        "{name} is empty: a recording has a header row with time_s,displacement_mm,force_n and a row a sample"
+    )]
     Empty {
         /// The file.
         name: String,
@@ -24,7 +26,9 @@ pub enum CsvError {
         name: String,
     },
     /// Not UTF-8 text.
-    #[error("{name}, row {row}: this is not UTF-8 text (a spreadsheet or a binary file?): save it as CSV, UTF-8")]
+    #[error(
+        "{name}, row {row}: this is not UTF-8 text (a spreadsheet or a binary file?): save it as CSV, UTF-8"
+    )]
     NotText {
         /// The file.
         name: String,
@@ -113,7 +117,9 @@ pub enum CsvError {
         text: String,
     },
     /// No number at all.
-    #[error("{name}, row {row}, column {column}: {text:?} is not {wanted}: correct the cell or remove the row")]
+    #[error(
+        "{name}, row {row}, column {column}: {text:?} is not {wanted}: correct the cell or remove the row"
+    )]
     NotANumber {
         /// The file.
         name: String,
@@ -154,7 +160,9 @@ pub enum CsvError {
         before_s: f64,
     },
     /// A line that no recording has.
-    #[error("{name}, row {row}: the line is longer than {limit} bytes: this is no recording, or a quote is not closed")]
+    #[error(
+        "{name}, row {row}: the line is longer than {limit} bytes: this is no recording, or a quote is not closed"
+    )]
     LineTooLong {
         /// The file.
         name: String,

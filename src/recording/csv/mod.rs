@@ -6,6 +6,7 @@ mod writer;
 
 pub use error::CsvError;
 pub use reader::{read, read_file};
+pub(super) use writer::push_fixed;
 pub use writer::{CsvFormat, CsvWriter};
 
 /// Columns that every recording needs.

@@ -87,7 +87,10 @@ impl<'a, R: Read> Rows<'a, R> {
         };
         Rows {
             name,
-            reader: ReaderBuilder::new().has_headers(false).trim(Trim::All).from_reader(capped),
+            reader: ReaderBuilder::new()
+                .has_headers(false)
+                .trim(Trim::All)
+                .from_reader(capped),
         }
     }
 
@@ -104,7 +107,11 @@ impl<'a, R: Read> Rows<'a, R> {
         let name = self.name.to_owned();
         let row = self.reader.position().line();
         match error.into_kind() {
-            ErrorKind::UnequalLengths { pos, expected_len, len } => CsvError::Ragged {
+            ErrorKind::UnequalLengths {
+                pos,
+                expected_len,
+                len,
+            } => CsvError::Ragged {
                 name,
                 row: pos.map_or(row, |pos| pos.line()),
                 expected: expected_len,
@@ -212,7 +219,9 @@ impl Columns {
             });
         }
         recording.time_s.push(time_s);
-        recording.displacement_mm.push(row.number(displacement, "displacement_mm")?);
+        recording
+            .displacement_mm
+            .push(row.number(displacement, "displacement_mm")?);
         recording.force_n.push(row.number(force, "force_n")?);
         self.push_command(row, recording)?;
         if let (Some(at), Some(cycle)) = (self.cycle, &mut recording.cycle) {
@@ -265,7 +274,8 @@ fn missing(name: &str, column: &'static str, names: &[&str]) -> CsvError {
     for there in names {
         let lower = there.to_ascii_lowercase();
         let other = OTHER_UNITS.iter().find(|(stem, unit, _)| {
-            column.starts_with(stem) && lower.strip_prefix(stem).and_then(|rest| rest.strip_prefix('_')) == Some(unit)
+            column.starts_with(stem)
+                && lower.strip_prefix(stem).and_then(|rest| rest.strip_prefix('_')) == Some(unit)
         });
         if let Some(&(_, _, factor)) = other {
             return CsvError::WrongUnit {
@@ -297,7 +307,9 @@ impl Row<'_> {
 
     fn number(&self, at: usize, column: &'static str) -> Result<f64, CsvError> {
         let cell = self.cell(at);
-        let parsed = std::str::from_utf8(cell).ok().and_then(|text| text.parse::<f64>().ok());
+        let parsed = std::str::from_utf8(cell)
+            .ok()
+            .and_then(|text| text.parse::<f64>().ok());
         match parsed {
             Some(value) if value.is_finite() => Ok(value),
             _ => Err(self.wrong(cell, column, parsed.is_some(), "a number")),
@@ -324,9 +336,19 @@ impl Row<'_> {
         if cell.is_empty() {
             CsvError::EmptyCell { name, row, column }
         } else if not_finite {
-            CsvError::NotFinite { name, row, column, text }
+            CsvError::NotFinite {
+                name,
+                row,
+                column,
+                text,
+            }
         } else if text.contains(',') && text.replace(',', ".").parse::<f64>().is_ok() {
-            CsvError::DecimalComma { name, row, column, text }
+            CsvError::DecimalComma {
+                name,
+                row,
+                column,
+                text,
+            }
         } else if cell.contains(&0) {
             CsvError::NotText { name, row }
         } else {
@@ -368,7 +390,10 @@ mod tests {
         assert_eq!(recording.time_s, [0.0, 0.5]);
         assert_eq!(recording.displacement_mm, [0.2, 4.0]);
         assert_eq!(recording.force_n, [-1.5, 3.0]);
-        assert_eq!((recording.command, recording.cycle, recording.flags), (None, None, None));
+        assert_eq!(
+            (recording.command, recording.cycle, recording.flags),
+            (None, None, None)
+        );
     }
 
     #[test]
@@ -389,23 +414,56 @@ mod tests {
         let cases = [
             (message(""), "is empty"),
             (message(HEAD), "no samples"),
-            (message("time_s,force_n\n0,1\n"), "column displacement_mm is missing; there are time_s, force_n"),
-            (message("time_s,displacement_mm,force_kN\n"), "force_kN has the wrong unit, force_n is needed: multiply it by 1000"),
-            (message("time_s,displacement_m,force_n\n"), "displacement_m has the wrong unit"),
-            (message("time_ms,displacement_mm,force_n\n"), "multiply it by 0.001"),
-            (message("time_s;displacement_mm;force_n\n0;1;2\n"), "separated by ';'"),
-            (message("time_s,time_s,displacement_mm,force_n\n"), "time_s stands there twice"),
+            (
+                message("time_s,force_n\n0,1\n"),
+                "column displacement_mm is missing; there are time_s, force_n",
+            ),
+            (
+                message("time_s,displacement_mm,force_kN\n"),
+                "force_kN has the wrong unit, force_n is needed: multiply it by 1000",
+            ),
+            (
+                message("time_s,displacement_m,force_n\n"),
+                "displacement_m has the wrong unit",
+            ),
+            (
+                message("time_ms,displacement_mm,force_n\n"),
+                "multiply it by 0.001",
+            ),
+            (
+                message("time_s;displacement_mm;force_n\n0;1;2\n"),
+                "separated by ';'",
+            ),
+            (
+                message("time_s,time_s,displacement_mm,force_n\n"),
+                "time_s stands there twice",
+            ),
             (with("0,1,2\n1,2\n"), "row 3: 2 cells where the header has 3"),
             (with("0,1,\n"), "row 2, column force_n: the cell is empty"),
-            (with("0,\"1,5\",2\n"), "row 2, column displacement_mm: \"1,5\" has a decimal comma"),
-            (with("0,1,NaN\n"), "row 2, column force_n: \"NaN\" is not a finite number"),
+            (
+                with("0,\"1,5\",2\n"),
+                "row 2, column displacement_mm: \"1,5\" has a decimal comma",
+            ),
+            (
+                with("0,1,NaN\n"),
+                "row 2, column force_n: \"NaN\" is not a finite number",
+            ),
             (with("0,1,1e999\n"), "not a finite number"),
             (with("0,1,=1+1\n"), "\"=1+1\" is not a number"),
-            (with("0,1,2\n\n0,1,2\n"), "row 4, column time_s: 0 s comes after 0 s"),
+            (
+                with("0,1,2\n\n0,1,2\n"),
+                "row 4, column time_s: 0 s comes after 0 s",
+            ),
             (with("0,1,2\n-1,1,2\n"), "-1 s comes after 0 s"),
             (with("0,1,\0\n"), "not UTF-8 text"),
-            (message("time_s,displacement_mm,force_n,cycle\n0,1,2,-1\n"), "column cycle: \"-1\" is not a whole number"),
-            (message("time_s,displacement_mm,force_n,flags\n0,1,2,70000\n"), "column flags"),
+            (
+                message("time_s,displacement_mm,force_n,cycle\n0,1,2,-1\n"),
+                "column cycle: \"-1\" is not a whole number",
+            ),
+            (
+                message("time_s,displacement_mm,force_n,flags\n0,1,2,70000\n"),
+                "column flags",
+            ),
         ];
         for (got, wanted) in cases {
             assert!(got.contains(wanted), "{got:?} should say {wanted:?}");
@@ -420,7 +478,10 @@ mod tests {
         let endless = io::repeat(b'7').take(10 << 30);
         let error = read("r.csv", endless).unwrap_err();
         assert!(matches!(error, CsvError::LineTooLong { row: 1, .. }), "{error}");
-        let quoted = HEAD.as_bytes().chain(&b"0,1,\""[..]).chain(io::repeat(b'\n').take(10 << 30));
+        let quoted = HEAD
+            .as_bytes()
+            .chain(&b"0,1,\""[..])
+            .chain(io::repeat(b'\n').take(10 << 30));
         assert!(matches!(read("r.csv", quoted), Err(CsvError::LineTooLong { .. })));
     }
 

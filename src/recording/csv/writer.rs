@@ -128,7 +128,7 @@ impl<W: Write> CsvWriter<W> {
 }
 
 /// A number with a fixed count of decimals, rounded to nearest; nothing where it is not finite.
-pub(crate) fn push_fixed(out: &mut Vec<u8>, value: f64, decimals: u32) {
+pub(in crate::recording) fn push_fixed(out: &mut Vec<u8>, value: f64, decimals: u32) {
     let unit = 10u64.pow(decimals);
     let scaled = (value.abs() * unit as f64).round();
     // Beyond 2^53 a double has no such decimals: the standard formatter takes over.
@@ -190,7 +190,14 @@ mod tests {
     #[test]
     fn digits_follow_the_calibration() {
         let format = CsvFormat::new(&header(), &[Mode::Force, Mode::Displacement]);
-        assert_eq!((format.time_decimals, format.displacement_decimals, format.force_decimals), (3, 4, 2));
+        assert_eq!(
+            (
+                format.time_decimals,
+                format.displacement_decimals,
+                format.force_decimals
+            ),
+            (3, 4, 2)
+        );
         assert_eq!(
             format.columns().join(","),
             "time_s,displacement_mm,force_n,command_n,command_mm,cycle,segment,twin_force_n,flags"

@@ -47,7 +47,12 @@ pub(super) fn pack(sample: &Sample, first_tick: u64, out: &mut Vec<u8>) {
 }
 
 /// Turns records back into samples: the run's first tick for the time, the header's calibration for the values.
-pub(super) fn unpack(record: &[u8; RECORD_BYTES], block_first_tick: u64, run_first_tick: u64, header: &Header) -> Sample {
+pub(super) fn unpack(
+    record: &[u8; RECORD_BYTES],
+    block_first_tick: u64,
+    run_first_tick: u64,
+    header: &Header,
+) -> Sample {
     let tick = block_first_tick + u64::from(u32::from_le_bytes(field(record, 0)));
     let force_counts = i32::from_le_bytes(field(record, 4));
     let displacement_counts = i32::from_le_bytes(field(record, 8));

@@ -22,7 +22,10 @@ fn small_blocks(path: &Path, blocks: u64) {
 /// Every sample read is one that was written; the flag after a gap is the reader's own.
 fn assert_identical(read: &[Sample], what: &str) {
     for s in read {
-        let plain = Sample { flags: Flags(s.flags.0 & !Flags::AFTER_GAP.0), ..*s };
+        let plain = Sample {
+            flags: Flags(s.flags.0 & !Flags::AFTER_GAP.0),
+            ..*s
+        };
         assert_eq!(plain, sample(s.tick), "{what}");
     }
 }
@@ -47,14 +50,24 @@ fn a_killed_writer_leaves_everything_it_committed() {
         let run = RunFile::open(&killed).unwrap();
         let read: Vec<Sample> = run.samples().collect();
         assert_identical(&read, "killed");
-        assert!(read.len() as u64 + 10 > tick, "{} samples at tick {tick}", read.len());
+        assert!(
+            read.len() as u64 + 10 > tick,
+            "{} samples at tick {tick}",
+            read.len()
+        );
         let left = read.len() as u64;
         let closed = run.close_as_aborted("daemon was killed").unwrap();
-        assert_eq!((closed.ending, closed.samples, closed.lost), (Ending::Aborted, left, 0));
+        assert_eq!(
+            (closed.ending, closed.samples, closed.lost),
+            (Ending::Aborted, left, 0)
+        );
         assert!(!super::sync::log_path(&killed).exists());
         let again = RunFile::open(&killed).unwrap();
         assert_eq!(again.outcome(), Some(&closed));
-        assert!(matches!(again.close_as_aborted("x"), Err(RunFileError::Closed { .. })));
+        assert!(matches!(
+            again.close_as_aborted("x"),
+            Err(RunFileError::Closed { .. })
+        ));
     }
 }
 
@@ -77,7 +90,11 @@ fn a_log_cut_at_any_byte_of_its_end_keeps_the_earlier_commits() {
         fs::write(super::sync::log_path(&cut), &log[..log.len() - missing]).unwrap();
         let read: Vec<Sample> = RunFile::open(&cut).unwrap().samples().collect();
         // A commit is one to four pages of 4 KiB: a cut of less than a page tears one commit.
-        assert!(read.len() >= if missing == 0 { 200 } else { 190 }, "{} at -{missing}", read.len());
+        assert!(
+            read.len() >= if missing == 0 { 200 } else { 190 },
+            "{} at -{missing}",
+            read.len()
+        );
         assert_identical(&read, "cut log");
     }
 }
@@ -112,7 +129,10 @@ fn every_flipped_byte_of_a_block_is_found_and_costs_that_block() {
     for tick in 300..310 {
         super::block::pack(&sample(tick), 300, &mut packed);
     }
-    let at = file.windows(packed.len()).position(|window| window == packed).unwrap();
+    let at = file
+        .windows(packed.len())
+        .position(|window| window == packed)
+        .unwrap();
     let rotten = folder.path().join("rotten.leafrun");
     for byte in at..at + packed.len() {
         file[byte] ^= 0x40;
@@ -121,11 +141,22 @@ fn every_flipped_byte_of_a_block_is_found_and_costs_that_block() {
         let run = RunFile::open(&rotten).unwrap();
         let survey = run.survey();
         assert_eq!((survey.samples, survey.damaged, survey.lost), (590, 10, 0));
-        let [gap] = survey.gaps.as_slice() else { panic!("one gap: {:?}", survey.gaps) };
-        assert_eq!((gap.from_tick, gap.to_tick, gap.cause), (300, 309, GapCause::Damaged));
+        let [gap] = survey.gaps.as_slice() else {
+            panic!("one gap: {:?}", survey.gaps)
+        };
+        assert_eq!(
+            (gap.from_tick, gap.to_tick, gap.cause),
+            (300, 309, GapCause::Damaged)
+        );
         let read: Vec<Sample> = run.samples().collect();
         assert_identical(&read, "rotten");
-        assert!(read.iter().find(|s| s.tick == 310).unwrap().flags.has(Flags::AFTER_GAP));
+        assert!(
+            read.iter()
+                .find(|s| s.tick == 310)
+                .unwrap()
+                .flags
+                .has(Flags::AFTER_GAP)
+        );
     }
 }
 

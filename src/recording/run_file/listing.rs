@@ -53,7 +53,11 @@ fn listing(path: PathBuf) -> RunListing {
         Ok(run) => run,
         Err(error) => {
             return RunListing {
-                run_id: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+                run_id: path
+                    .file_stem()
+                    .unwrap_or_default()
+                    .to_string_lossy()
+                    .into_owned(),
                 path,
                 started_utc: String::new(),
                 profile_name: String::new(),
@@ -71,7 +75,11 @@ fn listing(path: PathBuf) -> RunListing {
         Some(outcome) => (outcome.samples, outcome.lost, outcome.cycles_completed),
         None => {
             let survey = run.survey();
-            (survey.samples, survey.lost + survey.damaged, survey.cycles_completed())
+            (
+                survey.samples,
+                survey.lost + survey.damaged,
+                survey.cycles_completed(),
+            )
         }
     };
     RunListing {

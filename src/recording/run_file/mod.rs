@@ -97,7 +97,9 @@ pub enum RunFileError {
         reason: String,
     },
     /// Written by a newer leafbench.
-    #[error("{path} has run file version {found}, this program reads {FORMAT_VERSION}: use a newer leafbench")]
+    #[error(
+        "{path} has run file version {found}, this program reads {FORMAT_VERSION}: use a newer leafbench"
+    )]
     Version {
         /// The file.
         path: PathBuf,

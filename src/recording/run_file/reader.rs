@@ -170,10 +170,9 @@ impl RunFile {
             part: "header",
             reason: source.to_string(),
         })?;
-        let checked = |part, json: &str, crc32| checked_json(path, part, json, crc32);
-        let header: Header = parse(path, "header", checked("header", &row.header_json, row.header_crc32)?)?;
+        let header = checked_json(path, "header", &row.header_json, row.header_crc32)?;
         let outcome = match (&row.outcome_json, row.outcome_crc32) {
-            (Some(json), Some(crc32)) => Some(parse(path, "outcome", checked("outcome", json, crc32)?)?),
+            (Some(json), Some(crc32)) => Some(checked_json(path, "outcome", json, crc32)?),
             _ => None,
         };
         Ok(RunFile {
@@ -205,7 +204,10 @@ impl RunFile {
     /// Events in order. Rows that cannot be read are left out; the samples have their own checksums.
     pub fn events(&self) -> Vec<Event> {
         let mut events = Vec::new();
-        let Ok(mut statement) = self.database.prepare("SELECT tick, time_s, kind, text FROM events ORDER BY seq") else {
+        let Ok(mut statement) = self
+            .database
+            .prepare("SELECT tick, time_s, kind, text FROM events ORDER BY seq")
+        else {
             return events;
         };
         let rows = statement.query_map([], |row| {
@@ -300,7 +302,9 @@ impl RunFile {
             .query_row("SELECT max(seq) FROM blocks", [], |row| row.get(0))
             .unwrap_or(None);
         let empty = || {
-            let count = self.database.query_row("SELECT count(*) FROM blocks", [], |row| row.get(0));
+            let count = self
+                .database
+                .query_row("SELECT count(*) FROM blocks", [], |row| row.get(0));
             (count == Ok(0)).then_some(0)
         };
         indexed.map(|seq| seq as u64).max(self.block_count).or_else(empty)
@@ -390,7 +394,11 @@ impl SampleReader<'_> {
         self.gaps.push(Gap {
             from_tick,
             to_tick: tick - 1,
-            cause: if unreadable { GapCause::Damaged } else { GapCause::Lost },
+            cause: if unreadable {
+                GapCause::Damaged
+            } else {
+                GapCause::Lost
+            },
         });
         true
     }
@@ -413,7 +421,11 @@ impl Iterator for SampleReader<'_> {
 
     fn next(&mut self) -> Option<Sample> {
         loop {
-            if let Some(record) = self.data.get(self.at..).and_then(<[u8]>::first_chunk::<RECORD_BYTES>) {
+            if let Some(record) = self
+                .data
+                .get(self.at..)
+                .and_then(<[u8]>::first_chunk::<RECORD_BYTES>)
+            {
                 let run_first = *self.run_first_tick.get_or_insert(self.block_first_tick);
                 let mut sample = block::unpack(record, self.block_first_tick, run_first, &self.run.header);
                 self.at += RECORD_BYTES;
@@ -456,21 +468,18 @@ fn read_run_row(database: &Connection) -> rusqlite::Result<RunRow> {
     })
 }
 
-fn checked_json<'a>(path: &Path, part: &'static str, json: &'a str, crc32: i64) -> Result<&'a str, RunFileError> {
-    if i64::from(block::crc32(json.as_bytes())) == crc32 {
-        return Ok(json);
+/// What a column of JSON says, if its checksum holds.
+fn checked_json<T>(path: &Path, part: &'static str, json: &str, crc32: i64) -> Result<T, RunFileError>
+where
+    T: serde::de::DeserializeOwned,
+{
+    let damaged = |reason: String| RunFileError::Damaged {
+        path: path.to_owned(),
+        part,
+        reason,
+    };
+    if i64::from(block::crc32(json.as_bytes())) != crc32 {
+        return Err(damaged("its checksum does not hold".into()));
     }
-    Err(RunFileError::Damaged {
-        path: path.to_owned(),
-        part,
-        reason: "its checksum does not hold".into(),
-    })
-}
-
-fn parse<T: serde::de::DeserializeOwned>(path: &Path, part: &'static str, json: &str) -> Result<T, RunFileError> {
-    serde_json::from_str(json).map_err(|error| RunFileError::Damaged {
-        path: path.to_owned(),
-        part,
-        reason: error.to_string(),
-    })
+    serde_json::from_str(json).map_err(|error| damaged(error.to_string()))
 }

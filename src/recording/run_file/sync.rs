@@ -38,7 +38,9 @@ impl Syncer {
             log: None,
             shared: shared.clone(),
         };
-        let thread = thread::Builder::new().name("run-file-sync".into()).spawn(move || worker.run())?;
+        let thread = thread::Builder::new()
+            .name("run-file-sync".into())
+            .spawn(move || worker.run())?;
         Ok(Syncer {
             shared,
             thread: Some(thread),

@@ -90,7 +90,9 @@ impl RunFileWriter {
     /// Makes the file with its header, on the disk before this returns: a disk that cannot take a run refuses it here.
     pub fn create(path: &Path, header: &Header) -> Result<RunFileWriter, RunFileError> {
         if path.exists() {
-            return Err(RunFileError::Exists { path: path.to_owned() });
+            return Err(RunFileError::Exists {
+                path: path.to_owned(),
+            });
         }
         let database = create_database(path, header)
             .map_err(|source| RunFileError::database(path, "making the run file", source))?;
@@ -141,7 +143,9 @@ impl RunFileWriter {
         }
         match self.try_commit() {
             Ok(()) => {
-                self.status.saved.fetch_add(self.pending.len() as u64, Ordering::Relaxed);
+                self.status
+                    .saved
+                    .fetch_add(self.pending.len() as u64, Ordering::Relaxed);
                 self.pending.clear();
                 self.events.clear();
                 self.finish_checkpoint_if_asked();
@@ -175,7 +179,13 @@ impl RunFileWriter {
             let crc32 = block::block_crc32(blocks, first.tick, now.len() as u64, &self.packed);
             transaction
                 .prepare_cached("INSERT INTO blocks VALUES (?1, ?2, ?3, ?4, ?5)")?
-                .execute(params![blocks as i64, first.tick as i64, now.len() as i64, crc32, self.packed])?;
+                .execute(params![
+                    blocks as i64,
+                    first.tick as i64,
+                    now.len() as i64,
+                    crc32,
+                    self.packed
+                ])?;
             rest = later;
         }
         for event in &self.events {
@@ -221,7 +231,9 @@ impl RunFileWriter {
         let excess = self.rescue.len().saturating_sub(self.rescue_samples);
         self.rescue.drain(..excess);
         self.status.dropped.fetch_add(excess as u64, Ordering::Relaxed);
-        self.status.in_memory.store(self.rescue.len() as u64, Ordering::Relaxed);
+        self.status
+            .in_memory
+            .store(self.rescue.len() as u64, Ordering::Relaxed);
     }
 
     /// Outcome in, log folded in, one file left, all of it on the disk.
@@ -407,14 +419,28 @@ mod tests {
         }
         writer.end(&outcome(1));
         assert!(status.complete());
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "no log beside the file");
+        assert_eq!(
+            std::fs::read_dir(folder.path()).unwrap().count(),
+            1,
+            "no log beside the file"
+        );
 
         let run = RunFile::open(&path).unwrap();
         assert_eq!(run.header(), &header());
         assert_eq!(run.events(), vec![event(0)]);
         let ended = run.outcome().unwrap();
-        assert_eq!((ended.samples, ended.lost), (4998, 2), "7 is lost at tick 7, 1707; 3407 ends ... by ticks");
-        let back: Vec<Sample> = run.samples().map(|s| Sample { flags: samples[0].flags, ..s }).collect();
+        assert_eq!(
+            (ended.samples, ended.lost),
+            (4998, 2),
+            "7 is lost at tick 7, 1707; 3407 ends ... by ticks"
+        );
+        let back: Vec<Sample> = run
+            .samples()
+            .map(|s| Sample {
+                flags: samples[0].flags,
+                ..s
+            })
+            .collect();
         assert_eq!(back, samples);
     }
 
@@ -462,7 +488,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.leafrun");
         std::fs::write(&path, "mine").unwrap();
-        assert!(matches!(RunFileWriter::create(&path, &header()), Err(RunFileError::Exists { .. })));
+        assert!(matches!(
+            RunFileWriter::create(&path, &header()),
+            Err(RunFileError::Exists { .. })
+        ));
         assert_eq!(std::fs::read(&path).unwrap(), b"mine");
     }
 

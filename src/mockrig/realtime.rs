@@ -1,0 +1,61 @@
+//! The mock rig by the clock: one tick each millisecond of the monotonic clock, for a process behind a real link.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use nix::errno::Errno;
+use nix::sys::time::TimeSpec;
+use nix::time::{ClockId, ClockNanosleepFlags, clock_gettime, clock_nanosleep};
+
+use super::MockRig;
+use crate::link::Link;
+
+/// Period of the firmware's loop in ns.
+const TICK_NS: i64 = 1_000_000;
+
+/// How punctual a real-time run was.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Punctuality {
+    /// Ticks run.
+    pub ticks: u64,
+    /// Ticks that began more than one period after their time.
+    pub late_ticks: u64,
+    /// Worst lateness in ns.
+    pub worst_ns: u64,
+}
+
+impl MockRig {
+    /// Ticks by the clock until `stop` or until the far end is gone. Each tick has its own absolute deadline: after a
+    /// stall the ticks that were missed are run at once, so the rig's tick stays the rig's time.
+    pub fn run_realtime(mut self, mut link: Link, stop: &AtomicBool) -> Result<Punctuality, Errno> {
+        let mut punctuality = Punctuality::default();
+        let mut due_ns = now_ns()?;
+        while !stop.load(Ordering::Relaxed) && link.health.is_open() {
+            due_ns += TICK_NS;
+            let late_ns = now_ns()? - due_ns;
+            if late_ns < 0 {
+                sleep_until(due_ns)?;
+            }
+            let late_ns = (now_ns()? - due_ns).max(0);
+            punctuality.worst_ns = punctuality.worst_ns.max(late_ns as u64);
+            punctuality.late_ticks += u64::from(late_ns > TICK_NS);
+            punctuality.ticks += 1;
+            self.tick(&mut link);
+        }
+        Ok(punctuality)
+    }
+}
+
+fn now_ns() -> Result<i64, Errno> {
+    let now = clock_gettime(ClockId::CLOCK_MONOTONIC)?;
+    Ok(now.tv_sec() * 1_000_000_000 + now.tv_nsec())
+}
+
+fn sleep_until(due_ns: i64) -> Result<(), Errno> {
+    let due = TimeSpec::new(due_ns / 1_000_000_000, due_ns % 1_000_000_000);
+    loop {
+        match clock_nanosleep(ClockId::CLOCK_MONOTONIC, ClockNanosleepFlags::TIMER_ABSTIME, &due) {
+            Err(Errno::EINTR) => {}
+            done => return done.map(|_| ()),
+        }
+    }
+}

@@ -1,0 +1,357 @@
+//! What messages from the host do to the firmware: session and lease, commands, requests with their acknowledgement,
+//! network management, configuration objects. What follows from it is in `firmware`.
+
+use super::firmware::Firmware;
+use super::guard::Reaction;
+use super::queue::SetPoint;
+use crate::protocol::message::{
+    Cause, ConfigAbort, FromRig, LIMIT_COUNT, Limits, NmtCommand, NmtState, PROTOCOL_VERSION, RequestCode,
+    RequestResult, RigState, SAMPLE_RATE_HZ, ToRig, WireMode, object,
+};
+use crate::protocol::protection::{CounterCheck, Sequence};
+
+/// What the firmware remembers of the host.
+#[derive(Debug, Clone, Default)]
+pub struct HostSide {
+    /// Session that owns the rig; 0 = none.
+    pub session: u8,
+    /// Counter of the newest request and its result.
+    pub ack: Option<(u8, RequestResult)>,
+    last_request: Option<(u8, u8, RequestCode, u32)>,
+    renewed_at: u64,
+    control_tick: Option<u16>,
+    leases: CounterCheck,
+    commands: CounterCheck,
+    corrupt: Burst<3>,
+    foreign: Burst<6>,
+}
+
+/// Says when `N` things happened within [`BURST_TICKS`].
+#[derive(Debug, Clone)]
+struct Burst<const N: usize> {
+    at: [Option<u64>; N],
+    next: usize,
+}
+
+/// Window of the frame fault counters, ticks.
+const BURST_TICKS: u64 = 100;
+
+impl<const N: usize> Default for Burst<N> {
+    fn default() -> Self {
+        Burst {
+            at: [None; N],
+            next: 0,
+        }
+    }
+}
+
+impl<const N: usize> Burst<N> {
+    fn hit(&mut self, tick: u64) -> bool {
+        if let Some(slot) = self.at.get_mut(self.next) {
+            *slot = Some(tick);
+        }
+        self.next = (self.next + 1) % N;
+        self.at
+            .iter()
+            .all(|at| at.is_some_and(|at| tick - at < BURST_TICKS))
+    }
+}
+
+impl Firmware {
+    /// A message for this node, as decoded.
+    pub fn handle(&mut self, message: ToRig) {
+        let process_data = matches!(self.nmt, NmtState::Operational | NmtState::Stopped);
+        match message {
+            ToRig::Nmt { command, node } if node == 0 || node == self.identity.node => self.network(command),
+            ToRig::ConfigRead { index, sub } => {
+                let answer = match self.read(index, sub) {
+                    Ok(value) => FromRig::ConfigValue { index, sub, value },
+                    Err(abort) => FromRig::ConfigRefused { index, sub, abort },
+                };
+                self.outbox.push(answer);
+            }
+            ToRig::ConfigWrite { index, sub, value } => {
+                let answer = match self.write(index, sub, value) {
+                    Ok(()) => FromRig::ConfigWritten { index, sub },
+                    Err(abort) => FromRig::ConfigRefused { index, sub, abort },
+                };
+                self.outbox.push(answer);
+            }
+            ToRig::Request {
+                counter,
+                session,
+                code,
+                argument,
+            } if process_data => {
+                self.request(counter, session, code, argument);
+            }
+            ToRig::Lease {
+                counter,
+                session,
+                control_tick,
+            } if process_data && self.owns(session) => {
+                self.lease(counter, control_tick);
+            }
+            ToRig::Command {
+                counter,
+                session,
+                tick,
+                mode,
+                counts,
+                last,
+            } if process_data && self.owns(session) => {
+                let judged = self.host.commands.check(counter);
+                if self.in_order(judged) {
+                    self.command(
+                        tick,
+                        SetPoint {
+                            mode,
+                            counts: f64::from(counts),
+                            last,
+                        },
+                    );
+                }
+            }
+            ToRig::Nmt { .. } | ToRig::Request { .. } | ToRig::Lease { .. } | ToRig::Command { .. } => {}
+        }
+    }
+
+    /// A frame for this node that has no meaning (CRC, length, field), or came out of order.
+    pub fn note_corrupt(&mut self) {
+        if self.host.corrupt.hit(self.tick) {
+            self.trip(Cause::CorruptFrames, Reaction::Unload);
+        }
+    }
+
+    /// Each tick: the lease runs.
+    pub(super) fn watch_host(&mut self) {
+        if self.host.session != 0 && !self.lease_alive() {
+            self.trip(Cause::LeaseLapsed, Reaction::Unload);
+            self.host.session = 0;
+            self.status_due = true;
+        }
+    }
+
+    fn lease_alive(&self) -> bool {
+        self.tick - self.host.renewed_at < self.limits.lease_ms as u64
+    }
+
+    /// The frame is of the session that owns the rig. Frames of another one are counted against it.
+    fn owns(&mut self, session: u8) -> bool {
+        let own = session != 0 && session == self.host.session;
+        if !own && self.host.session != 0 && self.host.foreign.hit(self.tick) {
+            self.trip(Cause::ForeignSession, Reaction::Unload);
+        }
+        own
+    }
+
+    fn in_order(&mut self, judged: Sequence) -> bool {
+        if judged == Sequence::Wrong {
+            self.note_corrupt();
+        }
+        judged.is_usable()
+    }
+
+    /// Renews the lease, if the host's control loop has moved on since the last one.
+    fn lease(&mut self, counter: u8, control_tick: u16) {
+        let judged = self.host.leases.check(counter);
+        let moved = self
+            .host
+            .control_tick
+            .is_none_or(|last| control_tick.wrapping_sub(last) as i16 > 0);
+        if self.in_order(judged) && moved {
+            self.host.control_tick = Some(control_tick);
+            self.host.renewed_at = self.tick;
+        }
+    }
+
+    fn command(&mut self, tick: u16, point: SetPoint) {
+        if !matches!(self.state, RigState::Armed | RigState::Running) {
+            return;
+        }
+        let (low, high) = match point.mode {
+            WireMode::Displacement => (
+                self.limits.displacement_min_counts,
+                self.limits.displacement_max_counts,
+            ),
+            WireMode::Force => (self.limits.force_min_counts, self.limits.force_max_counts),
+        };
+        let within = point.counts >= f64::from(low) && point.counts <= f64::from(high);
+        if !within || self.queue_mode.is_some_and(|mode| mode != point.mode) {
+            self.trip(Cause::BadCommand, Reaction::Hold);
+            return;
+        }
+        // A stale or far command is dropped: what is missing then shows as a hole, or as a queue that runs dry.
+        if self.queue.push(tick, self.tick, point).is_ok() {
+            self.queue_mode = Some(point.mode);
+        }
+    }
+
+    fn request(&mut self, counter: u8, session: u8, code: RequestCode, argument: u32) {
+        self.status_due = true;
+        let request = (counter, session, code, argument);
+        // A repeat is answered again, not done again.
+        if self.host.last_request != Some(request) {
+            self.host.last_request = Some(request);
+            let result = self.obey(session, code, argument);
+            self.host.ack = Some((counter, result));
+        }
+    }
+
+    fn obey(&mut self, session: u8, code: RequestCode, argument: u32) -> RequestResult {
+        if code == RequestCode::OpenSession {
+            return self.open_session(session);
+        }
+        if session == 0 || session != self.host.session {
+            return RequestResult::Busy;
+        }
+        match (code, self.state) {
+            (RequestCode::Arm, RigState::Off) => {
+                if argument != self.limits.crc32() {
+                    return RequestResult::WrongConfiguration;
+                }
+                if self.cause_stands() {
+                    return RequestResult::CauseStands;
+                }
+                self.arm();
+            }
+            (RequestCode::Hold, RigState::Armed | RigState::Running) => self.brake(RigState::Hold),
+            (RequestCode::Hold, RigState::Hold) => {}
+            (RequestCode::Resume, RigState::Hold) => {
+                self.cause = Cause::None;
+                self.rebase();
+                self.enter(RigState::Armed);
+            }
+            (RequestCode::Unload, RigState::Armed | RigState::Running | RigState::Hold) => {
+                if self.cause == Cause::None {
+                    self.cause = Cause::Requested;
+                }
+                self.brake(RigState::Unload);
+            }
+            (RequestCode::Unload, RigState::Unload | RigState::Off) => {}
+            (RequestCode::Reset, RigState::Tripped) => {
+                if self.cause_stands() {
+                    return RequestResult::CauseStands;
+                }
+                self.cause = Cause::None;
+                self.enter(RigState::Off);
+            }
+            (RequestCode::ClearQueue, RigState::Armed | RigState::Hold) => self.rebase(),
+            _ => return RequestResult::WrongState,
+        }
+        RequestResult::Done
+    }
+
+    fn open_session(&mut self, session: u8) -> RequestResult {
+        if session == 0 {
+            return RequestResult::Unknown;
+        }
+        if self.host.session != 0 && self.host.session != session && self.lease_alive() {
+            return RequestResult::Busy;
+        }
+        self.host.session = session;
+        self.host.renewed_at = self.tick;
+        self.host.control_tick = None;
+        self.host.leases.reset();
+        self.host.commands.reset();
+        RequestResult::Done
+    }
+
+    fn network(&mut self, command: NmtCommand) {
+        self.status_due = true;
+        match command {
+            NmtCommand::Start => self.nmt = NmtState::Operational,
+            // Samples and status go on in Stopped, so that the unload is recorded.
+            NmtCommand::Stop => {
+                self.nmt = NmtState::Stopped;
+                self.trip(Cause::HostAbort, Reaction::Unload);
+            }
+            NmtCommand::PreOperational if !self.pressure_on() => self.nmt = NmtState::PreOperational,
+            NmtCommand::ResetNode if !self.pressure_on() => self.reboot(),
+            NmtCommand::PreOperational | NmtCommand::ResetNode => {}
+        }
+    }
+
+    fn read(&self, index: u16, sub: u8) -> Result<u32, ConfigAbort> {
+        match (index, sub) {
+            object::DEVICE_TYPE => Ok(0),
+            object::VENDOR => Ok(0),
+            object::PRODUCT => Ok(PRODUCT_MOCK),
+            object::REVISION => Ok(0x0001_0000),
+            object::SERIAL => Ok(self.identity.serial),
+            object::PROTOCOL => Ok(PROTOCOL_VERSION),
+            object::BOOT_ID => Ok(self.identity.boot_id),
+            object::SAMPLE_RATE => Ok(SAMPLE_RATE_HZ),
+            object::CALIBRATION_HASH => Ok(self.identity.calibration_hash),
+            object::CONFIGURATION_CRC => Ok(self.limits.crc32()),
+            (object::LIMITS, 0) => Ok(LIMIT_COUNT as u32),
+            (object::LIMITS, n) => {
+                let at = usize::from(n - 1);
+                self.limits
+                    .to_array()
+                    .get(at)
+                    .map(|&value| value as u32)
+                    .ok_or(ConfigAbort::NoSubIndex)
+            }
+            _ if is_index(index) => Err(ConfigAbort::NoSubIndex),
+            _ => Err(ConfigAbort::NoObject),
+        }
+    }
+
+    fn write(&mut self, index: u16, sub: u8, value: u32) -> Result<(), ConfigAbort> {
+        self.read(index, sub)?;
+        match (index, sub) {
+            object::CALIBRATION_HASH if self.state == RigState::Off => self.identity.calibration_hash = value,
+            (object::LIMITS, n) if n > 0 && !self.pressure_on() => {
+                let mut limits = self.limits.to_array();
+                let at = usize::from(n - 1);
+                let (low, high) = LIMIT_RANGES.get(at).copied().ok_or(ConfigAbort::NoSubIndex)?;
+                let value = value as i32;
+                if value < low || value > high {
+                    return Err(ConfigAbort::Range);
+                }
+                if let Some(slot) = limits.get_mut(at) {
+                    *slot = value;
+                }
+                self.limits = Limits::from_array(limits);
+            }
+            object::CALIBRATION_HASH => return Err(ConfigAbort::State),
+            (object::LIMITS, n) if n > 0 => return Err(ConfigAbort::State),
+            _ => return Err(ConfigAbort::ReadOnly),
+        }
+        Ok(())
+    }
+}
+
+/// Product code of the mock rig: "MOCK".
+const PRODUCT_MOCK: u32 = 0x4D4F_434B;
+
+/// What each limit may be, in the order of the sub-indices. A limit cannot be switched off.
+const LIMIT_RANGES: [(i32, i32); LIMIT_COUNT] = [
+    (1, 131_071),
+    (-131_071, 0),
+    (-131_071, 131_071),
+    (-131_071, 131_071),
+    (1, 4_000_000),
+    (1, 131_071),
+    (1, 131_071),
+    (20, 500),
+    (100, 600_000),
+    (1, 10_000),
+    (5, 250),
+    (1, 131_071),
+    (-131_071, 131_071),
+];
+
+fn is_index(index: u16) -> bool {
+    [
+        object::DEVICE_TYPE.0,
+        object::VENDOR.0,
+        object::PROTOCOL.0,
+        object::BOOT_ID.0,
+        object::SAMPLE_RATE.0,
+        object::CALIBRATION_HASH.0,
+        object::CONFIGURATION_CRC.0,
+    ]
+    .contains(&index)
+}

@@ -1,0 +1,289 @@
+//! The firmware's servo loop at 1 kHz: PI on the error, feed-forward from the commands that are known ahead, one valve.
+//! Where the set point comes from is `firmware`'s business; the oil is in `actuator`.
+
+use serde::{Deserialize, Serialize};
+
+use crate::units::Mode;
+
+/// Gains of the loop.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ServoConfig {
+    /// Speed a mm of error in displacement control, 1/s.
+    pub displacement_gain_per_s: f64,
+    /// Integral part in displacement control, 1/s2.
+    pub displacement_integral_per_s2: f64,
+    /// Force rate a N of error in force control, 1/s; the specimen's rate turns it into speed.
+    pub force_gain_per_s: f64,
+    /// Integral part in force control, 1/s2.
+    pub force_integral_per_s2: f64,
+    /// How far ahead in the queue the feed-forward looks, ms: the lag of valve and hold.
+    pub lead_ms: u32,
+    /// Lag of the feedback (anti-alias filter) in ms.
+    pub feedback_lag_ms: f64,
+    /// Rate of the specimen that force control starts with, N/mm; it is then estimated as the rig moves.
+    pub specimen_rate_n_per_mm: f64,
+    /// Speed limit in force control before the pusher touches, mm/s.
+    pub approach_mm_s: f64,
+    /// Speed at full valve without load that the loop reckons with, mm/s.
+    pub full_speed_mm_s: f64,
+    /// Force at which the valve can move nothing, N.
+    pub stall_force_n: f64,
+}
+
+impl Default for ServoConfig {
+    fn default() -> Self {
+        ServoConfig {
+            displacement_gain_per_s: 70.0,
+            displacement_integral_per_s2: 300.0,
+            force_gain_per_s: 25.0,
+            force_integral_per_s2: 120.0,
+            lead_ms: 4,
+            feedback_lag_ms: 0.75,
+            specimen_rate_n_per_mm: 100.0,
+            approach_mm_s: 5.0,
+            full_speed_mm_s: 350.0,
+            stall_force_n: 25_000.0,
+        }
+    }
+}
+
+impl ServoConfig {
+    /// The first field that is out of range, with what it may be.
+    pub(super) fn fault(&self) -> Option<(&'static str, f64, &'static str)> {
+        let numbers = [
+            (
+                "displacement_gain_per_s",
+                self.displacement_gain_per_s,
+                0.1..=1e3,
+                "0.1 to 1000",
+            ),
+            (
+                "displacement_integral_per_s2",
+                self.displacement_integral_per_s2,
+                0.0..=1e5,
+                "0 to 1e5",
+            ),
+            (
+                "force_gain_per_s",
+                self.force_gain_per_s,
+                0.1..=1e3,
+                "0.1 to 1000",
+            ),
+            (
+                "force_integral_per_s2",
+                self.force_integral_per_s2,
+                0.0..=1e5,
+                "0 to 1e5",
+            ),
+            ("lead_ms", f64::from(self.lead_ms), 0.0..=50.0, "0 to 50"),
+            ("feedback_lag_ms", self.feedback_lag_ms, 0.0..=50.0, "0 to 50"),
+            (
+                "specimen_rate_n_per_mm",
+                self.specimen_rate_n_per_mm,
+                0.1..=1e5,
+                "0.1 to 1e5",
+            ),
+            ("approach_mm_s", self.approach_mm_s, 0.1..=100.0, "0.1 to 100"),
+            ("full_speed_mm_s", self.full_speed_mm_s, 1.0..=5e3, "1 to 5000"),
+            ("stall_force_n", self.stall_force_n, 100.0..=1e6, "100 to 1e6"),
+        ];
+        numbers
+            .into_iter()
+            .find(|(_, value, range, _)| !range.contains(value))
+            .map(|(key, value, _, range)| (key, value, range))
+    }
+}
+
+/// Tick of the loop in s.
+const TICK_S: f64 = 1e-3;
+/// The integral part never asks for more than this, mm/s: it corrects offsets, it does not move the rig.
+const INTEGRAL_MAX_MM_S: f64 = 20.0;
+/// Below this force the pusher does not touch yet, N.
+const TOUCH_N: f64 = 5.0;
+
+/// What the loop is to follow in one tick, in mm or N and their rates a second.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Target {
+    /// Which channel.
+    pub mode: Mode,
+    /// Set point at this tick.
+    pub value: f64,
+    /// Its rate at this tick.
+    pub rate: f64,
+    /// Its rate `lead_ms` later, where known.
+    pub rate_ahead: f64,
+}
+
+/// The loop with its state.
+#[derive(Debug, Clone)]
+pub struct Servo {
+    config: ServoConfig,
+    mode: Mode,
+    integral_mm_s: f64,
+    specimen: RateEstimate,
+    force_rate_sign: f64,
+    speed_mm_s: f64,
+}
+
+impl Servo {
+    /// A loop at rest.
+    pub fn new(config: &ServoConfig) -> Self {
+        Servo {
+            mode: Mode::Displacement,
+            integral_mm_s: 0.0,
+            specimen: RateEstimate::new(config.specimen_rate_n_per_mm),
+            force_rate_sign: 0.0,
+            speed_mm_s: 0.0,
+            config: config.clone(),
+        }
+    }
+
+    /// Pressure comes on: nothing of the last motion is left.
+    pub fn engage(&mut self) {
+        *self = Servo::new(&self.config);
+    }
+
+    /// How far ahead `Target::rate_ahead` should look.
+    pub fn lead_ms(&self) -> u32 {
+        self.config.lead_ms
+    }
+
+    /// Speed that the loop asked the valve for in the last tick, mm/s.
+    pub fn speed_mm_s(&self) -> f64 {
+        self.speed_mm_s
+    }
+
+    /// One tick: feedback in, valve command (-1 to 1) out.
+    pub fn step(&mut self, target: Target, displacement_mm: f64, force_n: f64) -> f64 {
+        self.specimen.observe(displacement_mm, force_n);
+        if target.mode != self.mode {
+            // Bumpless: the integral keeps the speed offset that it has learnt, whichever channel taught it.
+            self.mode = target.mode;
+            self.specimen.anchor(displacement_mm, force_n);
+        }
+        let lagging = target.value - target.rate * self.config.feedback_lag_ms * 1e-3;
+        let speed_mm_s = match target.mode {
+            Mode::Displacement => self.regulate(
+                target.rate_ahead,
+                lagging - displacement_mm,
+                self.config.displacement_gain_per_s,
+                self.config.displacement_integral_per_s2,
+            ),
+            Mode::Force => self.force_speed(target, lagging - force_n, force_n),
+        };
+        // The valve passes less oil against the load, more with it.
+        let load = (force_n / self.config.stall_force_n).clamp(-0.9, 0.9) * speed_mm_s.signum();
+        let valve = speed_mm_s / (self.config.full_speed_mm_s * (1.0 - load).sqrt());
+        self.speed_mm_s = speed_mm_s;
+        valve.clamp(-1.0, 1.0)
+    }
+
+    fn force_speed(&mut self, target: Target, error_n: f64, force_n: f64) -> f64 {
+        if target.rate_ahead != 0.0 && target.rate_ahead.signum() != self.force_rate_sign {
+            // After a reversal a friction-laden spring is several times as stiff until it slides again.
+            if self.force_rate_sign != 0.0 {
+                self.specimen.reverse();
+            }
+            self.force_rate_sign = target.rate_ahead.signum();
+        }
+        let per_rate = 1.0 / self.specimen.n_per_mm;
+        let speed = self.regulate(
+            target.rate_ahead * per_rate,
+            error_n * per_rate,
+            self.config.force_gain_per_s,
+            self.config.force_integral_per_s2,
+        );
+        if force_n < TOUCH_N {
+            speed.clamp(-self.config.approach_mm_s, self.config.approach_mm_s)
+        } else {
+            speed
+        }
+    }
+
+    fn regulate(&mut self, forward_mm_s: f64, error_mm: f64, gain: f64, integral: f64) -> f64 {
+        let unsaturated = self.speed_mm_s.abs() < self.config.full_speed_mm_s;
+        if unsaturated {
+            let next = self.integral_mm_s + integral * error_mm * TICK_S;
+            self.integral_mm_s = next.clamp(-INTEGRAL_MAX_MM_S, INTEGRAL_MAX_MM_S);
+        }
+        forward_mm_s + gain * error_mm + self.integral_mm_s
+    }
+}
+
+/// The specimen's tangent rate as the rig moves: force over displacement between two places far enough apart for the
+/// noise of both channels.
+#[derive(Debug, Clone)]
+struct RateEstimate {
+    n_per_mm: f64,
+    nominal: f64,
+    anchor_mm: f64,
+    anchor_n: f64,
+}
+
+impl RateEstimate {
+    /// Distance between the two places, mm: 20 counts of the LVDT.
+    const BASE_MM: f64 = 0.01;
+    /// How much stiffer a spring is taken to be just after a reversal.
+    const REVERSAL: f64 = 3.0;
+
+    fn new(nominal: f64) -> Self {
+        RateEstimate {
+            n_per_mm: nominal,
+            nominal,
+            anchor_mm: 0.0,
+            anchor_n: 0.0,
+        }
+    }
+
+    fn anchor(&mut self, displacement_mm: f64, force_n: f64) {
+        (self.anchor_mm, self.anchor_n) = (displacement_mm, force_n);
+    }
+
+    fn observe(&mut self, displacement_mm: f64, force_n: f64) {
+        let moved = displacement_mm - self.anchor_mm;
+        if moved.abs() >= Self::BASE_MM {
+            let seen = (force_n - self.anchor_n) / moved;
+            // Half of each new look; never so soft that the loop would race, nor so stiff that it would stand still.
+            let blend = 0.5 * (self.n_per_mm + seen);
+            self.n_per_mm = blend.clamp(0.3 * self.nominal, 20.0 * self.nominal);
+            self.anchor(displacement_mm, force_n);
+        }
+    }
+
+    fn reverse(&mut self) {
+        self.n_per_mm = (self.n_per_mm * Self::REVERSAL).min(20.0 * self.nominal);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn valve_command_by_hand() {
+        let mut servo = Servo::new(&ServoConfig {
+            displacement_integral_per_s2: 0.0,
+            ..ServoConfig::default()
+        });
+        let target = Target {
+            mode: Mode::Displacement,
+            value: 1.0,
+            rate: 20.0,
+            rate_ahead: 30.0,
+        };
+        // Error 1 - 20 * 0.75 ms - 0.885 = 0.1 mm: 30 + 70 * 0.1 = 37 mm/s of 350, against a fifth of the stall force.
+        let valve = servo.step(target, 0.885, 5000.0);
+        assert!((valve - 37.0 / (350.0 * 0.8f64.sqrt())).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_specimen_rate_is_learnt_while_moving() {
+        let mut estimate = RateEstimate::new(100.0);
+        for i in 0..200 {
+            let x = 0.002 * f64::from(i);
+            estimate.observe(x, 250.0 * x);
+        }
+        assert!((estimate.n_per_mm - 250.0).abs() < 1e-3);
+    }
+}
