@@ -464,7 +464,7 @@ mod tests {
     #[test]
     fn the_mean_loop_of_equal_cycles_is_the_cycle() {
         let folder = tempfile::tempdir().unwrap();
-        let run = run_in(folder.path(), 3500, 1200..1210);
+        let run = run_in(folder.path(), 3000, 1200..1210);
         let path = folder.path().join("mean.csv");
         assert_eq!(export(&run, Selection::MeanLoop, &path).unwrap().rows, 1000);
         let mean = csv::read_file(&path).unwrap();

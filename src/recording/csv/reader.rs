@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-use csv::{ByteRecord, ErrorKind, ReaderBuilder, Trim};
+use csv::{ByteRecord, ErrorKind, ReaderBuilder, Terminator, Trim};
 
 use super::{CsvError, NEEDED};
 use crate::recording::Recording;
@@ -62,7 +62,7 @@ pub fn read(name: &str, source: impl Read) -> Result<Recording, CsvError> {
         let row = Row {
             name,
             record: &record,
-            row: record.position().map_or(0, csv::Position::line),
+            row: rows.row(&record),
         };
         columns.push(&row, &mut recording)?;
     }
@@ -73,57 +73,69 @@ pub fn read(name: &str, source: impl Read) -> Result<Recording, CsvError> {
     Ok(recording)
 }
 
-/// Rows with a cap on the bytes that one may take.
+/// Rows with a cap on the bytes that one may take. Blank lines are skipped and counted.
 struct Rows<'a, R: Read> {
     name: &'a str,
-    reader: csv::Reader<Capped<R>>,
+    reader: csv::Reader<Capped<io::Chain<R, &'static [u8]>>>,
+    width: Option<usize>,
 }
 
 impl<'a, R: Read> Rows<'a, R> {
     fn new(name: &'a str, source: R) -> Self {
         let capped = Capped {
-            source,
+            // A last line without its end gets one, so that lines are counted alike.
+            source: source.chain(&b"\n"[..]),
             left: LINE_LIMIT_BYTES,
         };
+        // Lines end at \n alone and \r is trimmed: with both as ends the reader's line count lags by one.
+        let reader = ReaderBuilder::new()
+            .has_headers(false)
+            .flexible(true)
+            .terminator(Terminator::Any(b'\n'))
+            .trim(Trim::All)
+            .from_reader(capped);
         Rows {
             name,
-            reader: ReaderBuilder::new()
-                .has_headers(false)
-                .trim(Trim::All)
-                .from_reader(capped),
+            reader,
+            width: None,
         }
     }
 
-    /// The next row; false at the end.
+    /// The next row that is not blank; false at the end.
     fn next(&mut self, record: &mut ByteRecord) -> Result<bool, CsvError> {
-        self.reader.get_mut().left = LINE_LIMIT_BYTES;
-        match self.reader.read_byte_record(record) {
-            Ok(more) => Ok(more),
-            Err(error) => Err(self.translated(error)),
+        loop {
+            self.reader.get_mut().left = LINE_LIMIT_BYTES;
+            match self.reader.read_byte_record(record) {
+                Ok(false) => return Ok(false),
+                Ok(true) if record.len() == 1 && record.get(0).is_some_and(<[u8]>::is_empty) => {}
+                Ok(true) => break,
+                Err(error) => return Err(self.translated(error)),
+            }
         }
+        let expected = *self.width.get_or_insert(record.len());
+        if record.len() == expected {
+            return Ok(true);
+        }
+        Err(CsvError::Ragged {
+            name: self.name.to_owned(),
+            row: self.row(record),
+            expected: expected as u64,
+            found: record.len() as u64,
+        })
+    }
+
+    /// Line that the row just read begins on.
+    fn row(&self, record: &ByteRecord) -> u64 {
+        let within = record.as_slice().iter().filter(|&&byte| byte == b'\n').count() as u64;
+        self.reader.position().line().saturating_sub(1 + within)
     }
 
     fn translated(&self, error: csv::Error) -> CsvError {
         let name = self.name.to_owned();
-        let row = self.reader.position().line();
         match error.into_kind() {
-            ErrorKind::UnequalLengths {
-                pos,
-                expected_len,
-                len,
-            } => CsvError::Ragged {
-                name,
-                row: pos.map_or(row, |pos| pos.line()),
-                expected: expected_len,
-                found: len,
-            },
-            ErrorKind::Utf8 { pos, .. } => CsvError::NotText {
-                name,
-                row: pos.map_or(row, |pos| pos.line()),
-            },
             ErrorKind::Io(source) if source.kind() == io::ErrorKind::FileTooLarge => CsvError::LineTooLong {
                 name,
-                row,
+                row: self.reader.position().line(),
                 limit: LINE_LIMIT_BYTES,
             },
             ErrorKind::Io(source) => CsvError::Io { name, source },
@@ -455,6 +467,11 @@ mod tests {
                 "row 4, column time_s: 0 s comes after 0 s",
             ),
             (with("0,1,2\n-1,1,2\n"), "-1 s comes after 0 s"),
+            (
+                with("0,1,2\r\n\r\n0,1,2"),
+                "row 4, column time_s: 0 s comes after 0 s",
+            ),
+            (with("0,1,2\r\n1,2"), "row 3: 2 cells"),
             (with("0,1,\0\n"), "not UTF-8 text"),
             (
                 message("time_s,displacement_mm,force_n,cycle\n0,1,2,-1\n"),

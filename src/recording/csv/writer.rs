@@ -228,7 +228,7 @@ mod tests {
         writer.sample(&s).unwrap();
         let text = String::from_utf8(out).unwrap();
         let rows: Vec<&str> = text.split("\r\n").collect();
-        assert_eq!(rows[1], "0.001,0.0252,-71.29,0.0377,1,1,-72.38,0");
-        assert_eq!(rows[2], "0.001,0.0252,-71.29,,1,1,,0");
+        assert_eq!(rows[1], "0.001,0.0252,-71.39,0.0377,1,1,-72.39,0");
+        assert_eq!(rows[2], "0.001,0.0252,-71.39,,1,1,,0");
     }
 }
