@@ -7,11 +7,13 @@
 pub mod api;
 pub mod claim;
 pub mod client_types;
+mod csv_download;
 pub mod guard;
 pub mod library;
 pub mod live;
 mod page;
 pub mod plan;
+pub mod rig_config;
 pub mod runs;
 pub mod socket;
 pub mod store;
@@ -132,7 +134,7 @@ pub fn serve(
         tracing::warn!("{sentence}");
     }
     let library = Library::open(&settings.profiles_folder)?;
-    let rig = Rig::new(settings.bench.rig_config(session_number()));
+    let rig = Rig::new(rig_config::rig_config(&settings.bench, session_number()));
     let health = Arc::clone(&link.health);
     let (control, thread) = Control::spawn(rig, link)?;
     for sentence in control.degraded() {
@@ -210,7 +212,7 @@ async fn unload(shared: &Shared, signal: &str) {
 
 /// Opens a lost link again. Control only observes the rig that it finds there.
 async fn relink_for_ever(shared: Arc<Shared>) {
-    let side = Side::Host { rig_node: shared.settings.bench.node() };
+    let side = Side::Host { rig_node: shared.settings.bench.link.node };
     let mut complained = false;
     loop {
         tokio::time::sleep(RELINK_PERIOD).await;
