@@ -77,7 +77,7 @@ impl Worst {
 }
 
 /// Every limit that the profile breaks when it starts at `start_level`, with its worst value; empty when it keeps them all.
-/// Half a wire count of tolerance would be false comfort: a command at the limit is allowed, one beyond it is not.
+/// A command at the limit is allowed.
 pub fn violations(
     profile: &Profile,
     limits: &ProfileLimits,

@@ -91,6 +91,7 @@ pub(super) fn resolve(
             name: profile.name.clone(),
         });
     }
+    within_longest(&profile.name, &pieces, sample_rate_hz)?;
     Ok((pieces, total_cycles))
 }
 
@@ -101,6 +102,18 @@ impl Piece {
             _ => None,
         }
     }
+}
+
+/// Refuses what lasts longer than any test.
+pub(super) fn within_longest(name: &str, pieces: &[Piece], sample_rate_hz: f64) -> Result<(), ProfileError> {
+    let ticks: f64 = pieces.iter().map(|p| p.ticks as f64).sum();
+    if ticks <= f64::from(MAX_DURATION_H) * 3600.0 * sample_rate_hz {
+        return Ok(());
+    }
+    Err(ProfileError::TooLong {
+        name: name.to_owned(),
+        limit_h: MAX_DURATION_H,
+    })
 }
 
 /// Resolves one segment of the expanded profile.

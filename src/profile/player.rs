@@ -5,7 +5,7 @@
 use std::f64::consts::TAU;
 
 use super::correction::Correction;
-use super::pieces::{self, Cyclic, MAX_DURATION_H, Motion, Piece, Wave};
+use super::pieces::{self, Cyclic, Motion, Piece, Wave};
 use super::stop::StopMotion;
 use super::{Profile, ProfileError};
 use crate::units::{Command, Mode};
@@ -69,15 +69,15 @@ impl Player {
     /// Resolves levels, repeats and ticks. `start_level` is where the rig stands, in the unit of the profile's mode.
     pub fn new(profile: &Profile, start_level: f64, sample_rate_hz: f64) -> Result<Player, ProfileError> {
         let (pieces, total_cycles) = pieces::resolve(profile, start_level, sample_rate_hz)?;
-        let mut player = Player {
+        Ok(Player {
             name: profile.name.clone(),
             mode: profile.mode,
             sample_rate_hz,
             start_level,
             segments: pieces.len() as u32,
+            total_ticks: pieces.iter().map(|p| p.ticks).sum(),
             pieces,
             total_cycles,
-            total_ticks: 0,
             elapsed: 0,
             piece: 0,
             tick_in_piece: 0,
@@ -86,9 +86,7 @@ impl Player {
             blend_to: Correction::NONE,
             pending: None,
             last_two: [start_level; 2],
-        };
-        player.count_ticks()?;
-        Ok(player)
+        })
     }
 
     /// An interrupted test goes on at counted cycle `cycle`: approach to the mean, taper in, then the cycles that remain,
@@ -136,21 +134,8 @@ impl Player {
             motion: Motion::Approach,
         };
         self.pieces.insert(0, approach);
-        self.count_ticks()?;
-        Ok(self)
-    }
-
-    fn count_ticks(&mut self) -> Result<(), ProfileError> {
-        let longest = f64::from(MAX_DURATION_H) * 3600.0 * self.sample_rate_hz;
-        let sum: f64 = self.pieces.iter().map(|p| p.ticks as f64).sum();
-        if sum > longest {
-            return Err(ProfileError::TooLong {
-                name: self.name.clone(),
-                limit_h: MAX_DURATION_H,
-            });
-        }
         self.total_ticks = self.pieces.iter().map(|p| p.ticks).sum();
-        Ok(())
+        Ok(self)
     }
 
     /// The command for the next tick; `None` after the last.

@@ -1,0 +1,259 @@
+//! Bench and specimen files: TOML in, strictly, with line and column in every refusal; TOML out, complete in one file.
+
+use std::ops::Range;
+use std::path::Path;
+
+use serde::Deserialize;
+use toml::de::{DeTable, DeValue};
+
+use super::{
+    Bench, BenchLimits, ConfigError, DaemonConfig, DisplacementChannel, ForceChannel, LinkConfig,
+    ModelConfig, Specimen, checks,
+};
+use crate::profile::file::{MAX_FILE_BYTES, line_column};
+
+/// The file as it is written; the specimen may stand in a file of its own.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawBench {
+    name: String,
+    link: LinkConfig,
+    force_channel: ForceChannel,
+    displacement_channel: DisplacementChannel,
+    limits: BenchLimits,
+    daemon: DaemonConfig,
+    specimen: RawSpecimen,
+    model: Option<ModelConfig>,
+    #[serde(default)]
+    mock_rig: toml::Table,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawSpecimen {
+    file: Option<String>,
+    name: Option<String>,
+    source: Option<String>,
+    model: Option<ModelConfig>,
+}
+
+/// A text with the places of its keys, for refusals.
+pub(super) struct Document<'a> {
+    text: &'a str,
+    origin: &'a str,
+}
+
+impl<'a> Document<'a> {
+    fn read<T: serde::de::DeserializeOwned>(
+        text: &'a str,
+        origin: &'a str,
+    ) -> Result<(Self, T), ConfigError> {
+        let document = Document { text, origin };
+        if text.len() > MAX_FILE_BYTES {
+            let reason = format!(
+                "{} bytes are more than a config's {MAX_FILE_BYTES}: this is another file",
+                text.len()
+            );
+            return Err(document.at(0..0, "toml", reason));
+        }
+        match toml::from_str(text) {
+            Ok(value) => Ok((document, value)),
+            Err(e) => Err(document.at(e.span().unwrap_or(0..0), "toml", e.message().replace('\n', "; "))),
+        }
+    }
+
+    /// A refusal of the value at `key`, dotted; the table that holds it where the key itself is not written.
+    pub(super) fn refuse(&self, key: &str, reason: impl Into<String>) -> ConfigError {
+        self.at(self.span(key).unwrap_or(0..0), key, reason.into())
+    }
+
+    fn at(&self, span: Range<usize>, key: &str, reason: String) -> ConfigError {
+        let (line, column) = line_column(self.text, span.start);
+        ConfigError::Invalid {
+            origin: self.origin.to_owned(),
+            line,
+            column,
+            key: key.to_owned(),
+            reason,
+        }
+    }
+
+    fn span(&self, key: &str) -> Option<Range<usize>> {
+        let root = DeTable::parse(self.text).ok()?;
+        let mut table = root.get_ref();
+        let mut span = None;
+        for part in key.split('.') {
+            let Some(value) = table.get(part) else { break };
+            span = Some(value.span());
+            match value.get_ref() {
+                DeValue::Table(inner) => table = inner,
+                _ => break,
+            }
+        }
+        span
+    }
+}
+
+impl Bench {
+    /// Reads a bench file and the specimen file that it names.
+    pub fn load(path: &Path) -> Result<Bench, ConfigError> {
+        let text = read_text(path)?;
+        Bench::parse_beside(&text, &path.display().to_string(), path.parent())
+    }
+
+    /// Reads a bench from a text that is complete in itself, such as [`Bench::to_toml`] writes; `origin` is for messages.
+    pub fn parse(text: &str, origin: &str) -> Result<Bench, ConfigError> {
+        Bench::parse_beside(text, origin, None)
+    }
+
+    fn parse_beside(text: &str, origin: &str, folder: Option<&Path>) -> Result<Bench, ConfigError> {
+        let (document, raw) = Document::read::<RawBench>(text, origin)?;
+        let specimen = match raw.specimen {
+            RawSpecimen {
+                file: Some(file),
+                name: None,
+                source: None,
+                model: None,
+            } => match folder {
+                Some(folder) => Specimen::load(&folder.join(file))?,
+                None => {
+                    let reason = "names a file, but this text has no folder: write name and model here";
+                    return Err(document.refuse("specimen.file", reason));
+                }
+            },
+            RawSpecimen {
+                file: None,
+                name: Some(name),
+                source,
+                model: Some(model),
+            } => {
+                checks::model(&document, "specimen.model", &model)?;
+                Specimen {
+                    name,
+                    source: source.unwrap_or_default(),
+                    model,
+                }
+            }
+            _ => {
+                let reason = "needs either file, or name and model, and not both: keep one of them";
+                return Err(document.refuse("specimen", reason));
+            }
+        };
+        if let Some(model) = &raw.model {
+            checks::model(&document, "model", model)?;
+        }
+        let bench = Bench {
+            name: raw.name,
+            link: raw.link,
+            force_channel: raw.force_channel,
+            displacement_channel: raw.displacement_channel,
+            limits: raw.limits,
+            daemon: raw.daemon,
+            model: raw.model.unwrap_or_else(|| specimen.model.clone()),
+            specimen,
+            mock_rig: raw.mock_rig,
+        };
+        checks::bench(&document, &bench)?;
+        Ok(bench)
+    }
+
+    /// The bench complete in one file, the specimen included; `parse` gives the same bench again.
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("a bench holds tables, strings and numbers only")
+    }
+}
+
+impl Specimen {
+    /// Reads a specimen file.
+    pub fn load(path: &Path) -> Result<Specimen, ConfigError> {
+        Specimen::parse(&read_text(path)?, &path.display().to_string())
+    }
+
+    /// Reads a specimen from its file's text.
+    pub fn parse(text: &str, origin: &str) -> Result<Specimen, ConfigError> {
+        let (document, specimen) = Document::read::<Specimen>(text, origin)?;
+        checks::model(&document, "model", &specimen.model)?;
+        Ok(specimen)
+    }
+}
+
+fn read_text(path: &Path) -> Result<String, ConfigError> {
+    let failed = |reason: String| ConfigError::Read {
+        path: path.to_owned(),
+        reason,
+    };
+    let size = std::fs::metadata(path).map_err(|e| failed(e.to_string()))?.len();
+    if size > MAX_FILE_BYTES as u64 {
+        return Err(failed(format!(
+            "{size} bytes are more than a config's {MAX_FILE_BYTES}"
+        )));
+    }
+    std::fs::read_to_string(path).map_err(|e| failed(e.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mock() -> Bench {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("bench-configs/benches/mock.toml");
+        Bench::load(&path).unwrap()
+    }
+
+    #[test]
+    fn what_is_written_reads_back_the_same_and_hashes_the_same() {
+        let bench = mock();
+        let again = Bench::parse(&bench.to_toml(), "again").unwrap();
+        assert_eq!(again, bench);
+        assert_eq!(again.sha256(), bench.sha256());
+        assert_eq!(again.calibration_hash(), bench.calibration_hash());
+    }
+
+    #[test]
+    fn another_calibration_has_another_hash() {
+        let mut bench = mock();
+        let before = bench.calibration_hash();
+        bench.limits.force_max_n -= 1.0;
+        assert_eq!(bench.calibration_hash(), before, "limits are no calibration");
+        bench.force_channel.offset_n = 0.1;
+        assert_ne!(bench.calibration_hash(), before);
+    }
+
+    #[test]
+    fn a_refusal_points_at_the_key() {
+        let text = mock()
+            .to_toml()
+            .replace("force_max_n = 3200.0", "force_max_n = 12000.0");
+        let error = Bench::parse(&text, "bad.toml").unwrap_err();
+        let line = text.lines().position(|l| l.starts_with("force_max_n")).unwrap() + 1;
+        let ConfigError::Invalid {
+            line: found,
+            column,
+            key,
+            ..
+        } = &error
+        else {
+            panic!("{error}")
+        };
+        assert_eq!((*found, *column, key.as_str()), (line, 15, "limits.force_max_n"));
+        assert!(
+            error.to_string().contains("above the load cell's 10000 N"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn a_channel_of_negative_sign_swaps_upper_and_lower() {
+        let mut bench = mock();
+        let limits = |b: &Bench| b.wire_limits(&b.force_channel.scale(), &b.displacement_channel.scale());
+        let plain = limits(&bench);
+        assert_eq!((plain.force_max_counts, plain.force_min_counts), (32_000, -2_000));
+        assert_eq!((plain.lease_ms, plain.velocity_max_counts_s), (50, 300_000));
+        bench.force_channel.sign = -1;
+        let turned = limits(&bench);
+        assert_eq!(
+            (turned.force_max_counts, turned.force_min_counts),
+            (2_000, -32_000)
+        );
+    }
+}
