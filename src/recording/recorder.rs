@@ -207,9 +207,10 @@ fn spawn_with_ring<R: Recorder + Send + 'static>(
     samples: usize,
 ) -> io::Result<(RecorderInput, RecorderThread<R>)> {
     let (ring, consumer) = RingBuffer::new(samples + RESERVED_FOR_EVENTS);
-    let thread = thread::Builder::new()
-        .name("recorder".into())
-        .spawn(move || record(chain, consumer))?;
+    let thread = thread::Builder::new().name("recorder".into()).spawn(move || {
+        raise_priority();
+        record(chain, consumer)
+    })?;
     let input = RecorderInput {
         ring,
         thread: thread.thread().clone(),
@@ -217,6 +218,22 @@ fn spawn_with_ring<R: Recorder + Send + 'static>(
         overruns_total: 0,
     };
     Ok((input, RecorderThread { thread }))
+}
+
+/// Below control and above everything else, so that a busy host does not keep samples from the file. Where the host does
+/// not allow it the ring still holds a minute; control says that real-time rights are missing, once, for both.
+fn raise_priority() {
+    use thread_priority::{
+        RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
+    };
+    let Ok(low) = ThreadPriorityValue::try_from(10u8) else {
+        return;
+    };
+    let _ = thread_priority::set_thread_priority_and_policy(
+        thread_priority::thread_native_id(),
+        ThreadPriority::Crossplatform(low),
+        ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo),
+    );
 }
 
 fn record<R: Recorder>(mut chain: R, mut ring: Consumer<Item>) -> R {

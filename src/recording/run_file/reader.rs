@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use rusqlite::{Connection, OpenFlags, OptionalExtension};
+use rusqlite::{Connection, ErrorCode, OpenFlags, OptionalExtension};
 
 use super::block::{self, RECORD_BYTES};
 use super::writer;
@@ -126,7 +126,8 @@ impl Survey {
 }
 
 impl RunFile {
-    /// Opens for reading; the file and a log beside it are not changed.
+    /// Opens for reading; file and log stay as they are, unless a kill or power cut left them in a state that SQLite must
+    /// recover first.
     pub fn open(path: &Path) -> Result<RunFile, RunFileError> {
         let failed = |source| RunFileError::database(path, "opening", source);
         if !path.is_file() {
@@ -135,8 +136,13 @@ impl RunFile {
                 reason: "there is no such file".into(),
             });
         }
-        let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-        let database = Connection::open_with_flags(path, flags).map_err(failed)?;
+        let plain = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let recovering = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let mut database = Connection::open_with_flags(path, plain).map_err(failed)?;
+        let version: rusqlite::Result<i32> = database.query_row("PRAGMA user_version", [], |row| row.get(0));
+        if version.is_err_and(|error| error.sqlite_error_code() == Some(ErrorCode::ReadOnly)) {
+            database = Connection::open_with_flags(path, recovering).map_err(failed)?;
+        }
         RunFile::from_database(path, database)
     }
 

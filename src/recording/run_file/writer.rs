@@ -331,14 +331,15 @@ impl Drop for RunFileWriter {
     }
 }
 
+/// Under a hidden name first: a kill in here leaves no half-made run behind, only a file that nobody lists.
 fn create_database(path: &Path, header: &Header) -> rusqlite::Result<Connection> {
-    let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_CREATE;
-    let database = Connection::open_with_flags(path, flags)?;
-    database.pragma_update(None, "application_id", APPLICATION_ID)?;
-    database.pragma_update(None, "user_version", FORMAT_VERSION)?;
-    database.execute_batch(SCHEMA)?;
-    write_header(&database, header)?;
-    // From here on: the log takes each commit without an fsync, and only the sync thread says when it is folded in.
+    let hidden = path.with_extension("making");
+    let _ = std::fs::remove_file(&hidden);
+    make_tables(&hidden, header)?;
+    std::fs::rename(&hidden, path)
+        .map_err(|error| rusqlite::Error::ToSqlConversionFailure(Box::new(error)))?;
+    let database = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
+    // The log takes each commit without an fsync, and only the sync thread says when it is folded in.
     database.query_row("PRAGMA journal_mode = WAL", [], |_| Ok(()))?;
     database.pragma_update(None, "synchronous", "NORMAL")?;
     database.query_row("PRAGMA wal_autocheckpoint = 0", [], |_| Ok(()))?;
@@ -346,6 +347,16 @@ fn create_database(path: &Path, header: &Header) -> rusqlite::Result<Connection>
     // The log exists from the first write on; the sync thread opens it by name.
     database.execute("UPDATE run SET first_tick = NULL", [])?;
     Ok(database)
+}
+
+fn make_tables(path: &Path, header: &Header) -> rusqlite::Result<()> {
+    let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_CREATE;
+    let database = Connection::open_with_flags(path, flags)?;
+    database.pragma_update(None, "application_id", APPLICATION_ID)?;
+    database.pragma_update(None, "user_version", FORMAT_VERSION)?;
+    database.execute_batch(&format!("BEGIN; {SCHEMA} COMMIT;"))?;
+    write_header(&database, header)?;
+    database.close().map_err(|(_, error)| error)
 }
 
 fn write_header(database: &Connection, header: &Header) -> rusqlite::Result<()> {
