@@ -209,6 +209,7 @@ impl Rig {
                 state,
                 cause,
                 queue_ms,
+                session,
                 ack_counter,
                 ack_result,
                 boot,
@@ -222,6 +223,7 @@ impl Rig {
                 if self.boot.replace(boot).is_some_and(|before| before != boot) {
                     self.on_reboot(now_ns, recorder);
                 }
+                self.session.on_owner(session);
                 match self.session.on_status(ack_counter, ack_result, now_ns) {
                     Some(Answered::Refused(code, result)) => {
                         self.give_up(format!("the rig refused {code:?}: {result:?}"), recorder);

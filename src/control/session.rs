@@ -206,6 +206,14 @@ impl Session {
         link.send(message.encode(self.node));
     }
 
+    /// Takes the session that owns the rig. A lease that lapsed took ours: it is asked for again, nothing else is.
+    pub fn on_owner(&mut self, owner: u8) {
+        if self.stage == Stage::Open && owner != self.id {
+            self.stage = Stage::Opening;
+            self.pending = None;
+        }
+    }
+
     /// Takes the acknowledgement out of a status.
     pub fn on_status(&mut self, ack_counter: u8, result: RequestResult, now_ns: u64) -> Option<Answered> {
         let pending = self.pending?;

@@ -1,0 +1,431 @@
+//! Control against the mock rig in virtual time: whole runs, and what happens when something goes wrong.
+
+use leafbench::control::channel::Channels;
+use leafbench::control::limits::DetectorLimits;
+use leafbench::control::run::RunOrder;
+use leafbench::control::{Phase, Refusal, Rig, RigConfig};
+use leafbench::link::{Link, loopback};
+use leafbench::mockrig::{MockRig, MockRigConfig};
+use leafbench::model;
+use leafbench::profile::{Block, Level, Profile, Segment};
+use leafbench::protocol::message::{Limits, RigState};
+use leafbench::recording::{
+    ChannelScale, Ending, Event, EventKind, FirmwareIdentity, Flags, Header, Outcome, Recorder, Sample,
+};
+use leafbench::units::Mode;
+
+const MS: u64 = 1_000_000;
+
+/// Keeps everything.
+#[derive(Default)]
+struct Memory {
+    header: Option<Header>,
+    samples: Vec<Sample>,
+    events: Vec<Event>,
+    outcome: Option<Outcome>,
+}
+
+impl Recorder for Memory {
+    fn begin(&mut self, header: &Header) {
+        *self = Memory {
+            header: Some(header.clone()),
+            ..Memory::default()
+        };
+    }
+    fn sample(&mut self, sample: &Sample) {
+        self.samples.push(*sample);
+    }
+    fn event(&mut self, event: &Event) {
+        self.events.push(event.clone());
+    }
+    fn end(&mut self, outcome: &Outcome) {
+        self.outcome = Some(outcome.clone());
+    }
+}
+
+struct Bench {
+    rig: Rig,
+    mock: MockRig,
+    host: Link,
+    far: Link,
+    now_ns: u64,
+    memory: Memory,
+    /// Frames of the host that reach the rig.
+    host_alive: bool,
+}
+
+fn limits() -> Limits {
+    Limits {
+        force_max_counts: 40_000,
+        force_min_counts: -2_000,
+        displacement_max_counts: 90_000,
+        displacement_min_counts: -10_000,
+        velocity_max_counts_s: 1_000_000,
+        following_error_displacement_counts: 4_000,
+        following_error_force_counts: 5_000,
+        lease_ms: 50,
+        hold_timeout_ms: 30_000,
+        unload_velocity_counts_s: 10_000,
+        queue_low_ms: 30,
+        unloaded_force_counts: 200,
+        retract_counts: 0,
+    }
+}
+
+impl Bench {
+    fn new() -> Self {
+        let plain = |scale_per_count| ChannelScale {
+            scale_per_count,
+            offset: 0.0,
+            tare: 0.0,
+        };
+        let rig = Rig::new(RigConfig {
+            node: 1,
+            session: 7,
+            channels: Channels {
+                force: plain(0.1),
+                displacement: plain(0.0005),
+            },
+            limits: limits(),
+            calibration_hash: 0,
+            queue_lead_ms: 100,
+            commands_per_poll: 3,
+            ack_timeout_ms: 20,
+            detectors: DetectorLimits::default(),
+            tare_limit_n: 200.0,
+            tare_limit_mm: 5.0,
+            still_sigma_n: 3.0,
+            still_sigma_mm: 0.02,
+        });
+        let equivalent = model::find("equivalent").expect("is in the list");
+        let plant = equivalent
+            .plant(&equivalent.start_values(), &toml::Table::new())
+            .expect("starts are within bounds");
+        let mock = MockRig::new(&MockRigConfig::default(), plant).expect("defaults are possible");
+        let (host, far) = loopback::pair();
+        Bench {
+            rig,
+            mock,
+            host,
+            far,
+            now_ns: 0,
+            memory: Memory::default(),
+            host_alive: true,
+        }
+    }
+
+    fn tick(&mut self) {
+        self.now_ns += MS;
+        self.mock.tick(&mut self.far);
+        if self.host_alive {
+            self.rig.poll(self.now_ns, &mut self.host, &mut self.memory);
+        }
+    }
+
+    fn ticks(&mut self, ms: u64) {
+        for _ in 0..ms {
+            self.tick();
+        }
+    }
+
+    fn until(&mut self, phase: Phase, limit_ms: u64) {
+        for _ in 0..limit_ms {
+            if self.rig.phase() == phase {
+                return;
+            }
+            self.tick();
+        }
+        panic!("not {phase:?} after {limit_ms} ms: {:#?}", self.rig.status());
+    }
+
+    fn start(&mut self, profile: Profile) {
+        self.until(Phase::Ready, 2_000);
+        self.ticks(600);
+        self.rig.start(order(profile)).expect("the rig is ready");
+        self.until(Phase::Running, 1_000);
+    }
+}
+
+fn order(profile: Profile) -> RunOrder {
+    RunOrder {
+        header: Header {
+            run_id: "test".into(),
+            started_utc: "2026-01-01T00:00:00Z".into(),
+            specimen: "equivalent".into(),
+            operator: String::new(),
+            profile_name: profile.name.clone(),
+            profile_toml: String::new(),
+            bench_toml: String::new(),
+            bench_sha256: String::new(),
+            firmware: FirmwareIdentity::default(),
+            program_version: "test".into(),
+            sample_rate_hz: 1000.0,
+            force_channel: ChannelScale {
+                scale_per_count: 0.1,
+                offset: 0.0,
+                tare: 0.0,
+            },
+            displacement_channel: ChannelScale {
+                scale_per_count: 0.0005,
+                offset: 0.0,
+                tare: 0.0,
+            },
+            twin: String::new(),
+            first_cycle: 1,
+            resumes_run: String::new(),
+            cycles_planned: 0,
+            duration_planned_s: 0.0,
+            remarks: Vec::new(),
+        },
+        profile,
+        first_cycle: 1,
+    }
+}
+
+fn profile(mode: Mode, segments: Vec<Segment>) -> Profile {
+    Profile {
+        name: "test".into(),
+        description: String::new(),
+        mode,
+        blocks: vec![Block { repeat: 1, segments }],
+    }
+}
+
+fn static_ramp() -> Profile {
+    let ramp = |to| Segment::Ramp {
+        to: Level::Absolute(to),
+        duration_s: 60.0,
+    };
+    profile(Mode::Force, vec![ramp(2000.0), ramp(0.0)])
+}
+
+fn sine(amplitude: f64, frequency_hz: f64, cycles: u32) -> Profile {
+    profile(
+        Mode::Displacement,
+        vec![
+            Segment::Ramp {
+                to: Level::Absolute(18.0),
+                duration_s: 4.0,
+            },
+            Segment::Sine {
+                mean: Level::Absolute(18.0),
+                amplitude,
+                frequency_hz,
+                cycles,
+                taper_cycles: 3,
+                correct: true,
+            },
+            Segment::Ramp {
+                to: Level::Absolute(0.0),
+                duration_s: 4.0,
+            },
+        ],
+    )
+}
+
+#[test]
+fn the_static_ramp_has_a_sample_a_millisecond_and_its_exact_peak() {
+    let mut bench = Bench::new();
+    bench.start(static_ramp());
+    bench.until(Phase::Ready, 150_000);
+    let m = &bench.memory;
+    let outcome = m.outcome.as_ref().expect("the run ended");
+    assert_eq!(
+        (outcome.ending, outcome.lost),
+        (Ending::Completed, 0),
+        "{}",
+        outcome.cause
+    );
+    assert_eq!(m.samples.len(), 120_001, "0 s to 120 s, both included");
+    assert!(m.samples.windows(2).all(|w| w[1].tick == w[0].tick + 1));
+    let peak = m.samples.iter().map(|s| s.force_n).fold(f64::MIN, f64::max);
+    println!("peak force {peak:.2} N");
+    assert!((peak - 2000.0).abs() < 5.0, "peak {peak}");
+    let top = &m.samples[60_000];
+    assert_eq!(
+        top.command.map(|c| c.value()),
+        Some(2000.0),
+        "the end level is exact"
+    );
+    assert!(m.samples.iter().all(|s| s.flags == Flags::default()));
+}
+
+#[test]
+fn amplitude_and_mean_are_within_one_percent_by_the_fifth_counted_cycle() {
+    for (amplitude, frequency_hz) in [(6.0, 1.0), (10.0, 1.0), (15.0, 1.0), (6.0, 2.5)] {
+        let mut bench = Bench::new();
+        bench.start(sine(amplitude, frequency_hz, 12));
+        bench.until(Phase::Ready, 60_000);
+        let m = &bench.memory;
+        let outcome = m.outcome.as_ref().expect("the run ended");
+        assert_eq!(outcome.ending, Ending::Completed, "{}", outcome.cause);
+        assert_eq!(outcome.cycles_completed, 12);
+        for cycle in 5..=12 {
+            let of = |pick: fn(f64, f64) -> f64, start| {
+                m.samples
+                    .iter()
+                    .filter(|s| s.cycle == cycle)
+                    .map(|s| s.displacement_mm)
+                    .fold(start, pick)
+            };
+            let (peak, valley) = (of(f64::max, f64::MIN), of(f64::min, f64::MAX));
+            let (a, mean) = (0.5 * (peak - valley), 0.5 * (peak + valley));
+            println!("{amplitude} mm {frequency_hz} Hz cycle {cycle}: amplitude {a:.4}, mean {mean:.4}");
+            assert!(
+                (a / amplitude - 1.0).abs() < 0.01,
+                "amplitude {a} of {amplitude} in cycle {cycle}"
+            );
+            assert!((mean / 18.0 - 1.0).abs() < 0.01, "mean {mean} in cycle {cycle}");
+        }
+    }
+}
+
+#[test]
+fn a_dead_host_leaves_a_rig_that_unloads_within_its_lease() {
+    let mut bench = Bench::new();
+    bench.start(static_ramp());
+    bench.ticks(20_000);
+    bench.host_alive = false;
+    let loaded = bench.mock.firmware().state();
+    assert_eq!(loaded, RigState::Running);
+    bench.ticks(45);
+    assert_eq!(
+        bench.mock.firmware().state(),
+        RigState::Running,
+        "the lease is 50 ms"
+    );
+    bench.ticks(15);
+    assert_eq!(bench.mock.firmware().state(), RigState::Unload);
+    bench.ticks(10_000);
+    assert_eq!(bench.mock.firmware().state(), RigState::Tripped);
+    bench.host_alive = true;
+    bench.ticks(3_000);
+    assert_eq!(bench.rig.phase(), Phase::Interlocked, "{:#?}", bench.rig.status());
+    assert!(matches!(
+        bench.rig.start(order(static_ramp())),
+        Err(Refusal::Interlocked(_))
+    ));
+    bench.rig.reset().expect("the cause is gone");
+    bench.until(Phase::Ready, 1_000);
+    bench.ticks(2_000);
+    assert_eq!(
+        bench.mock.firmware().state(),
+        RigState::Off,
+        "a reset never resumes motion"
+    );
+}
+
+#[test]
+fn a_stop_unloads_and_keeps_the_data() {
+    let mut bench = Bench::new();
+    bench.start(sine(10.0, 1.0, 50));
+    bench.ticks(9_300);
+    bench
+        .rig
+        .stop("stopped by the operator", bench.now_ns)
+        .expect("a run is under way");
+    bench.until(Phase::Ready, 10_000);
+    let m = &bench.memory;
+    let outcome = m.outcome.as_ref().expect("the run ended");
+    assert_eq!(outcome.ending, Ending::Stopped);
+    assert_eq!(outcome.samples as usize, m.samples.len());
+    let last = m.samples.last().expect("there are samples");
+    assert!(
+        last.force_n.abs() < 30.0 && last.flags.has(Flags::NOT_PROFILE),
+        "{last:?}"
+    );
+    // A ramp, not a step: never faster than the sine itself (63 mm/s) by more than half.
+    let fastest = m
+        .samples
+        .windows(11)
+        .map(|w| (w[10].displacement_mm - w[0].displacement_mm).abs() / 0.010)
+        .fold(0.0, f64::max);
+    assert!(fastest < 95.0, "{fastest} mm/s");
+}
+
+#[test]
+fn hold_and_resume_finish_all_cycles() {
+    let mut bench = Bench::new();
+    bench.start(sine(6.0, 1.0, 6));
+    bench.ticks(9_700);
+    bench.rig.hold().expect("a run is under way");
+    bench.until(Phase::Held, 200);
+    bench.ticks(2_000);
+    bench.rig.resume().expect("the run is held");
+    bench.until(Phase::Running, 200);
+    bench.until(Phase::Ready, 60_000);
+    let m = &bench.memory;
+    let outcome = m.outcome.as_ref().expect("the run ended");
+    assert_eq!(
+        (outcome.ending, outcome.cycles_completed),
+        (Ending::Completed, 6),
+        "{}",
+        outcome.cause
+    );
+    for cycle in 1..=6 {
+        let counted = m
+            .samples
+            .iter()
+            .filter(|s| s.cycle == cycle && !s.flags.has(Flags::NOT_PROFILE))
+            .count();
+        assert!(counted >= 1000, "cycle {cycle} has {counted} samples");
+    }
+}
+
+#[test]
+fn tare_takes_the_still_mean_and_is_refused_in_motion() {
+    let mut bench = Bench::new();
+    bench.until(Phase::Ready, 2_000);
+    bench.ticks(600);
+    let report = bench.rig.tare().expect("the rig is still");
+    bench.ticks(600);
+    let status = bench.rig.status();
+    assert!(status.force_n.expect("samples flow").abs() < 3.0, "{report:?}");
+    bench.rig.start(order(static_ramp())).expect("ready");
+    bench.until(Phase::Running, 1_000);
+    assert!(matches!(bench.rig.tare(), Err(Refusal::Phase { .. })));
+}
+
+#[test]
+fn lost_samples_are_a_gap_in_the_record_and_close_the_account() {
+    let mut bench = Bench::new();
+    bench.start(static_ramp());
+    bench.ticks(5_000);
+    bench.mock.tick(&mut bench.far);
+    while bench.host.receive().is_some() {}
+    bench.now_ns += MS;
+    bench.ticks(5_000);
+    let m = &bench.memory;
+    assert_eq!(m.events.iter().filter(|e| e.kind == EventKind::Gap).count(), 1);
+    let gap = m
+        .samples
+        .iter()
+        .position(|s| s.flags.has(Flags::AFTER_GAP))
+        .expect("a sample is flagged");
+    assert_eq!(m.samples[gap].tick - m.samples[gap - 1].tick, 2);
+    bench
+        .rig
+        .stop("enough", bench.now_ns)
+        .expect("a run is under way");
+    bench.until(Phase::Ready, 20_000);
+    let m = &bench.memory;
+    let outcome = m.outcome.as_ref().expect("the run ended");
+    let span = m.samples.last().expect("samples").tick - m.samples[0].tick + 1;
+    assert_eq!(
+        outcome.samples + outcome.lost,
+        span,
+        "sent = stored + counted as lost"
+    );
+    assert_eq!(outcome.lost, 1);
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bits() {
+    let run = || {
+        let mut bench = Bench::new();
+        bench.start(sine(6.0, 2.5, 3));
+        bench.until(Phase::Ready, 30_000);
+        bench.memory.samples
+    };
+    assert_eq!(run(), run());
+}

@@ -1,0 +1,233 @@
+//! The serial link over real pseudo-terminals: exchange, an unplugged port, a peer that stops reading, a taken port,
+//! noise. What frames mean is tested in `protocol`.
+
+use std::fs::File;
+use std::io::{Read, Write};
+use std::os::fd::{AsFd, OwnedFd};
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use leafbench::link::{self, Arrival, Link, Side};
+use leafbench::protocol::message::{FromRig, NmtCommand, ToRig, next_counter};
+use leafbench::protocol::serial_framing::{Decoder, PACKET_MAX, encode};
+
+const NODE: u8 = 5;
+/// Far beyond what a loaded machine needs; only a lost frame waits this long.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// A pseudo-terminal: our end, the other end held open, and its path for a link.
+struct Terminal {
+    master: File,
+    slave: OwnedFd,
+    address: String,
+}
+
+fn terminal() -> Terminal {
+    let pty = nix::pty::openpty(None, None).expect("a pseudo-terminal");
+    // As a link will set it; before that, bytes would be echoed and translated.
+    let mut raw = nix::sys::termios::tcgetattr(&pty.slave).expect("terminal settings");
+    nix::sys::termios::cfmakeraw(&mut raw);
+    nix::sys::termios::tcsetattr(&pty.slave, nix::sys::termios::SetArg::TCSANOW, &raw).expect("raw mode");
+    let path = nix::unistd::ttyname(pty.slave.as_fd()).expect("its name");
+    Terminal {
+        master: File::from(pty.master),
+        slave: pty.slave,
+        address: format!("serial:{}", path.display()),
+    }
+}
+
+fn open(address: &str, side: Side) -> Link {
+    link::open(address, side).unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn host(terminal: &Terminal) -> Link {
+    open(&terminal.address, Side::Host { rig_node: NODE })
+}
+
+fn wait_until(what: &str, mut done: impl FnMut() -> bool) {
+    let until = Instant::now() + PATIENCE;
+    while !done() {
+        assert!(Instant::now() < until, "waited in vain: {what}");
+        std::thread::sleep(Duration::from_micros(200));
+    }
+}
+
+fn next(link: &mut Link) -> Arrival {
+    let mut arrival = None;
+    wait_until("a frame", || {
+        arrival = link.receive();
+        arrival.is_some()
+    });
+    arrival.expect("waited for")
+}
+
+fn sample(tick: u16) -> FromRig {
+    FromRig::Sample {
+        counter: (tick % 15) as u8,
+        tick,
+        force_counts: i32::from(tick),
+        displacement_counts: -7,
+    }
+}
+
+fn packet(message: FromRig) -> Vec<u8> {
+    let mut packet = [0; PACKET_MAX];
+    let len = encode(&message.encode(NODE), &mut packet);
+    packet[..len].to_vec()
+}
+
+/// Copies both ways between two terminals until one is closed, as a cable does.
+fn cable(one: &Terminal, other: &Terminal) {
+    for (from, to) in [(one, other), (other, one)] {
+        let mut from = from.master.try_clone().expect("a copy");
+        let mut to = to.master.try_clone().expect("a copy");
+        std::thread::spawn(move || std::io::copy(&mut from, &mut to));
+    }
+}
+
+#[test]
+fn two_links_over_a_cable() {
+    let (here, there) = (terminal(), terminal());
+    cable(&here, &there);
+    let mut host = host(&here);
+    let mut rig = open(
+        &format!("{}?baud=460800", there.address),
+        Side::Rig { node: NODE },
+    );
+    for tick in 0..2000 {
+        assert!(rig.send(sample(tick).encode(NODE)));
+        let lease = ToRig::Lease {
+            counter: (tick % 15) as u8,
+            session: 1,
+            control_tick: tick,
+        };
+        assert!(host.send(lease.encode(NODE)));
+        assert_eq!(FromRig::decode(&next(&mut host).frame, NODE), Ok(sample(tick)));
+        assert_eq!(ToRig::decode(&next(&mut rig).frame, NODE), Ok(lease));
+    }
+    let stop = ToRig::Nmt {
+        command: NmtCommand::Stop,
+        node: 0,
+    };
+    assert!(host.send_urgent(stop.encode(NODE)));
+    assert_eq!(ToRig::decode(&next(&mut rig).frame, NODE), Ok(stop));
+    for health in [&host.health, &rig.health] {
+        assert_eq!(health.bus_errors.load(Ordering::Relaxed), 0);
+        assert_eq!(health.send_failures.load(Ordering::Relaxed), 0);
+    }
+}
+
+#[test]
+fn noise_is_counted_and_the_frames_after_it_arrive() {
+    let mut terminal = terminal();
+    let mut host = host(&terminal);
+    // The tail of a packet that began before us is no error.
+    terminal
+        .master
+        .write_all(&packet(sample(0))[4..])
+        .expect("written");
+    terminal.master.write_all(&packet(sample(1))).expect("written");
+    assert_eq!(FromRig::decode(&next(&mut host).frame, NODE), Ok(sample(1)));
+    assert_eq!(host.health.bus_errors.load(Ordering::Relaxed), 0);
+    terminal.master.write_all(&[9, 9, 9, 0]).expect("written");
+    terminal.master.write_all(&packet(sample(2))).expect("written");
+    assert_eq!(FromRig::decode(&next(&mut host).frame, NODE), Ok(sample(2)));
+    wait_until("the count", || {
+        host.health.bus_errors.load(Ordering::Relaxed) == 1
+    });
+}
+
+#[test]
+fn an_unplugged_port_closes_the_link() {
+    let terminal = terminal();
+    let mut host = host(&terminal);
+    assert!(host.health.is_open());
+    drop(terminal.master);
+    wait_until("the link to close", || !host.health.is_open());
+    assert_eq!(host.receive(), None);
+    let lease = ToRig::Lease {
+        counter: 0,
+        session: 1,
+        control_tick: 0,
+    };
+    wait_until("sending to be refused", || !host.send(lease.encode(NODE)));
+    host.close();
+}
+
+#[test]
+fn a_peer_that_stops_reading_fails_the_sends_and_not_the_caller() {
+    let mut terminal = terminal();
+    let mut host = host(&terminal);
+    let mut counter = 0;
+    let mut tick = 0_u16;
+    // Nobody reads: the terminal's buffer fills up, then the deadline runs out.
+    wait_until("a send to fail", || {
+        for _ in 0..100 {
+            host.send(
+                ToRig::Lease {
+                    counter,
+                    session: 1,
+                    control_tick: tick,
+                }
+                .encode(NODE),
+            );
+            counter = next_counter(counter);
+            tick = tick.wrapping_add(1);
+        }
+        host.health.send_failures.load(Ordering::Relaxed) > 0
+    });
+    assert!(host.health.is_open());
+    // It reads again: what comes then is whole frames, in order.
+    let last = ToRig::Lease {
+        counter: 0,
+        session: 2,
+        control_tick: 0,
+    };
+    let mut reader = terminal.master.try_clone().expect("a copy");
+    let found = std::thread::spawn(move || {
+        let mut decoder = Decoder::default();
+        let mut bytes = [0; 4096];
+        let mut before = None;
+        loop {
+            let count = reader.read(&mut bytes).expect("bytes");
+            for frame in bytes[..count].iter().filter_map(|&byte| decoder.push(byte)) {
+                match ToRig::decode(&frame, NODE) {
+                    Ok(message) if message == last => return decoder.errors(),
+                    Ok(ToRig::Lease { control_tick, .. }) => {
+                        assert!(before < Some(control_tick), "{before:?} then {control_tick}");
+                        before = Some(control_tick);
+                    }
+                    other => panic!("{other:?}"),
+                }
+            }
+        }
+    });
+    let urgent_until_found = || {
+        host.send_urgent(last.encode(NODE));
+        found.is_finished()
+    };
+    wait_until("the frames after the stall", urgent_until_found);
+    // The packet that the deadline cut is the only one damaged.
+    assert!(found.join().expect("all in order") <= 1);
+    terminal.master.flush().expect("the terminal lives");
+    drop(terminal.slave);
+}
+
+#[test]
+fn a_taken_port_is_refused_and_the_owner_undisturbed() {
+    let mut terminal = terminal();
+    let mut owner = host(&terminal);
+    let error = link::open(&terminal.address, Side::Rig { node: NODE })
+        .err()
+        .expect("the port is taken")
+        .to_string();
+    assert!(
+        error.contains(&terminal.address) && error.contains("taken"),
+        "{error}"
+    );
+    terminal.master.write_all(&packet(sample(3))).expect("written");
+    assert_eq!(FromRig::decode(&next(&mut owner).frame, NODE), Ok(sample(3)));
+    // Closed, it is free again.
+    owner.close();
+    open(&terminal.address, Side::Rig { node: NODE }).close();
+}
