@@ -6,6 +6,7 @@ use std::sync::Arc;
 use tokio::sync::broadcast;
 
 use crate::recording::{Event, Header, Outcome, Recorder, Sample};
+use crate::units::Mode;
 
 /// Points a second that a watcher gets: 80 on a loop at 2.5 Hz.
 const POINTS_PER_S: f64 = 200.0;
@@ -27,6 +28,8 @@ pub struct Batch {
     pub force_n: Vec<f64>,
     /// Command in the run's unit; `null` where there was none.
     pub command: Vec<Option<f64>>,
+    /// What the newest command controls.
+    pub control: Option<Mode>,
     /// Twin's force in N; `null` where it was off or behind.
     pub twin_force_n: Vec<Option<f64>>,
     /// Counted cycle of the newest point; 0 outside.
@@ -75,7 +78,7 @@ impl LiveTap {
         if self.batch.time_s.is_empty() {
             return;
         }
-        let next = Batch { run_id: self.batch.run_id.clone(), ..Batch::default() };
+        let next = Batch { run_id: self.batch.run_id.clone(), control: self.batch.control, ..Batch::default() };
         // Fails where nobody watches.
         let _ = self.live.batches.send(Arc::new(std::mem::replace(&mut self.batch, next)));
     }
@@ -99,6 +102,7 @@ impl Recorder for LiveTap {
         b.command.push(sample.command.map(|c| c.value()));
         b.twin_force_n.push(sample.twin_force_n);
         b.cycle = sample.cycle;
+        b.control = sample.command.map(|c| c.mode()).or(b.control);
         if b.time_s.len() >= POINTS_A_BATCH {
             self.send();
         }

@@ -208,7 +208,7 @@ function row(run) {
 // ---- live samples
 
 const MOST_POINTS = 6000;
-let points = empty(), runOfPoints = null, dirty = true;
+let points = empty(), runOfPoints = null, controlled = null, dirty = true;
 
 function empty() { return { t: [], x: [], f: [], twin: [], command: [] }; }
 
@@ -219,6 +219,7 @@ function take(batch) {
   points.f.push(...batch.force_n);
   points.twin.push(...batch.twin_force_n);
   points.command.push(...batch.command);
+  controlled = batch.control;
   // The older half is thinned, so that a whole ramp stays in view and the newest cycles stay fine.
   if (points.t.length > MOST_POINTS) {
     const half = MOST_POINTS / 2;
@@ -247,7 +248,7 @@ function draw() {
     ]);
     const seconds = Number($("window").value), from = since(seconds), time = part(t, from);
     const xRange = [Math.max(0, end - seconds), Math.max(end, seconds)];
-    const isForce = status && status.rig.profile && controlsForce();
+    const isForce = controlled === "force";
     displacementPlot.draw([
       { x: time, y: isForce ? [] : part(points.command, from), colour: command, width: 3 },
       { x: time, y: part(x, from), colour: measured },
@@ -259,16 +260,6 @@ function draw() {
     ], xRange);
   }
   requestAnimationFrame(draw);
-}
-
-// A command follows its own channel: the nearer one is the one under control.
-function controlsForce() {
-  let toForce = 0, toDisplacement = 0;
-  for (let i = Math.max(0, points.t.length - 400); i < points.t.length; i++) if (points.command[i] !== null) {
-    toForce += Math.abs(points.command[i] - points.f[i]);
-    toDisplacement += Math.abs(points.command[i] - points.x[i]);
-  }
-  return toForce < toDisplacement;
 }
 
 window.addEventListener("resize", () => { dirty = true; });
