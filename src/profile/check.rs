@@ -2,7 +2,7 @@
 //! What the specimen answers (the force of a displacement profile) is a model's business: see `twin::dry_run`.
 
 use super::{Player, Profile, ProfileError};
-use crate::units::Mode;
+use crate::units::Command;
 
 /// Limits of a bench as far as a profile by itself can break them.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,14 +25,22 @@ pub struct ProfileLimits {
 pub const ACCELERATION_WINDOW_S: f64 = 0.02;
 
 /// A limit that the profile would break: its worst value and when.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, thiserror::Error)]
 #[error(
-    "profile {profile} asks for {name} {value:.3} at {time_s:.3} s (segment {segment}), beyond the limit {limit}: \
-     change the profile, or the limit if rig and specimen allow it"
+    "profile {profile} reaches {:.3} at {:.3} s (segment {}), beyond {} = {}: change the profile, or the limit if rig and \
+     specimen allow it",
+    worst.value, worst.time_s, worst.segment, worst.name, worst.limit
 )]
 pub struct Violation {
     /// The profile.
     pub profile: String,
+    /// The limit and the value.
+    pub worst: Extreme,
+}
+
+/// The worst value that one limit has seen.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Extreme {
     /// Limit's key, as in the bench config.
     pub name: &'static str,
     /// Worst value.
@@ -43,23 +51,14 @@ pub struct Violation {
     pub time_s: f64,
     /// Expanded segment.
     pub segment: u32,
-}
-
-/// The worst value of one quantity so far.
-#[derive(Clone, Copy)]
-struct Worst {
-    name: &'static str,
-    limit: f64,
     /// +1 where more is worse, -1 where less is.
+    #[serde(skip)]
     sign: f64,
-    value: f64,
-    time_s: f64,
-    segment: u32,
 }
 
-impl Worst {
+impl Extreme {
     fn new(name: &'static str, limit: f64, sign: f64) -> Self {
-        Worst {
+        Extreme {
             name,
             limit,
             sign,
@@ -74,10 +73,101 @@ impl Worst {
             (self.value, self.time_s, self.segment) = (value, time_s, segment);
         }
     }
+
+    /// What is left to the limit, in percent of it; negative beyond it.
+    pub fn margin_percent(&self) -> f64 {
+        self.sign * (self.limit - self.value) / self.limit.abs() * 100.0
+    }
+
+    /// A value at the limit is allowed, one beyond it is not.
+    pub fn is_broken(&self) -> bool {
+        self.value * self.sign > self.limit * self.sign
+    }
 }
 
-/// Every limit that the profile breaks when it starts at `start_level`, with its worst value; empty when it keeps them all.
-/// A command at the limit is allowed.
+/// Follows force and displacement, commanded or predicted, against the limits.
+#[derive(Debug, Clone)]
+pub struct Watch {
+    force: [Extreme; 2],
+    displacement: [Extreme; 2],
+    speed: Extreme,
+    acceleration: Extreme,
+    sample_rate_hz: f64,
+    /// Speeds of the newest window, oldest at `tick % len`.
+    speeds: Vec<f64>,
+    tick: usize,
+    before_mm: f64,
+}
+
+impl Watch {
+    /// From a rig at rest at `start_mm`.
+    pub fn new(limits: &ProfileLimits, start_mm: f64, sample_rate_hz: f64) -> Self {
+        let window = ((ACCELERATION_WINDOW_S * sample_rate_hz).round() as usize).max(1);
+        Watch {
+            force: [
+                Extreme::new("force_min_n", limits.force_min_n, -1.0),
+                Extreme::new("force_max_n", limits.force_max_n, 1.0),
+            ],
+            displacement: [
+                Extreme::new("displacement_min_mm", limits.displacement_min_mm, -1.0),
+                Extreme::new("displacement_max_mm", limits.displacement_max_mm, 1.0),
+            ],
+            speed: Extreme::new("velocity_max_mm_s", limits.velocity_max_mm_s, 1.0),
+            acceleration: Extreme::new("acceleration_max_mm_s2", limits.acceleration_max_mm_s2, 1.0),
+            sample_rate_hz,
+            speeds: vec![0.0; window],
+            tick: 0,
+            before_mm: start_mm,
+        }
+    }
+
+    /// One tick; what is not known is left out.
+    pub fn see(&mut self, segment: u32, force_n: Option<f64>, displacement_mm: Option<f64>) {
+        let at = self.tick % self.speeds.len();
+        self.tick += 1;
+        let time_s = self.tick as f64 / self.sample_rate_hz;
+        if let Some(force_n) = force_n {
+            self.force
+                .iter_mut()
+                .for_each(|e| e.see(force_n, time_s, segment));
+        }
+        if let Some(now_mm) = displacement_mm {
+            self.displacement
+                .iter_mut()
+                .for_each(|e| e.see(now_mm, time_s, segment));
+            let velocity = (now_mm - self.before_mm) * self.sample_rate_hz;
+            let old = std::mem::replace(&mut self.speeds[at], velocity);
+            let window_s = self.speeds.len() as f64 / self.sample_rate_hz;
+            self.speed.see(velocity.abs(), time_s, segment);
+            self.acceleration
+                .see((velocity - old).abs() / window_s, time_s, segment);
+            self.before_mm = now_mm;
+        }
+    }
+
+    /// The worst of every quantity that was seen.
+    pub fn extremes(&self) -> Vec<Extreme> {
+        let all = self
+            .force
+            .iter()
+            .chain(&self.displacement)
+            .chain([&self.speed, &self.acceleration]);
+        all.filter(|e| e.segment > 0).copied().collect()
+    }
+
+    /// Those beyond their limit.
+    pub fn violations(&self, profile: &str) -> Vec<Violation> {
+        let broken = self.extremes().into_iter().filter(Extreme::is_broken);
+        broken
+            .map(|worst| Violation {
+                profile: profile.to_owned(),
+                worst,
+            })
+            .collect()
+    }
+}
+
+/// Every limit that the profile's own commands break when it starts at `start_level`; empty when it keeps them all.
 pub fn violations(
     profile: &Profile,
     limits: &ProfileLimits,
@@ -85,58 +175,15 @@ pub fn violations(
     sample_rate_hz: f64,
 ) -> Result<Vec<Violation>, ProfileError> {
     let mut player = Player::new(profile, start_level, sample_rate_hz)?;
-    let (low, high) = match profile.mode {
-        Mode::Force => (
-            ("force_min_n", limits.force_min_n),
-            ("force_max_n", limits.force_max_n),
-        ),
-        Mode::Displacement => (
-            ("displacement_min_mm", limits.displacement_min_mm),
-            ("displacement_max_mm", limits.displacement_max_mm),
-        ),
-    };
-    let mut lowest = Worst::new(low.0, low.1, -1.0);
-    let mut highest = Worst::new(high.0, high.1, 1.0);
-    let mut speed = Worst::new("velocity_max_mm_s", limits.velocity_max_mm_s, 1.0);
-    let mut acceleration = Worst::new("acceleration_max_mm_s2", limits.acceleration_max_mm_s2, 1.0);
-    let window = ((ACCELERATION_WINDOW_S * sample_rate_hz).round() as usize).max(1);
-    let mut speeds = vec![0.0; window];
-    let mut before = start_level;
-    let mut tick = 0usize;
+    let mut watch = Watch::new(limits, start_level, sample_rate_hz);
     while let Some(slot) = player.next() {
-        let value = slot.command.value();
-        let time_s = (tick + 1) as f64 / sample_rate_hz;
-        lowest.see(value, time_s, slot.segment);
-        highest.see(value, time_s, slot.segment);
-        let velocity = (value - before) * sample_rate_hz;
-        let old = std::mem::replace(&mut speeds[tick % window], velocity);
-        speed.see(velocity.abs(), time_s, slot.segment);
-        acceleration.see(
-            (velocity - old).abs() / (window as f64 / sample_rate_hz),
-            time_s,
-            slot.segment,
-        );
-        before = value;
-        tick += 1;
+        match slot.command {
+            // Displacement and speed of a force profile are the specimen's answer.
+            Command::Force(n) => watch.see(slot.segment, Some(n), None),
+            Command::Displacement(mm) => watch.see(slot.segment, None, Some(mm)),
+        }
     }
-    // Speeds of a force profile are the specimen's answer.
-    let moving: &[Worst] = if profile.mode == Mode::Displacement {
-        &[speed, acceleration]
-    } else {
-        &[]
-    };
-    let broken = [lowest, highest].into_iter().chain(moving.iter().copied());
-    Ok(broken
-        .filter(|w| w.value * w.sign > w.limit * w.sign)
-        .map(|w| Violation {
-            profile: profile.name.clone(),
-            name: w.name,
-            value: w.value,
-            limit: w.limit,
-            time_s: w.time_s,
-            segment: w.segment,
-        })
-        .collect())
+    Ok(watch.violations(&profile.name))
 }
 
 #[cfg(test)]
@@ -169,7 +216,7 @@ mod tests {
     #[test]
     fn every_limit_is_named_with_its_worst_value() {
         let found = violations(&sine(22.0, 2.5), &LIMITS, 0.0, 1000.0).unwrap();
-        let names: Vec<_> = found.iter().map(|v| v.name).collect();
+        let names: Vec<_> = found.iter().map(|v| v.worst.name).collect();
         let all = [
             "displacement_min_mm",
             "displacement_max_mm",
@@ -177,8 +224,8 @@ mod tests {
             "acceleration_max_mm_s2",
         ];
         assert_eq!(names, all);
-        assert!((found[1].value - 42.0).abs() < 1e-9);
+        assert!((found[1].worst.value - 42.0).abs() < 1e-9);
         // A omega = 345.6 mm/s; a taper may add a little near its end.
-        assert!((found[2].value - 345.6).abs() < 2.0, "{}", found[2]);
+        assert!((found[2].worst.value - 345.6).abs() < 2.0, "{}", found[2]);
     }
 }

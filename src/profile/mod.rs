@@ -10,7 +10,7 @@ mod pieces;
 pub mod player;
 pub mod stop;
 
-pub use check::{ProfileLimits, Violation, violations};
+pub use check::{Extreme, ProfileLimits, Violation, Watch, violations};
 pub use correction::{Correction, CycleController, CycleMeasurement};
 pub use pieces::{MAX_DURATION_H, MAX_SEGMENTS};
 pub use player::{CycleTarget, Player, Slot};
