@@ -17,6 +17,8 @@ pub struct ServoConfig {
     pub force_gain_per_s: f64,
     /// Integral part in force control, 1/s2.
     pub force_integral_per_s2: f64,
+    /// Share of the commands' own rate that goes straight to the valve, 0 to 1.
+    pub feed_forward: f64,
     /// How far ahead in the queue the feed-forward looks, ms: the lag of valve and hold.
     pub lead_ms: u32,
     /// Lag of the feedback (anti-alias filter) in ms.
@@ -34,10 +36,11 @@ pub struct ServoConfig {
 impl Default for ServoConfig {
     fn default() -> Self {
         ServoConfig {
-            displacement_gain_per_s: 70.0,
-            displacement_integral_per_s2: 300.0,
+            displacement_gain_per_s: 50.0,
+            displacement_integral_per_s2: 150.0,
             force_gain_per_s: 25.0,
             force_integral_per_s2: 120.0,
+            feed_forward: 0.9,
             lead_ms: 4,
             feedback_lag_ms: 0.75,
             specimen_rate_n_per_mm: 100.0,
@@ -76,6 +79,7 @@ impl ServoConfig {
                 0.0..=1e5,
                 "0 to 1e5",
             ),
+            ("feed_forward", self.feed_forward, 0.0..=1.0, "0 to 1"),
             ("lead_ms", f64::from(self.lead_ms), 0.0..=50.0, "0 to 50"),
             ("feedback_lag_ms", self.feedback_lag_ms, 0.0..=50.0, "0 to 50"),
             (
@@ -207,7 +211,7 @@ impl Servo {
             let next = self.integral_mm_s + integral * error_mm * TICK_S;
             self.integral_mm_s = next.clamp(-INTEGRAL_MAX_MM_S, INTEGRAL_MAX_MM_S);
         }
-        forward_mm_s + gain * error_mm + self.integral_mm_s
+        self.config.feed_forward * forward_mm_s + gain * error_mm + self.integral_mm_s
     }
 }
 
@@ -272,9 +276,9 @@ mod tests {
             rate: 20.0,
             rate_ahead: 30.0,
         };
-        // Error 1 - 20 * 0.75 ms - 0.885 = 0.1 mm: 30 + 70 * 0.1 = 37 mm/s of 350, against a fifth of the stall force.
+        // Error 1 - 20 * 0.75 ms - 0.885 = 0.1 mm: 0.9 * 30 + 50 * 0.1 = 32 mm/s of 350, against a fifth of the stall force.
         let valve = servo.step(target, 0.885, 5000.0);
-        assert!((valve - 37.0 / (350.0 * 0.8f64.sqrt())).abs() < 1e-12);
+        assert!((valve - 32.0 / (350.0 * 0.8f64.sqrt())).abs() < 1e-12);
     }
 
     #[test]

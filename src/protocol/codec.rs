@@ -2,6 +2,7 @@
 //! `firmware-protocol.md` says or a [`DecodeError`]. Sequence of counters, states and limits are left to the ends.
 
 use super::frame::Frame;
+use super::layout::{Raw, check_crc, config, expect_length, from_signed18, function, id_node, seal};
 use super::message::*;
 use super::protection::{Kind, crc8, data_id};
 
@@ -316,133 +317,6 @@ fn decode_nmt(frame: &Frame, own: u8) -> Result<ToRig, DecodeError> {
     };
     let command = NmtCommand::from_wire(value).ok_or(field)?;
     Ok(ToRig::Nmt { command, node })
-}
-
-/// Node part of an identifier.
-fn id_node(node: u8) -> u16 {
-    u16::from(node & 0x7F)
-}
-
-/// Function of a frame that carries our node.
-fn function(frame: &Frame, node: u8) -> Result<u16, DecodeError> {
-    if frame.id > 0x7FF || frame.id & !cob::FUNCTION_MASK != u16::from(node) {
-        return Err(DecodeError::ForeignId(frame.id));
-    }
-    Ok(frame.id & cob::FUNCTION_MASK)
-}
-
-fn expect_length(frame: &Frame, expected: u8) -> Result<(), DecodeError> {
-    if frame.len != expected {
-        return Err(DecodeError::Length {
-            id: frame.id,
-            len: frame.len,
-            expected,
-        });
-    }
-    Ok(())
-}
-
-fn check_crc(id: u16, found: u8, expected: u8) -> Result<(), DecodeError> {
-    if found != expected {
-        return Err(DecodeError::Crc { id, found, expected });
-    }
-    Ok(())
-}
-
-/// A protected frame: `bits` with the counter at bit 8 and the CRC-8 in byte 0.
-fn seal(function: u16, kind: Kind, node: u8, counter: u8, bits: u64) -> Frame {
-    let mut data = (bits | u64::from(counter & 0xF) << 8).to_le_bytes();
-    data[0] = crc8(data_id(kind, node), &data[1..]);
-    Frame {
-        id: function + id_node(node),
-        len: 8,
-        data,
-    }
-}
-
-fn config(function: u16, node: u8, command: u8, index: u16, sub: u8, value: u32) -> Frame {
-    let (index, value) = (index.to_le_bytes(), value.to_le_bytes());
-    let data = [
-        command, index[0], index[1], sub, value[0], value[1], value[2], value[3],
-    ];
-    Frame {
-        id: function + id_node(node),
-        len: 8,
-        data,
-    }
-}
-
-fn from_signed18(counts: i32) -> u64 {
-    u64::from(counts as u32 & 0x3_FFFF)
-}
-
-/// The 64 bits of a frame of full length, bit 0 the lowest of byte 0 (Intel numbering, as in the DBC).
-#[derive(Clone, Copy)]
-struct Raw {
-    id: u16,
-    data: [u8; 8],
-}
-
-impl Raw {
-    /// Itself, once length and CRC-8 are right.
-    fn unsealed(self, frame: &Frame, kind: Kind, node: u8) -> Result<Self, DecodeError> {
-        expect_length(frame, 8)?;
-        check_crc(self.id, self.data[0], crc8(data_id(kind, node), &self.data[1..]))?;
-        Ok(self)
-    }
-
-    fn bits(&self, start: u32, width: u32) -> u64 {
-        u64::from_le_bytes(self.data) >> start & ((1 << width) - 1)
-    }
-
-    fn signed18(&self, start: u32) -> i32 {
-        ((self.bits(start, 18) as i32) << 14) >> 14
-    }
-
-    fn object(&self) -> (u16, u8) {
-        (self.bits(8, 16) as u16, self.bits(24, 8) as u8)
-    }
-
-    fn field(&self, field: &'static str, value: u32) -> DecodeError {
-        DecodeError::Field {
-            id: self.id,
-            field,
-            value,
-        }
-    }
-
-    fn zero(&self, field: &'static str, start: u32, width: u32) -> Result<(), DecodeError> {
-        match self.bits(start, width) {
-            0 => Ok(()),
-            value => Err(self.field(field, value as u32)),
-        }
-    }
-
-    fn known<T>(
-        &self,
-        field: &'static str,
-        start: u32,
-        width: u32,
-        from_wire: fn(u8) -> Option<T>,
-    ) -> Result<T, DecodeError> {
-        let value = self.bits(start, width);
-        from_wire(value as u8).ok_or_else(|| self.field(field, value as u32))
-    }
-
-    fn counter(&self) -> Result<u8, DecodeError> {
-        let counter = self.bits(8, 4) as u8;
-        if counter >= COUNTER_MODULO {
-            return Err(self.field("counter", u32::from(counter)));
-        }
-        Ok(counter)
-    }
-
-    fn session(&self) -> Result<u8, DecodeError> {
-        match self.bits(16, 8) as u8 {
-            0 => Err(self.field("session", 0)),
-            session => Ok(session),
-        }
-    }
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 mod codec;
 mod dictionary;
 pub mod frame;
+mod layout;
 pub mod message;
 pub mod protection;
 pub mod serial_framing;
