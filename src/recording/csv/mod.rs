@@ -2,6 +2,7 @@
 
 mod error;
 mod reader;
+mod rows;
 mod writer;
 
 pub use error::CsvError;

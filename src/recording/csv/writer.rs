@@ -132,7 +132,7 @@ pub(in crate::recording) fn push_fixed(out: &mut Vec<u8>, value: f64, decimals: 
     let unit = 10u64.pow(decimals);
     let scaled = (value.abs() * unit as f64).round();
     // Beyond 2^53 a double has no such decimals: the standard formatter takes over.
-    if !(scaled < 9e15) {
+    if scaled.is_nan() || scaled >= 9e15 {
         if value.is_finite() {
             out.extend_from_slice(format!("{value:.*}", decimals as usize).as_bytes());
         }

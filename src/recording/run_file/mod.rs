@@ -8,6 +8,7 @@
 mod block;
 mod listing;
 mod reader;
+mod status;
 mod sync;
 mod writer;
 
@@ -18,7 +19,8 @@ use std::path::{Path, PathBuf};
 
 pub use listing::{RunListing, list};
 pub use reader::{CycleSpan, Gap, GapCause, RunFile, SampleReader, Survey};
-pub use writer::{RunFileStatus, RunFileWriter};
+pub use status::RunFileStatus;
+pub use writer::RunFileWriter;
 
 /// Ending of a run file's name, without the dot.
 pub const EXTENSION: &str = "leafrun";
@@ -224,7 +226,7 @@ pub(crate) mod test_support {
             command: Some(Command::Displacement(6.0 * phase_rad.sin())),
             cycle: (tick / 1000) as u32 + 1,
             segment: (tick / 500) as u32 + 1,
-            twin_force_n: (tick % 3 != 0).then_some(300.0 * (phase_rad - 0.25).sin()),
+            twin_force_n: (!tick.is_multiple_of(3)).then_some(300.0 * (phase_rad - 0.25).sin()),
             flags: Flags::default(),
         }
     }

@@ -5,13 +5,14 @@
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use rusqlite::{Connection, OpenFlags, params};
 
 use super::block::{self, RECORD_BYTES};
+use super::status::RunFileStatus;
 use super::sync::Syncer;
 use super::{APPLICATION_ID, FORMAT_VERSION, RunFileError, SCHEMA};
 use crate::recording::{Event, Header, Outcome, Recorder, Sample, atomic_file};
@@ -24,49 +25,6 @@ const COMMIT_PERIOD: Duration = Duration::from_millis(10);
 const RESCUE_S: f64 = 60.0;
 /// Reading a clock costs more than packing a sample: look at it every this many.
 const SAMPLES_PER_CLOCK_LOOK: usize = 8;
-
-/// What others may ask about a run file while its writer is busy on another thread.
-#[derive(Debug, Default)]
-pub struct RunFileStatus {
-    saved: AtomicU64,
-    in_memory: AtomicU64,
-    dropped: AtomicU64,
-    out_of_order: AtomicU64,
-    complete: AtomicBool,
-    failure: OnceLock<String>,
-}
-
-impl RunFileStatus {
-    /// Samples committed to the file.
-    pub fn saved(&self) -> u64 {
-        self.saved.load(Ordering::Relaxed)
-    }
-
-    /// Samples that came after the file failed and are still in memory.
-    pub fn in_memory(&self) -> u64 {
-        self.in_memory.load(Ordering::Relaxed)
-    }
-
-    /// Samples that came after the file failed and fell out of memory: lost.
-    pub fn dropped(&self) -> u64 {
-        self.dropped.load(Ordering::Relaxed)
-    }
-
-    /// Samples refused because their tick was not later than the one before.
-    pub fn out_of_order(&self) -> u64 {
-        self.out_of_order.load(Ordering::Relaxed)
-    }
-
-    /// The first write error; final for this file.
-    pub fn failure(&self) -> Option<&str> {
-        self.failure.get().map(String::as_str)
-    }
-
-    /// True once the outcome is in the file, the log is folded in and all of it is on the disk.
-    pub fn complete(&self) -> bool {
-        self.complete.load(Ordering::Acquire)
-    }
-}
 
 /// A [`Recorder`] into one run file.
 pub struct RunFileWriter {
