@@ -5,10 +5,12 @@
 //! `live` feeds watchers, `api` is the HTTP interface behind `guard`, `page/` what a technician sees.
 
 pub mod api;
+mod backlog;
 pub mod claim;
 pub mod client_types;
 mod csv_download;
 pub mod guard;
+pub mod header;
 pub mod library;
 pub mod live;
 mod page;

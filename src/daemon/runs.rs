@@ -7,15 +7,16 @@ use axum::http::StatusCode;
 
 use super::api::ApiError;
 use super::client_types::{RunProgress, RunState, StartRun, Started};
-use super::{Shared, plan, store};
+use super::backlog::{Backlog, Counted};
+use super::{Shared, header, plan, store};
 use crate::control::Phase;
 use crate::control::realtime::Request;
 use crate::control::run::RunOrder;
 use crate::profile::{Player, Profile};
 use crate::protocol::message::SAMPLE_RATE_HZ;
-use crate::recording::recorder::{self, FanOut, RecorderThread};
+use crate::recording::recorder::{self, FanOut, RecorderInput, RecorderThread};
 use crate::recording::run_file::{RunFile, RunFileStatus, RunFileWriter, check_space};
-use crate::recording::{Ending, Event, FirmwareIdentity, Header, Outcome, Recorder, Sample};
+use crate::recording::{Ending, Event, Header, Outcome, Recorder, Sample};
 use crate::twin::Twin;
 
 /// The run under way, or the newest.
@@ -67,10 +68,8 @@ impl Runs {
             return Err(refusal);
         }
         let blocking = Arc::clone(shared);
-        let force_n = status.force_n.unwrap_or(0.0);
-        let displacement_mm = status.displacement_mm.unwrap_or(0.0);
         // Files, SQLite and the dry run take their time: not on the threads that serve the interface.
-        let prepared = tokio::task::spawn_blocking(move || prepare(&blocking, order, [force_n, displacement_mm]))
+        let prepared = tokio::task::spawn_blocking(move || prepare(&blocking, order))
             .await
             .map_err(|_| ApiError::internal("preparing the run failed"))??;
         let run_id = prepared.order.header.run_id.clone();
@@ -122,39 +121,29 @@ struct Prepared {
     order: RunOrder,
     path: PathBuf,
     disk: Arc<RunFileStatus>,
-    input: recorder::RecorderInput,
-    thread: RecorderThread<Twin<FanOut>>,
+    input: Counted<RecorderInput>,
+    thread: Recording,
 }
 
-fn prepare(shared: &Arc<Shared>, request: StartRun, [force_n, displacement_mm]: [f64; 2]) -> Result<Prepared, ApiError> {
+/// The chain of one run: backlog, twin, then run file, live view and watcher side by side.
+type Recording = RecorderThread<Counted<Twin>>;
+
+fn prepare(shared: &Arc<Shared>, request: StartRun) -> Result<Prepared, ApiError> {
     let (profile, profile_toml, first_cycle) = profile_of(shared, &request)?;
     let bench = &shared.settings.bench;
-    let plan = plan::check(bench, &profile, [force_n, displacement_mm])?;
+    let plan = plan::check(bench, &profile).map_err(|e| ApiError::invalid(&e))?;
     plan::refuse_predicted_trip(&plan)?;
     check_space(shared.store.folder(), plan.duration_s, f64::from(SAMPLE_RATE_HZ)).map_err(ApiError::disk)?;
     let now = jiff::Timestamp::now();
-    let bench_toml = bench.to_toml();
-    let header = Header {
-        run_id: store::new_run_id(now),
-        started_utc: now.strftime("%Y-%m-%dT%H:%M:%SZ").to_string(),
-        specimen: request.specimen.filter(|s| !s.trim().is_empty()).unwrap_or_else(|| bench.specimen.name.clone()),
-        operator: request.operator.unwrap_or_default(),
-        profile_name: profile.name.clone(),
-        profile_toml,
-        bench_sha256: bench.sha256(),
-        bench_toml,
-        firmware: FirmwareIdentity::default(),
-        program_version: env!("CARGO_PKG_VERSION").to_owned(),
-        sample_rate_hz: f64::from(SAMPLE_RATE_HZ),
-        force_channel: bench.force_channel.scale(),
-        displacement_channel: bench.displacement_channel.scale(),
-        twin: bench.model.name.clone(),
-        first_cycle,
-        resumes_run: request.resume_run.unwrap_or_default(),
-        cycles_planned: plan.cycles,
-        duration_planned_s: plan.duration_s,
-        remarks: shared.control.degraded().to_vec(),
-    };
+    let planned = header::Planned { cycles: plan.cycles, duration_s: plan.duration_s };
+    let mut header = header::new(store::new_run_id(now), now, bench, &profile, profile_toml, planned);
+    if let Some(specimen) = request.specimen.filter(|s| !s.trim().is_empty()) {
+        header.specimen = specimen;
+    }
+    header.operator = request.operator.unwrap_or_default();
+    header.first_cycle = first_cycle;
+    header.resumes_run = request.resume_run.unwrap_or_default();
+    header.remarks = shared.control.degraded().to_vec();
     let path = shared.store.path_for_new(&header.run_id);
     let writer = RunFileWriter::create(&path, &header).map_err(ApiError::disk)?;
     let disk = writer.status();
@@ -162,7 +151,12 @@ fn prepare(shared: &Arc<Shared>, request: StartRun, [force_n, displacement_mm]: 
     let fan_out = FanOut(vec![Box::new(writer), Box::new(shared.live.tap()), Box::new(watcher)]);
     let plant = bench.model.plant().map_err(|e| ApiError::invalid(&e))?;
     // The twin is a stage of the recording thread: where it is slow the ring fills, control never waits.
-    let (input, thread) = recorder::spawn(Twin::new(plant, fan_out)).map_err(|e| ApiError::internal(&e.to_string()))?;
+    let backlog = Backlog::default();
+    let asked = backlog.clone();
+    let twin = Twin::new(plant, Box::new(fan_out), move || asked.is_long());
+    let (input, thread) =
+        recorder::spawn(backlog.behind(twin)).map_err(|e| ApiError::internal(&e.to_string()))?;
+    let input = backlog.before(input);
     Ok(Prepared { order: RunOrder { header, profile, first_cycle }, path, disk, input, thread })
 }
 
@@ -201,7 +195,7 @@ fn profile_of(shared: &Shared, request: &StartRun) -> Result<(Profile, String, u
 }
 
 /// Waits for the recording thread and settles what became of the run.
-fn follow(shared: &Arc<Shared>, thread: RecorderThread<Twin<FanOut>>, path: PathBuf) {
+fn follow(shared: &Arc<Shared>, thread: Recording, path: PathBuf) {
     let shared = Arc::clone(shared);
     tokio::task::spawn_blocking(move || {
         // Dropping the chain closes the file's handles.

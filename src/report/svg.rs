@@ -1,0 +1,133 @@
+//! Plots as SVG text. Colours come from the page's style, so that light and dark fit.
+
+use plotters::prelude::*;
+
+/// One line of a plot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Curve {
+    /// For the legend.
+    pub name: String,
+    /// Points in order.
+    pub points: Vec<(f64, f64)>,
+    /// Which of the report's colours.
+    pub ink: Ink,
+}
+
+/// Colours of a report: readable on white and on near black.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ink {
+    /// What the sensors say.
+    Measured,
+    /// What the model says.
+    Twin,
+}
+
+impl Ink {
+    fn colour(self) -> RGBColor {
+        match self {
+            Ink::Measured => RGBColor(28, 113, 196),
+            Ink::Twin => RGBColor(222, 117, 26),
+        }
+    }
+
+    /// As CSS has it.
+    pub fn css(self) -> String {
+        let RGBColor(r, g, b) = self.colour();
+        format!("rgb({r},{g},{b})")
+    }
+}
+
+impl Curve {
+    /// A measured curve.
+    pub fn measured(name: &str, points: Vec<(f64, f64)>) -> Curve {
+        Curve { name: name.to_owned(), points, ink: Ink::Measured }
+    }
+
+    /// The twin's curve.
+    pub fn twin(name: &str, points: Vec<(f64, f64)>) -> Curve {
+        Curve { name: name.to_owned(), points, ink: Ink::Twin }
+    }
+}
+
+const SIZE: (u32, u32) = (860, 560);
+/// Axes and their text: the same grey reads on white and on near black.
+const QUIET: RGBColor = RGBColor(118, 128, 136);
+/// Free space around the curves.
+const ROOM: f64 = 0.04;
+
+/// Curves over one pair of axes. Points that are not finite are left out.
+pub fn xy_plot(x_label: &str, y_label: &str, curves: &[Curve]) -> String {
+    let mut text = String::new();
+    let drawn = draw(&mut text, x_label, y_label, curves);
+    // Drawing into a string has nothing that can fail; a defect shows in the page instead of ending the report.
+    drawn.map_or_else(|error| format!("<p>This plot could not be drawn: {}</p>", super::html::escape(&error)), |()| text)
+}
+
+fn draw(text: &mut String, x_label: &str, y_label: &str, curves: &[Curve]) -> Result<(), String> {
+    let finite = |points: &[(f64, f64)]| -> Vec<(f64, f64)> {
+        points.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite()).collect()
+    };
+    let curves: Vec<_> = curves.iter().map(|c| (c.ink, finite(&c.points))).collect();
+    let all = || curves.iter().flat_map(|(_, points)| points);
+    let (x, y) = (range(all().map(|p| p.0)), range(all().map(|p| p.1)));
+    let root = SVGBackend::with_string(text, SIZE).into_drawing_area();
+    let failed = |e: DrawingAreaErrorKind<_>| format!("{e:?}");
+    let mut chart = ChartBuilder::on(&root)
+        .margin(12)
+        .x_label_area_size(48)
+        .y_label_area_size(72)
+        .build_cartesian_2d(x, y)
+        .map_err(failed)?;
+    chart
+        .configure_mesh()
+        .light_line_style(TRANSPARENT)
+        .bold_line_style(QUIET.mix(0.3))
+        .axis_style(QUIET)
+        .label_style(("sans-serif", 16, &QUIET))
+        .axis_desc_style(("sans-serif", 17, &QUIET))
+        .x_desc(x_label)
+        .y_desc(y_label)
+        .draw()
+        .map_err(failed)?;
+    for (ink, points) in curves {
+        let style = ink.colour().mix(0.85).stroke_width(2);
+        chart.draw_series(LineSeries::new(points, style)).map_err(failed)?;
+    }
+    root.present().map_err(failed)?;
+    Ok(())
+}
+
+fn range(values: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
+    let (low, high) =
+        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+    match high - low {
+        span if span > 0.0 => low - ROOM * span..high + ROOM * span,
+        span if span == 0.0 => low - 1.0..high + 1.0,
+        _ => 0.0..1.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_plot_has_both_curves_and_survives_wild_points() {
+        let svg = xy_plot(
+            "x in mm",
+            "y in N",
+            &[
+                Curve::measured("a", vec![(0.0, 1.0), (1.0, f64::NAN), (2.0, 3.0)]),
+                Curve::twin("b", vec![(0.0, 1.0), (2.0, 2.0)]),
+            ],
+        );
+        assert!(svg.starts_with("<svg") && svg.contains("x in mm"));
+        assert_eq!(svg.matches("<polyline").filter(|_| true).count().min(2), 2);
+        assert!(svg.contains("#1C71C4") && svg.contains("#DE751A"), "both inks");
+    }
+
+    #[test]
+    fn an_empty_plot_is_a_plot() {
+        assert!(xy_plot("x", "y", &[]).contains("</svg>"));
+    }
+}
