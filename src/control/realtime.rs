@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError, TryLockError};
 use std::thread::JoinHandle;
 
 use nix::sys::mman::{MlockAllFlags, mlockall};
-use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit};
+use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit, setrlimit};
 use nix::time::{ClockId, ClockNanosleepFlags, clock_nanosleep};
 use thread_priority::unix::{
     RealtimeThreadSchedulePolicy, ThreadSchedulePolicy, set_thread_priority_and_policy, thread_native_id,
@@ -274,10 +274,11 @@ fn realtime_priority() -> Result<(), String> {
     .map_err(|e| format!("{e:?}"))
 }
 
-/// Locks what is there and what comes. Not under a finite limit: there a later allocation would fail, which is worse.
+/// Locks what is there and what comes. Not under a finite limit that cannot be lifted: there a later allocation would
+/// fail, which is worse.
 fn lock_memory() -> Result<(), String> {
     let (soft, _) = getrlimit(Resource::RLIMIT_MEMLOCK).map_err(|e| e.to_string())?;
-    if soft != RLIM_INFINITY {
+    if soft != RLIM_INFINITY && setrlimit(Resource::RLIMIT_MEMLOCK, RLIM_INFINITY, RLIM_INFINITY).is_err() {
         return Err(format!("limit {} KiB", soft / 1024));
     }
     mlockall(MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE).map_err(|e| e.to_string())
