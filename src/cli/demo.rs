@@ -1,317 +1,316 @@
-//! `leafbench demo`: the bench's main job in virtual time. Static ramp and the 6 mm 1 Hz sine on the mock rig, twin
-//! beside, run files, CSV, data packages and a page with the loops.
+//! `leafbench demo`.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use super::table;
-use super::virtual_bench::{VirtualBench, VirtualBenchError};
-use crate::config::{Bench, ConfigError};
-use crate::control::RigStatus;
+use clap::{Arg, ArgMatches};
+
+use super::progress::{Mark, Progress};
+use super::virtual_bench::VirtualBench;
+use super::{CliError, Command, Done, Output, local};
+use crate::config::Bench;
 use crate::control::run::RunOrder;
-use crate::profile::{Profile, ProfileError};
-use crate::recording::Ending;
+use crate::daemon::{header, library};
+use crate::profile::{Player, Profile};
+use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::recording::cycles::CycleSummary;
-use crate::recording::export::{self, ExportError, Selection};
-use crate::recording::metrics::{LoopIntegral, Range, secant_rate_n_per_mm};
-use crate::recording::run_file::{EXTENSION, RunFile, RunFileError, RunFileWriter};
-use crate::report::loops::{self, LoopSection};
-use crate::report::svg::PlotError;
+use crate::recording::export::{self, Selection};
+use crate::recording::metrics::{NrmseMeter, Range, loop_energy_j, secant_rate_n_per_mm};
+use crate::recording::run_file::{EXTENSION, RunFile, RunFileWriter};
+use crate::recording::{Ending, Sample};
+use crate::report::html::{LoopPage, Section};
+use crate::report::svg::{Curve, xy_plot};
 use crate::twin::Twin;
 
-/// The profiles of the demo, in order.
-pub const PROFILES: [&str; 2] = ["static-ramp", "sine-6mm-1hz"];
-/// Counted cycle by which amplitude and mean must be right.
-const JUDGED_CYCLE: u32 = 5;
-const HEAD: [&str; 9] = [
-    "profile",
-    "peak force N",
-    "loop energy J",
-    "rate N/mm",
-    "samples",
-    "lost",
-    "amplitude error at cycle 5 %",
-    "twin NRMSE %",
-    "x real time",
-];
+/// What is shown: a force-controlled ramp and a displacement-controlled sine.
+const PROFILES: [&str; 2] = ["static-ramp", "sine-6mm-1hz"];
+/// Points of a curve in the page: more than a screen has.
+const CURVE_POINTS: usize = 2000;
+/// By this counted cycle amplitude and mean have settled.
+const SETTLED_CYCLE: u32 = 5;
+/// The progress bar moves this often, in ms of bench time.
+const PROGRESS_MS: u64 = 500;
 
-/// Why the demo ended early.
-#[derive(Debug, thiserror::Error)]
-pub enum DemoError {
-    /// A config file.
-    #[error(transparent)]
-    Config(#[from] ConfigError),
-    /// A profile file cannot be read.
-    #[error("{} cannot be read: run from the project's folder, or give --configs", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// The system's words.
-        source: std::io::Error,
+/// See [`super::COMMANDS`].
+pub const COMMAND: Command = Command {
+    name: "demo",
+    what: "Static ramp and 6 mm sine on the mock rig in virtual time: table, CSV and a page with the loops",
+    arguments: |command| {
+        command.arg(
+            Arg::new("out")
+                .long("out")
+                .value_name("DIR")
+                .value_parser(clap::value_parser!(PathBuf))
+                .default_value("leafbench-demo")
+                .help("Folder to write to; earlier results of the demo there are replaced"),
+        )
     },
-    /// A profile.
-    #[error(transparent)]
-    Profile(#[from] ProfileError),
-    /// The bench.
-    #[error(transparent)]
-    Bench(#[from] VirtualBenchError),
-    /// The twin's model.
-    #[error("the twin's model cannot be built")]
-    Model(#[from] crate::model::BuildError),
-    /// The run file.
-    #[error(transparent)]
-    RunFile(#[from] RunFileError),
-    /// The export.
-    #[error(transparent)]
-    Export(#[from] ExportError),
-    /// The page.
-    #[error(transparent)]
-    Plot(#[from] PlotError),
-    /// The folder or page cannot be written.
-    #[error("{} cannot be written", path.display())]
-    Write {
-        /// What.
-        path: PathBuf,
-        /// The system's words.
-        source: std::io::Error,
-    },
-    /// A run did not complete.
-    #[error("run {run_id} did not complete: {cause}")]
-    NotCompleted {
-        /// Which.
-        run_id: String,
-        /// Why.
-        cause: String,
-    },
-}
+    run,
+};
 
-/// Figures of one run, for the table and for scripts.
+/// One row of the table.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub struct DemoRun {
-    /// Profile.
-    pub profile: String,
-    /// Highest force in N.
-    pub peak_force_n: f64,
-    /// Loop energy in J: of the whole run, or the mean over counted cycles.
-    pub loop_energy_j: f64,
-    /// Secant rate in N/mm.
-    pub secant_rate_n_per_mm: Option<f64>,
-    /// Samples recorded.
-    pub samples: u64,
-    /// Samples missing.
-    pub lost: u64,
-    /// Amplitude against the profile's at the fifth counted cycle, in percent; `None` without cycles.
-    pub amplitude_error_cycle5_percent: Option<f64>,
-    /// Misfit of the twin in percent of the force's range.
-    pub twin_nrmse_percent: Option<f64>,
-    /// Virtual seconds a second, recording included.
-    pub real_time_factor: f64,
-    /// CSV of the whole run.
-    pub csv: PathBuf,
+struct Row {
+    profile: String,
+    ending: Ending,
+    peak_force_n: f64,
+    loop_energy_j: f64,
+    rate_n_per_mm: Option<f64>,
+    samples: u64,
+    lost: u64,
+    /// Of the fifth counted cycle, relative; `None` without cycles.
+    amplitude_error: Option<f64>,
+    twin_nrmse: Option<f64>,
 }
 
-/// Runs the demo of the bench file at `bench_path`; profiles are beside it in `../profiles`. Everything goes to `out`.
-pub fn run(
-    bench_path: &Path,
-    out: &Path,
-    progress: &mut dyn FnMut(&str, &RigStatus),
-) -> Result<Vec<DemoRun>, DemoError> {
-    let bench = Bench::load(bench_path)?;
-    let configs = bench_path
-        .parent()
-        .and_then(Path::parent)
-        .unwrap_or(Path::new("."));
-    std::fs::create_dir_all(out).map_err(|source| DemoError::Write {
-        path: out.to_owned(),
-        source,
-    })?;
-    let mut runs = Vec::new();
-    let mut sections = Vec::new();
+#[derive(serde::Serialize)]
+struct Demo {
+    folder: PathBuf,
+    page: PathBuf,
+    rows: Vec<Row>,
+    virtual_s: f64,
+    real_s: f64,
+}
+
+fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
+    let begun = Instant::now();
+    let folder = matches
+        .get_one::<PathBuf>("out")
+        .cloned()
+        .unwrap_or_else(|| "leafbench-demo".into());
+    std::fs::create_dir_all(&folder).map_err(CliError::file(&folder, "making the folder"))?;
+    let configs = local::configs()?;
+    let bench = Bench::load(&configs.join("benches/mock.toml"))?;
+    let (mut rows, mut sections, mut virtual_s) = (Vec::new(), Vec::new(), 0.0);
     for name in PROFILES {
-        let (run, section) = one_run(&bench, configs, name, out, progress)?;
-        runs.push(run);
+        let (profile, text) = library::read(&configs.join("profiles").join(format!("{name}.toml")))?;
+        let run = play(&bench, &profile, text, &folder, &mut virtual_s, output)?;
+        let (row, section) = account(&run, &profile, &folder)?;
+        rows.push(row);
         sections.push(section);
     }
-    let page = loops::page(
-        "leafbench demo: measured loops",
-        "Mock rig in virtual time. Measured is what the load cell and the LVDT gave; the twin is the same spring model, stepped with the measured displacement.",
-        &HEAD,
-        &runs.iter().map(row).collect::<Vec<_>>(),
-        &sections,
-    )?;
-    let path = out.join("loops.html");
-    std::fs::write(&path, page).map_err(|source| DemoError::Write { path, source })?;
-    Ok(runs)
-}
-
-/// The summary table for the terminal.
-pub fn summary(runs: &[DemoRun]) -> String {
-    table::render(&HEAD, &runs.iter().map(row).collect::<Vec<_>>())
-}
-
-fn row(run: &DemoRun) -> Vec<String> {
-    let or_dash =
-        |value: Option<f64>, digits: usize| value.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
-    vec![
-        run.profile.clone(),
-        format!("{:.1}", run.peak_force_n),
-        format!("{:.3}", run.loop_energy_j),
-        or_dash(run.secant_rate_n_per_mm, 2),
-        run.samples.to_string(),
-        run.lost.to_string(),
-        or_dash(run.amplitude_error_cycle5_percent, 3),
-        or_dash(run.twin_nrmse_percent, 3),
-        format!("{:.0}", run.real_time_factor),
-    ]
-}
-
-fn one_run(
-    bench: &Bench,
-    configs: &Path,
-    name: &str,
-    out: &Path,
-    progress: &mut dyn FnMut(&str, &RigStatus),
-) -> Result<(DemoRun, LoopSection), DemoError> {
-    let path = configs.join("profiles").join(format!("{name}.toml"));
-    let toml = std::fs::read_to_string(&path).map_err(|source| DemoError::Read {
-        path: path.clone(),
-        source,
-    })?;
-    let profile = Profile::from_toml(&toml, &path.display().to_string())?;
-    let run_id = format!("demo-{name}");
-    let header = bench.header(&run_id, &super::now_utc(), &profile, &toml)?;
-    let file = out.join(&run_id).with_extension(EXTENSION);
-    remove_if_there(&file).map_err(|source| DemoError::Write {
-        path: file.clone(),
-        source,
-    })?;
-    let writer = RunFileWriter::create(&file, &header)?;
-    let mut twin = Twin::new(bench.model.plant()?, Box::new(writer), || false);
-    let planned_s = header.duration_planned_s;
-    let began = Instant::now();
-    let mut virtual_bench = VirtualBench::new(bench)?;
-    virtual_bench.run(
-        RunOrder {
-            header,
-            profile,
-            first_cycle: 1,
-        },
-        &mut twin,
-        &mut |status| progress(name, status),
-    )?;
-    drop(twin);
-    let real_time_factor = planned_s / began.elapsed().as_secs_f64();
-    let run = RunFile::open(&file)?;
-    if let Some(outcome) = run.outcome().filter(|o| o.ending != Ending::Completed) {
-        return Err(DemoError::NotCompleted {
-            run_id,
-            cause: outcome.cause.clone(),
-        });
+    let page = folder.join("index.html");
+    let title = "leafbench demo: measured loops and twin";
+    let html = LoopPage {
+        title,
+        lead: &lead(&bench),
+        sections,
     }
-    let csv = out.join(format!("{name}.csv"));
-    export::export(&run, Selection::Whole, &csv)?;
-    let cycles = if run.survey().cycles_completed() > 0 {
-        export::export(
-            &run,
-            Selection::MeanLoop,
-            &out.join(format!("{name}-mean-loop.csv")),
-        )?;
-        export::export_cycles(&run, &out.join(format!("{name}-cycles.csv")))?
-    } else {
-        Vec::new()
+    .render();
+    std::fs::write(&page, html).map_err(CliError::file(&page, "writing"))?;
+    let demo = Demo {
+        folder,
+        page,
+        rows,
+        virtual_s,
+        real_s: begun.elapsed().as_secs_f64(),
     };
-    let figures = judge(name, &run, &cycles, real_time_factor, csv);
-    let section = section(name, &run, &figures);
-    Ok((figures, section))
-}
-
-/// A demo repeats: the run file of the one before goes.
-fn remove_if_there(path: &Path) -> std::io::Result<()> {
-    match std::fs::remove_file(path) {
-        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(e),
-        _ => Ok(()),
-    }
-}
-
-fn judge(name: &str, run: &RunFile, cycles: &[CycleSummary], real_time_factor: f64, csv: PathBuf) -> DemoRun {
-    let (mut force_n, mut displacement_mm) = (None, None);
-    let mut whole = LoopIntegral::default();
-    let mut twin = crate::recording::metrics::NrmseMeter::default();
-    for sample in run.samples() {
-        force_n = Some(Range::including(force_n, sample.force_n));
-        displacement_mm = Some(Range::including(displacement_mm, sample.displacement_mm));
-        whole.add(sample.displacement_mm, sample.force_n);
-        if let Some(twin_force_n) = sample.twin_force_n {
-            twin.add(sample.force_n, twin_force_n);
-        }
-    }
-    let survey = run.survey();
-    let complete: Vec<&CycleSummary> = cycles.iter().filter(|c| c.complete).collect();
-    let mean =
-        |of: fn(&CycleSummary) -> f64| complete.iter().map(|c| of(c)).sum::<f64>() / complete.len() as f64;
-    let asked = asked_amplitude(run);
-    let judged = complete.iter().find(|c| c.cycle == JUDGED_CYCLE);
-    DemoRun {
-        profile: name.to_owned(),
-        peak_force_n: force_n.map_or(f64::NAN, |r| r.peak),
-        loop_energy_j: if complete.is_empty() {
-            whole.energy_j()
-        } else {
-            mean(|c| c.loop_energy_j)
-        },
-        secant_rate_n_per_mm: match (complete.first(), displacement_mm.zip(force_n)) {
-            (Some(_), _) => Some(mean(|c| c.secant_rate_n_per_mm.unwrap_or(f64::NAN))),
-            (None, Some((x, f))) => secant_rate_n_per_mm(x, f),
-            (None, None) => None,
-        },
-        samples: survey.samples,
-        lost: survey.lost + survey.damaged,
-        amplitude_error_cycle5_percent: judged
-            .zip(asked)
-            .map(|(c, asked)| 100.0 * (c.displacement_mm.amplitude() / asked - 1.0)),
-        twin_nrmse_percent: twin.value().map(|v| 100.0 * v),
-        real_time_factor,
-        csv,
-    }
-}
-
-/// Amplitude that the profile asks for in its counted cycles.
-fn asked_amplitude(run: &RunFile) -> Option<f64> {
-    use crate::profile::Segment;
-    let profile = Profile::from_toml(&run.header().profile_toml, "run file").ok()?;
-    profile
-        .blocks
+    output.result(&demo, || text(&demo))?;
+    let well = demo
+        .rows
         .iter()
-        .flat_map(|b| &b.segments)
-        .find_map(|s| match s {
-            Segment::Sine { amplitude, .. } | Segment::Triangle { amplitude, .. } => Some(*amplitude),
-            _ => None,
-        })
+        .all(|r| r.ending == Ending::Completed && r.lost == 0);
+    Ok(if well { Done::Well } else { Done::Otherwise })
 }
 
-fn section(name: &str, run: &RunFile, figures: &DemoRun) -> LoopSection {
-    let samples = run
-        .samples()
-        .step_by(10)
-        .map(|s| [s.displacement_mm, s.force_n, s.twin_force_n.unwrap_or(f64::NAN)])
-        .collect();
-    let last_cycle = run.survey().cycles.last().map(|c| c.cycle);
-    LoopSection {
-        title: name.to_owned(),
-        samples,
-        last_cycle: match last_cycle {
-            Some(last) => run
-                .samples()
-                .filter(|s| s.cycle == last)
-                .map(|s| [s.displacement_mm, s.force_n, s.twin_force_n.unwrap_or(f64::NAN)])
-                .collect(),
-            None => Vec::new(),
-        },
-        caption: format!(
-            "{} samples, {} lost, twin NRMSE {:.3} %.",
-            figures.samples,
-            figures.lost,
-            figures.twin_nrmse_percent.unwrap_or(f64::NAN)
-        ),
+fn lead(bench: &Bench) -> String {
+    format!(
+        "Measured on the mock rig in virtual time, specimen {}, twin: model {}. No real rig was involved.",
+        bench.specimen.name, bench.model.name
+    )
+}
+
+/// One profile from hello to unloaded rig, into a run file.
+fn play(
+    bench: &Bench,
+    profile: &Profile,
+    profile_toml: String,
+    folder: &Path,
+    virtual_s: &mut f64,
+    output: &Output,
+) -> Result<RunFile, CliError> {
+    let path = folder.join(format!("{}.{EXTENSION}", profile.name));
+    for ending in ["", "-wal", "-shm"] {
+        // Missing ones are the rule.
+        let _ = std::fs::remove_file(format!("{}{ending}", path.display()));
     }
+    let player = Player::new(profile, 0.0, f64::from(SAMPLE_RATE_HZ))?;
+    let planned = header::Planned {
+        cycles: player.total_cycles(),
+        duration_s: player.duration_s(),
+    };
+    let now = jiff::Timestamp::now();
+    let header = header::new(profile.name.clone(), now, bench, profile, profile_toml, planned);
+    let writer = RunFileWriter::create(&path, &header)?;
+    let mut chain = Twin::new(bench.model.plant()?, Box::new(writer), || false);
+    let order = RunOrder {
+        header,
+        profile: profile.clone(),
+        first_cycle: 1,
+    };
+    let mut progress = Progress::new(&profile.name, output.json);
+    let mut turns = 0;
+    let mut virtual_bench = VirtualBench::new(bench, None)?;
+    virtual_bench.play(order, &mut chain, |bench| {
+        turns += 1;
+        if turns % PROGRESS_MS == 0 {
+            let status = bench.rig.status();
+            progress.show(Mark {
+                elapsed_s: status.elapsed_s,
+                remaining_s: status.remaining_s,
+                cycles: status.cycles_completed,
+                cycles_total: status.cycles_total,
+            });
+        }
+    })?;
+    progress.finish();
+    *virtual_s += virtual_bench.now_ns() as f64 * 1e-9;
+    drop(chain);
+    Ok(RunFile::open(&path)?)
+}
+
+/// Exports one run and sums it up.
+fn account(run: &RunFile, profile: &Profile, folder: &Path) -> Result<(Row, Section), CliError> {
+    let name = &profile.name;
+    let exported = export::export(run, Selection::Whole, &folder.join(format!("{name}.csv")))?;
+    let cycles = match exported.survey.cycles.is_empty() {
+        true => Vec::new(),
+        false => {
+            export::export(
+                run,
+                Selection::MeanLoop,
+                &folder.join(format!("{name}-mean-loop.csv")),
+            )?;
+            export::export_cycles(run, &folder.join(format!("{name}.cycles.csv")))?
+        }
+    };
+    // The run's own motion; the unload after it is recorded too, but is no test.
+    let samples: Vec<Sample> = run.samples().filter(|s| s.segment > 0).collect();
+    let row = row(run, profile, &samples, &cycles, exported.survey.lost);
+    let section = section(name, &profile.description, &samples, &row);
+    Ok((row, section))
+}
+
+fn row(run: &RunFile, profile: &Profile, samples: &[Sample], cycles: &[CycleSummary], lost: u64) -> Row {
+    let force: Vec<f64> = samples.iter().map(|s| s.force_n).collect();
+    let displacement: Vec<f64> = samples.iter().map(|s| s.displacement_mm).collect();
+    let mut twin = NrmseMeter::default();
+    for (sample, twin_n) in samples.iter().filter_map(|s| Some((s, s.twin_force_n?))) {
+        twin.add(sample.force_n, twin_n);
+    }
+    let whole: Vec<&CycleSummary> = cycles.iter().filter(|c| c.complete).collect();
+    let mean =
+        |value: fn(&CycleSummary) -> f64| whole.iter().map(|c| value(c)).sum::<f64>() / whole.len() as f64;
+    let (loop_energy_j, rate_n_per_mm) = match whole.is_empty() {
+        // A ramp is one loop of its own.
+        true => {
+            let ranges = Range::of(&displacement).zip(Range::of(&force));
+            (
+                loop_energy_j(&displacement, &force),
+                ranges.and_then(|(x, f)| secant_rate_n_per_mm(x, f)),
+            )
+        }
+        false => (
+            mean(|c| c.loop_energy_j),
+            Some(mean(|c| c.secant_rate_n_per_mm.unwrap_or(f64::NAN))),
+        ),
+    };
+    let asked = asked_amplitude(samples, &whole, profile);
+    let settled = whole.iter().find(|c| c.cycle == SETTLED_CYCLE).zip(asked);
+    Row {
+        profile: profile.name.clone(),
+        ending: run.outcome().map_or(Ending::Aborted, |o| o.ending),
+        peak_force_n: force.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+        loop_energy_j,
+        rate_n_per_mm,
+        samples: samples.len() as u64,
+        lost,
+        amplitude_error: settled.map(|(c, asked)| c.displacement_mm.amplitude() / asked - 1.0),
+        twin_nrmse: twin.value(),
+    }
+}
+
+/// The amplitude that the profile's first counted cycle is to reach.
+fn asked_amplitude(samples: &[Sample], whole: &[&CycleSummary], profile: &Profile) -> Option<f64> {
+    let first = whole.first()?;
+    let segment = samples.iter().find(|s| s.cycle == first.cycle)?.segment;
+    let player = Player::new(profile, 0.0, f64::from(SAMPLE_RATE_HZ)).ok()?;
+    player.targets_of(segment).map(|t| t.amplitude)
+}
+
+fn section(name: &str, description: &str, samples: &[Sample], row: &Row) -> Section {
+    let step = samples.len().div_ceil(CURVE_POINTS * 4).max(1);
+    // A sine repeats: a dozen cycles show every loop, finer.
+    let shown: Vec<&Sample> = samples.iter().step_by(step).collect();
+    let measured = shown.iter().map(|s| (s.displacement_mm, s.force_n)).collect();
+    let twin = shown
+        .iter()
+        .filter_map(|s| Some((s.displacement_mm, s.twin_force_n?)))
+        .collect();
+    let curves = [Curve::measured("measured", measured), Curve::twin("twin", twin)];
+    let optional = |value: Option<f64>, scale: f64, digits: usize, unit: &str| {
+        value.map_or("\u{2013}".to_owned(), |v| {
+            format!("{:.digits$} {unit}", v * scale)
+        })
+    };
+    Section {
+        title: name.to_owned(),
+        text: description.to_owned(),
+        svg: xy_plot("displacement in mm", "force in N", &curves),
+        facts: vec![
+            ("Peak force".to_owned(), format!("{:.1} N", row.peak_force_n)),
+            ("Loop energy".to_owned(), format!("{:.2} J", row.loop_energy_j)),
+            (
+                "Secant rate".to_owned(),
+                optional(row.rate_n_per_mm, 1.0, 2, "N/mm"),
+            ),
+            (
+                "Samples".to_owned(),
+                format!("{}, {} lost", row.samples, row.lost),
+            ),
+            (
+                format!("Amplitude error, cycle {SETTLED_CYCLE}"),
+                optional(row.amplitude_error, 100.0, 2, "%"),
+            ),
+            ("Twin NRMSE".to_owned(), optional(row.twin_nrmse, 100.0, 2, "%")),
+        ],
+        files: vec![
+            format!("{name}.csv"),
+            format!("{name}.datapackage.json"),
+            format!("{name}.{EXTENSION}"),
+        ],
+    }
+}
+
+fn text(demo: &Demo) -> String {
+    let mut lines = vec![format!(
+        "{:<16}{:>12}{:>14}{:>14}{:>10}{:>6}{:>14}{:>12}",
+        "profile", "peak force", "loop energy", "rate", "samples", "lost", "amplitude*", "twin NRMSE"
+    )];
+    lines.extend(demo.rows.iter().map(|r| {
+        let percent = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{:+.2} %", 100.0 * v));
+        format!(
+            "{:<16}{:>10.1} N{:>12.2} J{:>14}{:>10}{:>6}{:>14}{:>12}",
+            r.profile,
+            r.peak_force_n,
+            r.loop_energy_j,
+            r.rate_n_per_mm.map_or("-".to_owned(), |v| format!("{v:.2} N/mm")),
+            r.samples,
+            r.lost,
+            percent(r.amplitude_error),
+            percent(r.twin_nrmse).trim_start_matches('+')
+        )
+    }));
+    lines.push(format!(
+        "* error of the amplitude in counted cycle {SETTLED_CYCLE}"
+    ));
+    lines.push(String::new());
+    lines.push(format!(
+        "{:.0} s of bench time in {:.1} s; CSV, data packages and run files in {}, loops in {}",
+        demo.virtual_s,
+        demo.real_s,
+        demo.folder.display(),
+        demo.page.display()
+    ));
+    lines.join("\n")
 }

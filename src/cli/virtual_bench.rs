@@ -1,166 +1,139 @@
-//! A whole bench in virtual time: mock rig, link in memory, control and recorders in one thread, as fast as it can.
-//! Same bench, same profile, same seed: same bits.
+//! A whole bench in virtual time: control and the mock rig over a link in memory, the recorder called inline. One step is
+//! a millisecond; the same config and seed give the same bits.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use super::{CliError, local};
 use crate::config::Bench;
 use crate::control::run::RunOrder;
-use crate::control::{Phase, Refusal, Rig, RigStatus};
+use crate::control::{Phase, Rig};
 use crate::link::{Link, loopback};
-use crate::mockrig::{MockRig, MockRigConfig, MockRigError};
-use crate::model::BuildError;
-use crate::recording::Recorder;
+use crate::mockrig::MockRig;
+use crate::recording::{Event, Header, Outcome, Recorder, Sample};
 
-const MS: u64 = 1_000_000;
-/// Progress is told this often in virtual time.
-const PROGRESS_MS: u64 = 500;
-/// The hello takes 30 ms; a rig that is not ready by then never will be.
-const HELLO_MS: u64 = 3_000;
-/// A tare needs half a second of samples.
-const SETTLE_MS: u64 = 700;
-/// An unload from the largest travel at the slowest speed.
-const UNLOAD_MS: u64 = 60_000;
+/// Period of both loops.
+const STEP_NS: u64 = 1_000_000;
+/// The hello takes about 100 ms of bench time; a rig that is not ready by then will not be.
+const READY_WITHIN_MS: u64 = 10_000;
+/// Arming and unloading beside the profile itself.
+const BESIDE_THE_RUN_MS: u64 = 60_000;
+/// Session of the host in virtual time.
+const SESSION: u8 = 1;
 
-/// Why a bench cannot run in virtual time.
-#[derive(Debug, thiserror::Error)]
-pub enum VirtualBenchError {
-    /// `[mock_rig]` of the bench file.
-    #[error("[mock_rig] of bench {bench}: {reason}")]
-    MockRigTable {
-        /// Bench.
-        bench: String,
-        /// What the reader said.
-        reason: String,
-    },
-    /// A number of the mock rig.
-    #[error(transparent)]
-    MockRig(#[from] MockRigError),
-    /// The specimen's model.
-    #[error("the specimen's model cannot be built")]
-    Specimen(#[from] BuildError),
-    /// Control refused the run.
-    #[error("the run was refused")]
-    Refused(#[from] Refusal),
-    /// The bench did not get where it should.
-    #[error("the bench is {phase:?} where {wanted:?} was expected: {notice}")]
-    Stuck {
-        /// Where it is.
-        phase: Phase,
-        /// Where it should be.
-        wanted: Phase,
-        /// What control says.
-        notice: String,
-    },
-}
-
-/// The mock rig that a bench file describes, with the specimen as its plant.
-pub fn mock_rig(bench: &Bench) -> Result<MockRig, VirtualBenchError> {
-    let mut table = bench.mock_rig.clone();
-    table.insert("node".into(), toml::Value::Integer(i64::from(bench.link.node)));
-    table.insert(
-        "calibration_hash".into(),
-        toml::Value::Integer(i64::from(bench.calibration_hash())),
-    );
-    let config: MockRigConfig =
-        table
-            .try_into()
-            .map_err(|e: toml::de::Error| VirtualBenchError::MockRigTable {
-                bench: bench.name.clone(),
-                reason: e.message().to_owned(),
-            })?;
-    Ok(MockRig::new(&config, bench.specimen.model.plant()?)?)
-}
-
-/// Mock rig and control over a link in memory.
+/// Control on one end, the mock rig on the other.
 pub struct VirtualBench {
     /// The host's side.
     pub rig: Rig,
-    /// The rig's side.
+    /// The far end.
     pub mock: MockRig,
-    host: Link,
-    far: Link,
+    host_end: Link,
+    rig_end: Link,
+    clock: Arc<AtomicU64>,
     now_ns: u64,
 }
 
 impl VirtualBench {
-    /// The bench at the moment that both sides are switched on.
-    pub fn new(bench: &Bench) -> Result<Self, VirtualBenchError> {
-        let (host, far) = loopback::pair();
+    /// The bench's mock rig with the bench's specimen, and control as the daemon configures it.
+    pub fn new(bench: &Bench, seed: Option<u64>) -> Result<VirtualBench, CliError> {
+        let clock = Arc::new(AtomicU64::new(0));
+        let (host_end, rig_end) = loopback::pair_with_clock(Arc::clone(&clock));
         Ok(VirtualBench {
-            rig: Rig::new(bench.rig_config(1)),
-            mock: mock_rig(bench)?,
-            host,
-            far,
+            rig: Rig::new(bench.rig_config(SESSION)),
+            mock: local::mock_rig(bench, seed)?,
+            host_end,
+            rig_end,
+            clock,
             now_ns: 0,
         })
     }
 
-    /// Virtual time in ns since the start.
+    /// One millisecond: the rig ticks, then control looks.
+    pub fn step(&mut self, recorder: &mut dyn Recorder) {
+        self.now_ns += STEP_NS;
+        self.clock.store(self.now_ns, Ordering::Relaxed);
+        self.mock.tick(&mut self.rig_end);
+        self.rig.poll(self.now_ns, &mut self.host_end, recorder);
+    }
+
+    /// Virtual time since the start.
     pub fn now_ns(&self) -> u64 {
         self.now_ns
     }
 
-    /// One millisecond.
-    pub fn tick(&mut self, recorder: &mut dyn Recorder) {
-        self.now_ns += MS;
-        self.mock.tick(&mut self.far);
-        self.rig.poll(self.now_ns, &mut self.host, recorder);
-    }
-
-    /// Ticks until control is in `wanted`, at most `limit_ms`.
-    pub fn until(
-        &mut self,
-        wanted: Phase,
-        limit_ms: u64,
-        recorder: &mut dyn Recorder,
-        progress: &mut dyn FnMut(&RigStatus),
-    ) -> Result<(), VirtualBenchError> {
-        for ms in 0..limit_ms {
-            if self.rig.phase() == wanted {
-                return Ok(());
+    /// Steps until the bench is in `phase`; false where it was not within `limit_ms`.
+    pub fn run_until(&mut self, phase: Phase, limit_ms: u64, recorder: &mut dyn Recorder) -> bool {
+        for _ in 0..limit_ms {
+            if self.rig.phase() == phase {
+                return true;
             }
-            if ms % PROGRESS_MS == 0 {
-                progress(&self.rig.status());
-            }
-            self.tick(recorder);
+            self.step(recorder);
         }
-        Err(VirtualBenchError::Stuck {
-            phase: self.rig.phase(),
-            wanted,
-            notice: self.rig.status().notice,
-        })
+        self.rig.phase() == phase
     }
 
-    /// Connects, tares, runs the order and unloads. How the run ended is told to `recorder`.
-    pub fn run(
+    /// Connects if need be, plays one run to its end and unloads. `each_ms` sees the bench after every step.
+    pub fn play(
         &mut self,
         order: RunOrder,
         recorder: &mut dyn Recorder,
-        progress: &mut dyn FnMut(&RigStatus),
-    ) -> Result<(), VirtualBenchError> {
-        self.until(Phase::Ready, HELLO_MS, recorder, progress)?;
-        for _ in 0..SETTLE_MS {
-            self.tick(recorder);
+        mut each_ms: impl FnMut(&VirtualBench),
+    ) -> Result<Outcome, CliError> {
+        let limit_ms = (order.header.duration_planned_s * 1e3) as u64 + BESIDE_THE_RUN_MS;
+        let mut watched = Watched {
+            next: recorder,
+            outcome: None,
+        };
+        if !self.run_until(Phase::Ready, READY_WITHIN_MS, &mut watched) {
+            return Err(self.not_as_planned("did not get ready"));
         }
-        self.rig.tare()?;
-        for _ in 0..SETTLE_MS {
-            self.tick(recorder);
-        }
-        let limit_ms = (order.header.duration_planned_s * 1e3) as u64 + UNLOAD_MS;
+        // Half a second of rest: what control takes the start level from.
+        (0..500).for_each(|_| self.step(&mut watched));
         self.rig.start(order)?;
-        self.until(Phase::Running, HELLO_MS, recorder, progress)?;
-        let ended = |phase| matches!(phase, Phase::Ready | Phase::Interlocked);
-        for ms in 0..limit_ms {
-            if ended(self.rig.phase()) {
-                return Ok(());
+        for _ in 0..limit_ms {
+            self.step(&mut watched);
+            each_ms(self);
+            if self.rig.phase() == Phase::Ready || self.rig.phase() == Phase::Interlocked {
+                break;
             }
-            if ms % PROGRESS_MS == 0 {
-                progress(&self.rig.status());
-            }
-            self.tick(recorder);
         }
-        Err(VirtualBenchError::Stuck {
-            phase: self.rig.phase(),
-            wanted: Phase::Ready,
-            notice: self.rig.status().notice,
-        })
+        let outcome = watched.outcome.take();
+        outcome.ok_or_else(|| self.not_as_planned("did not come to an end"))
+    }
+
+    fn not_as_planned(&self, what: &str) -> CliError {
+        let notice = self.rig.status().notice;
+        CliError::Input(format!(
+            "the bench in virtual time {what}: {notice}: check the bench config"
+        ))
+    }
+}
+
+/// Keeps the outcome on its way to the recorder.
+struct Watched<'a> {
+    next: &'a mut dyn Recorder,
+    outcome: Option<Outcome>,
+}
+
+impl Recorder for Watched<'_> {
+    fn begin(&mut self, header: &Header) {
+        self.next.begin(header);
+    }
+
+    fn sample(&mut self, sample: &Sample) {
+        self.next.sample(sample);
+    }
+
+    fn event(&mut self, event: &Event) {
+        self.next.event(event);
+    }
+
+    fn end(&mut self, outcome: &Outcome) {
+        self.outcome = Some(outcome.clone());
+        self.next.end(outcome);
+    }
+
+    fn flush(&mut self) {
+        self.next.flush();
     }
 }

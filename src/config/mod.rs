@@ -3,7 +3,6 @@
 
 mod checks;
 mod file;
-mod header;
 mod rig;
 
 use std::collections::BTreeMap;

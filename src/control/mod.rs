@@ -6,6 +6,7 @@
 
 pub mod channel;
 pub mod limits;
+pub mod realtime;
 pub mod rig_clock;
 pub mod run;
 mod sampling;

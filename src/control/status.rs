@@ -5,7 +5,7 @@ use crate::protocol::message::{Cause, RequestCode, RigState};
 use crate::recording::{Ending, FirmwareIdentity};
 
 /// What the bench is doing, for people and scripts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Phase {
     /// No rig is heard, or the hello is not through.
@@ -25,7 +25,9 @@ pub enum Phase {
 }
 
 /// Counts since the program started.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(
+    Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema,
+)]
 pub struct Counters {
     /// Samples taken.
     pub samples: u64,
@@ -48,13 +50,15 @@ pub struct Counters {
 }
 
 /// The bench at one moment.
-#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
 pub struct RigStatus {
     /// What it is doing.
     pub phase: Phase,
     /// State of the firmware.
+    #[schema(value_type = Option<String>)]
     pub rig_state: Option<RigState>,
     /// First cause of a latched state.
+    #[schema(value_type = String)]
     pub cause: Cause,
     /// Newest notice for people: why something was refused or ended; empty where all is well.
     pub notice: String,
@@ -81,9 +85,35 @@ pub struct RigStatus {
     /// Commands queued in the rig, ms.
     pub queue_ms: u8,
     /// What the rig said at the hello.
+    #[schema(value_type = Object)]
     pub firmware: FirmwareIdentity,
     /// Counts.
     pub counters: Counters,
+}
+
+impl RigStatus {
+    /// Nothing heard yet.
+    pub fn unknown() -> Self {
+        RigStatus {
+            phase: Phase::Connecting,
+            rig_state: None,
+            cause: Cause::None,
+            notice: String::new(),
+            force_n: None,
+            displacement_mm: None,
+            tare_force_n: 0.0,
+            tare_displacement_mm: 0.0,
+            run_id: None,
+            profile: None,
+            elapsed_s: 0.0,
+            remaining_s: 0.0,
+            cycles_completed: 0,
+            cycles_total: 0,
+            queue_ms: 0,
+            firmware: FirmwareIdentity::default(),
+            counters: Counters::default(),
+        }
+    }
 }
 
 /// Why a request is refused. Nothing moved.
@@ -143,7 +173,7 @@ pub enum Refusal {
 }
 
 /// What a tare did.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
 pub struct TareReport {
     /// Load cell before, N.
     pub force_old_n: f64,
@@ -179,31 +209,38 @@ impl Rig {
 
     /// Everything that people want to see, at once.
     pub fn status(&self) -> RigStatus {
+        let mut status = RigStatus::unknown();
+        self.status_into(&mut status);
+        status
+    }
+
+    /// [`Rig::status`] into buffers that are there already: the control thread allocates nothing.
+    pub fn status_into(&self, status: &mut RigStatus) {
         let run = match &self.activity {
             Activity::Running(run) | Activity::Stopping { run, .. } => Some(run),
             _ => None,
         };
         let newest = self.ticks.newest().unwrap_or(0);
-        let hello = self.session.error().map(|e| e.to_string());
-        RigStatus {
-            phase: self.phase(),
-            rig_state: self.state,
-            cause: self.cause,
-            notice: hello.unwrap_or_else(|| self.notice.clone()),
-            force_n: self.reading.map(|r| r.force_n),
-            displacement_mm: self.reading.map(|r| r.displacement_mm),
-            tare_force_n: self.channels.force.tare,
-            tare_displacement_mm: self.channels.displacement.tare,
-            run_id: run.map(|r| r.header.run_id.clone()),
-            profile: run.map(|r| r.header.profile_name.clone()),
-            elapsed_s: run.map_or(0.0, |r| r.time_s(newest).max(0.0)),
-            remaining_s: run.map_or(0.0, |r| r.remaining_s(newest)),
-            cycles_completed: run.map_or(0, |r| r.cycles_completed()),
-            cycles_total: run.map_or(0, |r| r.cycles_total()),
-            queue_ms: self.queue_ms,
-            firmware: self.session.identity(),
-            counters: self.counters,
+        status.phase = self.phase();
+        status.rig_state = self.state;
+        status.cause = self.cause;
+        match self.session.error() {
+            Some(error) => status.notice = error.to_string(),
+            None => status.notice.clone_from(&self.notice),
         }
+        status.force_n = self.reading.map(|r| r.force_n);
+        status.displacement_mm = self.reading.map(|r| r.displacement_mm);
+        status.tare_force_n = self.channels.force.tare;
+        status.tare_displacement_mm = self.channels.displacement.tare;
+        assign(&mut status.run_id, run.map(|r| r.header.run_id.as_str()));
+        assign(&mut status.profile, run.map(|r| r.header.profile_name.as_str()));
+        status.elapsed_s = run.map_or(0.0, |r| r.time_s(newest).max(0.0));
+        status.remaining_s = run.map_or(0.0, |r| r.remaining_s(newest));
+        status.cycles_completed = run.map_or(0, |r| r.cycles_completed());
+        status.cycles_total = run.map_or(0, |r| r.cycles_total());
+        status.queue_ms = self.queue_ms;
+        status.firmware = self.session.identity();
+        status.counters = self.counters;
     }
 
     /// Starts a run: arms the rig, then plays the profile from where the rig stands.
@@ -322,6 +359,17 @@ impl Rig {
         self.channels.displacement.tare = displacement_new_mm;
         self.stillness.clear();
         Ok(report)
+    }
+}
+
+/// Takes over a text into the buffer that is there.
+fn assign(slot: &mut Option<String>, text: Option<&str>) {
+    match (slot.as_mut(), text) {
+        (Some(there), Some(text)) => {
+            there.clear();
+            there.push_str(text);
+        }
+        (_, text) => *slot = text.map(str::to_owned),
     }
 }
 

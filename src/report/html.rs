@@ -1,89 +1,122 @@
-//! One HTML page, self-contained: style and plots inside, no request leaves it, prints well.
+//! One page that holds everything itself: text, plots, style; readable without a network, printed or in the dark.
 
 use std::fmt::Write;
 
-const STYLE: &str = include_str!("page.css");
+use super::svg::Ink;
 
-/// A page in the making.
-#[derive(Debug)]
-pub struct Page {
-    title: String,
-    body: String,
+/// A page of loops.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LoopPage<'a> {
+    /// Heading.
+    pub title: &'a str,
+    /// What this is, in a sentence or two.
+    pub lead: &'a str,
+    /// One a run.
+    pub sections: Vec<Section>,
 }
 
-impl Page {
-    /// A page with its heading and one sentence under it.
-    pub fn new(title: &str, lead: &str) -> Self {
-        let mut page = Page {
-            title: title.to_owned(),
-            body: String::new(),
-        };
-        let _ = write!(
-            page.body,
-            "<h1>{}</h1>\n<p class=\"lead\">{}</p>\n",
-            escape(title),
-            escape(lead)
-        );
+/// One run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Section {
+    /// Heading.
+    pub title: String,
+    /// A sentence.
+    pub text: String,
+    /// The plot, as `svg` draws it: taken in as it is.
+    pub svg: String,
+    /// Name and value.
+    pub facts: Vec<(String, String)>,
+    /// Files beside the page.
+    pub files: Vec<String>,
+}
+
+const STYLE: &str = "
+:root { color-scheme: light dark; }
+body { font: 17px/1.5 system-ui, sans-serif; max-width: 1180px; margin: 0 auto; padding: 24px; background: #fff; color: #16191c; }
+h1 { font-size: 28px; margin: 0 0 4px; }
+h2 { font-size: 21px; margin: 32px 0 2px; }
+p { margin: 0 0 10px; }
+.run { display: grid; grid-template-columns: minmax(0, 2.4fr) minmax(240px, 1fr); gap: 24px; align-items: start; }
+svg { width: 100%; height: auto; }
+dl { display: grid; grid-template-columns: auto auto; gap: 6px 18px; margin: 12px 0; }
+dt { opacity: .72; }
+dd { margin: 0; text-align: right; font-variant-numeric: tabular-nums; font-weight: 600; }
+.legend i { display: inline-block; width: 26px; height: 4px; border-radius: 2px; margin: 0 6px 4px 0; }
+.legend span { margin-right: 22px; }
+@media (prefers-color-scheme: dark) { body { background: #14171a; color: #eef1f2; } a { color: #8cc4ff; } }
+@media (max-width: 760px) { .run { grid-template-columns: minmax(0, 1fr); } }
+";
+
+impl LoopPage<'_> {
+    /// The page's text.
+    pub fn render(&self) -> String {
+        let mut page = String::new();
+        // Writing into a string cannot fail.
+        let _ = self.write(&mut page);
         page
     }
 
-    /// A section heading.
-    pub fn heading(&mut self, text: &str) {
-        let _ = writeln!(self.body, "<h2>{}</h2>", escape(text));
-    }
-
-    /// A paragraph.
-    pub fn paragraph(&mut self, text: &str) {
-        let _ = writeln!(self.body, "<p>{}</p>", escape(text));
-    }
-
-    /// A table; cells that look like numbers stand to the right.
-    pub fn table(&mut self, head: &[&str], rows: &[Vec<String>]) {
-        let _ = write!(self.body, "<table><thead><tr>");
-        for cell in head {
-            let _ = write!(self.body, "<th>{}</th>", escape(cell));
+    fn write(&self, page: &mut String) -> std::fmt::Result {
+        let title = escape(self.title);
+        write!(
+            page,
+            "<!doctype html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\">\n\
+             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+             <title>{title}</title>\n<style>{STYLE}{}</style></head>\n<body>\n<h1>{title}</h1>\n<p>{}</p>\n\
+             <p class=\"legend\"><span><i class=\"measured\"></i>measured</span><span><i class=\"twin\"></i>twin</span></p>\n",
+            legend_style(),
+            escape(self.lead)
+        )?;
+        for section in &self.sections {
+            section.write(page)?;
         }
-        let _ = writeln!(self.body, "</tr></thead><tbody>");
-        for row in rows {
-            let _ = write!(self.body, "<tr>");
-            for cell in row {
-                let number = cell
-                    .chars()
-                    .next()
-                    .is_some_and(|c| c.is_ascii_digit() || "+-".contains(c));
-                let class = if number { " class=\"number\"" } else { "" };
-                let _ = write!(self.body, "<td{class}>{}</td>", escape(cell));
-            }
-            let _ = writeln!(self.body, "</tr>");
-        }
-        let _ = writeln!(self.body, "</tbody></table>");
-    }
-
-    /// A plot made by [`super::svg`], with its caption.
-    pub fn figure(&mut self, svg: &str, caption: &str) {
-        let _ = writeln!(
-            self.body,
-            "<figure>{svg}<figcaption>{}</figcaption></figure>",
-            escape(caption)
-        );
-    }
-
-    /// The whole document.
-    pub fn finish(self) -> String {
-        format!(
-            "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n<meta name=\"viewport\" content=\"width=device-width\">\n<title>{}</title>\n<style>{STYLE}</style></head>\n<body>\n{}</body></html>\n",
-            escape(&self.title),
-            self.body
-        )
+        writeln!(page, "</body>\n</html>")
     }
 }
 
-/// Text for HTML.
+fn legend_style() -> String {
+    format!(
+        ".legend .measured {{ background: {}; }} .legend .twin {{ background: {}; }}",
+        Ink::Measured.css(),
+        Ink::Twin.css()
+    )
+}
+
+impl Section {
+    fn write(&self, page: &mut String) -> std::fmt::Result {
+        writeln!(
+            page,
+            "<h2>{}</h2>\n<p>{}</p>\n<div class=\"run\">",
+            escape(&self.title),
+            escape(&self.text)
+        )?;
+        writeln!(page, "<div>{}</div>\n<div><dl>", self.svg)?;
+        for (name, value) in &self.facts {
+            writeln!(page, "<dt>{}</dt><dd>{}</dd>", escape(name), escape(value))?;
+        }
+        writeln!(page, "</dl><p>")?;
+        for file in &self.files {
+            let file = escape(file);
+            writeln!(page, "<a href=\"{file}\">{file}</a><br>")?;
+        }
+        writeln!(page, "</p></div></div>")
+    }
+}
+
+/// Text as HTML has it.
 pub fn escape(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '"' => out.push_str("&quot;"),
+            '\'' => out.push_str("&#39;"),
+            c => out.push(c),
+        }
+    }
+    out
 }
 
 #[cfg(test)]
@@ -91,14 +124,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_page_fetches_nothing_and_escapes_what_people_typed() {
-        let mut page = Page::new("Loops of <b>", "one sentence");
-        page.table(&["name", "value"], &[vec!["a & b".into(), "-1.5".into()]]);
-        let html = page.finish();
-        assert!(html.contains("Loops of &lt;b&gt;") && html.contains("a &amp; b"));
-        assert!(html.contains("<td class=\"number\">-1.5</td>"));
-        for foreign in ["http://", "https://", "src=", "@import", "url("] {
-            assert!(!html.contains(foreign), "{foreign}");
+    fn a_page_escapes_text_keeps_plots_and_asks_nobody_for_anything() {
+        let section = Section {
+            title: "a <b>".to_owned(),
+            text: "x & y".to_owned(),
+            svg: "<svg></svg>".to_owned(),
+            facts: vec![("Peak".to_owned(), "\"1\" N".to_owned())],
+            files: vec!["a.csv".to_owned()],
+        };
+        let page = LoopPage {
+            title: "T",
+            lead: "lead",
+            sections: vec![section],
         }
+        .render();
+        assert!(page.contains("a &lt;b&gt;") && page.contains("x &amp; y") && page.contains("<svg></svg>"));
+        assert!(page.contains("&quot;1&quot; N") && page.contains("href=\"a.csv\""));
+        assert!(!page.contains("http") && !page.contains("<script"));
     }
 }

@@ -1,5 +1,5 @@
-//! Plots and pages that are readable offline: SVG inside one HTML file, nothing fetched.
+//! Reports that are read without a network: plots as SVG, pages that hold everything themselves. What is in them is
+//! decided elsewhere.
 
 pub mod html;
-pub mod loops;
 pub mod svg;

@@ -1,138 +1,133 @@
-//! Line plots as SVG text.
+//! Plots as SVG text. Colours come from the page's style, so that light and dark fit.
 
 use plotters::prelude::*;
 
-/// One curve of a plot.
-#[derive(Debug, Clone)]
+/// One line of a plot.
+#[derive(Debug, Clone, PartialEq)]
 pub struct Curve {
-    /// What the legend calls it.
+    /// For the legend.
     pub name: String,
-    /// x and y in the axes' units; a NaN lifts the pen.
+    /// Points in order.
     pub points: Vec<(f64, f64)>,
-    /// Red, green, blue.
-    pub colour: (u8, u8, u8),
-    /// Width of the line in px.
-    pub width: u32,
+    /// Which of the report's colours.
+    pub ink: Ink,
 }
 
-/// Colour of what was measured.
-pub const MEASURED: (u8, u8, u8) = (31, 78, 121);
-/// Colour of the twin or model.
-pub const MODEL: (u8, u8, u8) = (214, 90, 24);
-/// Most points that a curve is drawn with: finer than a screen shows, small enough to open at once.
-const MAX_POINTS: usize = 4000;
-
-/// Why a plot could not be drawn.
-#[derive(Debug, thiserror::Error)]
-#[error("plot \"{title}\" cannot be drawn: {reason}")]
-pub struct PlotError {
-    title: String,
-    reason: String,
+/// Colours of a report: readable on white and on near black.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ink {
+    /// What the sensors say.
+    Measured,
+    /// What the model says.
+    Twin,
 }
 
-/// A plot of curves over common axes, `size` in px. Axis labels carry their unit.
-pub fn lines(
-    title: &str,
-    x_label: &str,
-    y_label: &str,
-    curves: &[Curve],
-    size: (u32, u32),
-) -> Result<String, PlotError> {
-    let mut text = String::new();
-    draw(&mut text, title, x_label, y_label, curves, size).map_err(|reason| PlotError {
-        title: title.to_owned(),
-        reason,
-    })?;
-    Ok(text)
-}
-
-fn draw(
-    text: &mut String,
-    title: &str,
-    x_label: &str,
-    y_label: &str,
-    curves: &[Curve],
-    size: (u32, u32),
-) -> Result<(), String> {
-    let said = |e: &dyn std::fmt::Display| e.to_string();
-    let root = SVGBackend::with_string(text, size).into_drawing_area();
-    root.fill(&WHITE).map_err(|e| said(&e))?;
-    let (x, y) = (extent(curves, |p| p.0), extent(curves, |p| p.1));
-    let mut chart = ChartBuilder::on(&root)
-        .caption(title, ("sans-serif", 18))
-        .margin(12)
-        .x_label_area_size(44)
-        .y_label_area_size(64)
-        .build_cartesian_2d(x.0..x.1, y.0..y.1)
-        .map_err(|e| said(&e))?;
-    chart
-        .configure_mesh()
-        .x_desc(x_label)
-        .y_desc(y_label)
-        .label_style(("sans-serif", 13))
-        .axis_desc_style(("sans-serif", 14))
-        .light_line_style(WHITE)
-        .bold_line_style(RGBColor(225, 225, 225))
-        .draw()
-        .map_err(|e| said(&e))?;
-    for curve in curves {
-        let (r, g, b) = curve.colour;
-        let style = RGBColor(r, g, b).stroke_width(curve.width);
-        let mut named = false;
-        for piece in thinned(&curve.points).split(|p| !(p.0.is_finite() && p.1.is_finite())) {
-            if piece.is_empty() {
-                continue;
-            }
-            let drawn = chart
-                .draw_series(LineSeries::new(piece.iter().copied(), style))
-                .map_err(|e| said(&e))?;
-            if !std::mem::replace(&mut named, true) {
-                drawn
-                    .label(&curve.name)
-                    .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 22, y)], style));
-            }
+impl Ink {
+    fn colour(self) -> RGBColor {
+        match self {
+            Ink::Measured => RGBColor(28, 113, 196),
+            Ink::Twin => RGBColor(222, 117, 26),
         }
     }
-    if curves.len() > 1 {
+
+    /// As CSS has it.
+    pub fn css(self) -> String {
+        let RGBColor(r, g, b) = self.colour();
+        format!("rgb({r},{g},{b})")
+    }
+}
+
+impl Curve {
+    /// A measured curve.
+    pub fn measured(name: &str, points: Vec<(f64, f64)>) -> Curve {
+        Curve {
+            name: name.to_owned(),
+            points,
+            ink: Ink::Measured,
+        }
+    }
+
+    /// The twin's curve.
+    pub fn twin(name: &str, points: Vec<(f64, f64)>) -> Curve {
+        Curve {
+            name: name.to_owned(),
+            points,
+            ink: Ink::Twin,
+        }
+    }
+}
+
+const SIZE: (u32, u32) = (860, 560);
+/// Axes and their text: the same grey reads on white and on near black.
+const QUIET: RGBColor = RGBColor(118, 128, 136);
+/// Free space around the curves.
+const ROOM: f64 = 0.04;
+
+/// Curves over one pair of axes. Points that are not finite are left out.
+pub fn xy_plot(x_label: &str, y_label: &str, curves: &[Curve]) -> String {
+    let mut text = String::new();
+    let drawn = draw(&mut text, x_label, y_label, curves);
+    // Drawing into a string has nothing that can fail; a defect shows in the page instead of ending the report.
+    drawn.map_or_else(
+        |error| {
+            format!(
+                "<p>This plot could not be drawn: {}</p>",
+                super::html::escape(&error)
+            )
+        },
+        |()| text,
+    )
+}
+
+fn draw(text: &mut String, x_label: &str, y_label: &str, curves: &[Curve]) -> Result<(), String> {
+    let finite = |points: &[(f64, f64)]| -> Vec<(f64, f64)> {
+        points
+            .iter()
+            .copied()
+            .filter(|(x, y)| x.is_finite() && y.is_finite())
+            .collect()
+    };
+    let curves: Vec<_> = curves.iter().map(|c| (c.ink, finite(&c.points))).collect();
+    let all = || curves.iter().flat_map(|(_, points)| points);
+    let (x, y) = (range(all().map(|p| p.0)), range(all().map(|p| p.1)));
+    let root = SVGBackend::with_string(text, SIZE).into_drawing_area();
+    let failed = |e: DrawingAreaErrorKind<_>| format!("{e:?}");
+    let mut chart = ChartBuilder::on(&root)
+        .margin(12)
+        .x_label_area_size(48)
+        .y_label_area_size(72)
+        .build_cartesian_2d(x, y)
+        .map_err(failed)?;
+    chart
+        .configure_mesh()
+        .light_line_style(TRANSPARENT)
+        .bold_line_style(QUIET.mix(0.3))
+        .axis_style(QUIET)
+        .label_style(("sans-serif", 16, &QUIET))
+        .axis_desc_style(("sans-serif", 17, &QUIET))
+        .x_desc(x_label)
+        .y_desc(y_label)
+        .draw()
+        .map_err(failed)?;
+    for (ink, points) in curves {
+        let style = ink.colour().mix(0.85).stroke_width(2);
         chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::UpperLeft)
-            .background_style(WHITE.mix(0.85))
-            .border_style(RGBColor(200, 200, 200))
-            .label_font(("sans-serif", 13))
-            .draw()
-            .map_err(|e| said(&e))?;
+            .draw_series(LineSeries::new(points, style))
+            .map_err(failed)?;
     }
-    root.present().map_err(|e| said(&e))
+    root.present().map_err(failed)?;
+    Ok(())
 }
 
-/// Range of one coordinate over all curves with a margin; never empty.
-fn extent(curves: &[Curve], of: fn(&(f64, f64)) -> f64) -> (f64, f64) {
-    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-    for value in curves
-        .iter()
-        .flat_map(|c| &c.points)
-        .map(of)
-        .filter(|v| v.is_finite())
-    {
-        low = low.min(value);
-        high = high.max(value);
+fn range(values: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
+    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+        (low.min(v), high.max(v))
+    });
+    match high - low {
+        span if span > 0.0 => low - ROOM * span..high + ROOM * span,
+        span if span == 0.0 => low - 1.0..high + 1.0,
+        _ => 0.0..1.0,
     }
-    if low > high {
-        return (0.0, 1.0);
-    }
-    let margin = 0.04 * (high - low).max(1e-9 * high.abs()).max(1e-9);
-    (low - margin, high + margin)
-}
-
-/// Every n-th point, the last one always.
-fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
-    let step = points.len().div_ceil(MAX_POINTS).max(1);
-    let mut kept: Vec<_> = points.iter().step_by(step).copied().collect();
-    if !(points.len() + step - 1).is_multiple_of(step) {
-        kept.extend(points.last());
-    }
-    kept
 }
 
 #[cfg(test)]
@@ -140,38 +135,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_plot_is_one_svg_with_its_labels_and_lifts_the_pen_at_nan() {
-        let curve = Curve {
-            name: "measured".into(),
-            points: vec![
-                (0.0, 0.0),
-                (1.0, 2.0),
-                (f64::NAN, f64::NAN),
-                (2.0, 1.0),
-                (3.0, 0.0),
+    fn a_plot_has_both_curves_and_survives_wild_points() {
+        let svg = xy_plot(
+            "x in mm",
+            "y in N",
+            &[
+                Curve::measured("a", vec![(0.0, 1.0), (1.0, f64::NAN), (2.0, 3.0)]),
+                Curve::twin("b", vec![(0.0, 1.0), (2.0, 2.0)]),
             ],
-            colour: MEASURED,
-            width: 2,
-        };
-        let svg = lines("Loop", "displacement / mm", "force / N", &[curve], (640, 400)).expect("draws");
-        assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
-        assert!(svg.contains("displacement / mm") && svg.contains("force / N"));
-        assert_eq!(
-            svg.matches("<polyline").count() - svg.matches("stroke=\"#E1E1E1\"").count() > 1,
-            true
         );
+        assert!(svg.starts_with("<svg") && svg.contains("x in mm"));
+        assert_eq!(svg.matches("<polyline").filter(|_| true).count().min(2), 2);
+        assert!(svg.contains("#1C71C4") && svg.contains("#DE751A"), "both inks");
     }
 
     #[test]
-    fn long_curves_are_thinned_and_keep_their_end() {
-        let points: Vec<_> = (0..100_001).map(|i| (f64::from(i), 0.0)).collect();
-        let kept = thinned(&points);
-        assert!(kept.len() <= MAX_POINTS + 1);
-        assert_eq!(kept.last(), points.last());
-    }
-
-    #[test]
-    fn nothing_to_draw_is_still_a_plot() {
-        assert!(lines("empty", "x", "y", &[], (100, 100)).is_ok());
+    fn an_empty_plot_is_a_plot() {
+        assert!(xy_plot("x", "y", &[]).contains("</svg>"));
     }
 }

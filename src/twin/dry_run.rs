@@ -4,7 +4,7 @@
 use serde::Serialize;
 
 use crate::model::Plant;
-use crate::profile::{Extreme, Player, Profile, ProfileError, ProfileLimits, Violation, Watch};
+use crate::profile::{Extreme, Player, Profile, ProfileError, ProfileLimits, Slot, Violation, Watch};
 use crate::units::{Command, joules_from_nmm};
 
 /// What a profile is predicted to do.
@@ -46,12 +46,34 @@ pub struct Margin {
     pub margin_percent: f64,
 }
 
+/// One tick of a dry run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Predicted {
+    /// What the profile asks for.
+    pub slot: Slot,
+    /// Where the model stands.
+    pub displacement_mm: f64,
+    /// Its force.
+    pub force_n: f64,
+}
+
 /// Plays `profile` from zero displacement on a copy of `plant`, reset. A trip is a finding, not an error.
 pub fn dry_run(
     profile: &Profile,
     plant: &dyn Plant,
     limits: &ProfileLimits,
     sample_rate_hz: f64,
+) -> Result<DryRun, ProfileError> {
+    dry_run_with(profile, plant, limits, sample_rate_hz, &mut |_| ())
+}
+
+/// [`dry_run`] that shows every tick to `watcher`.
+pub fn dry_run_with(
+    profile: &Profile,
+    plant: &dyn Plant,
+    limits: &ProfileLimits,
+    sample_rate_hz: f64,
+    watcher: &mut dyn FnMut(&Predicted),
 ) -> Result<DryRun, ProfileError> {
     let mut player = Player::new(profile, 0.0, sample_rate_hz)?;
     let mut specimen = Inverse::new(plant.boxed_clone(), limits, sample_rate_hz);
@@ -68,6 +90,11 @@ pub fn dry_run(
                 force_error_n = force_error_n.max((specimen.force_n - n).abs());
             }
         }
+        watcher(&Predicted {
+            slot,
+            displacement_mm: specimen.displacement_mm,
+            force_n: specimen.force_n,
+        });
         let moved_mm = specimen.displacement_mm - from_mm;
         energy_nmm += 0.5 * (from_n + specimen.force_n) * moved_mm;
         peak_velocity_mm_s = peak_velocity_mm_s.max(moved_mm.abs() * sample_rate_hz);

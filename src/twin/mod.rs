@@ -3,7 +3,7 @@
 
 mod dry_run;
 
-pub use dry_run::{DryRun, dry_run};
+pub use dry_run::{DryRun, Margin, Predicted, dry_run, dry_run_with};
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -144,6 +144,10 @@ impl Recorder for Twin {
 
     fn end(&mut self, outcome: &Outcome) {
         self.next.end(outcome);
+    }
+
+    fn flush(&mut self) {
+        self.next.flush();
     }
 }
 

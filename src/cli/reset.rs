@@ -1,0 +1,14 @@
+//! `leafbench reset`.
+
+use super::Command;
+use super::client::{Client, data_argument};
+use super::stop::print_accepted;
+use crate::daemon::client_types::Nothing;
+
+/// See [`super::COMMANDS`].
+pub const COMMAND: Command = Command {
+    name: "reset",
+    what: "Clear the interlock once its cause is gone; moves nothing",
+    arguments: |command| command.arg(data_argument()),
+    run: |matches, output| print_accepted(Client::of(matches)?.post("/api/reset", &Nothing {})?, output),
+};

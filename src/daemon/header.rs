@@ -1,0 +1,47 @@
+//! The head of a recording, from bench and profile.
+
+use crate::config::Bench;
+use crate::profile::Profile;
+use crate::protocol::message::SAMPLE_RATE_HZ;
+use crate::recording::{FirmwareIdentity, Header};
+
+/// Length of a profile as it was planned.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Planned {
+    /// Counted cycles.
+    pub cycles: u32,
+    /// Seconds.
+    pub duration_s: f64,
+}
+
+/// A header for a run that begins at `now`. Control fills in the firmware and the scalings of the moment.
+pub fn new(
+    run_id: String,
+    now: jiff::Timestamp,
+    bench: &Bench,
+    profile: &Profile,
+    profile_toml: String,
+    planned: Planned,
+) -> Header {
+    Header {
+        run_id,
+        started_utc: now.strftime("%Y-%m-%dT%H:%M:%SZ").to_string(),
+        specimen: bench.specimen.name.clone(),
+        operator: String::new(),
+        profile_name: profile.name.clone(),
+        profile_toml,
+        bench_toml: bench.to_toml(),
+        bench_sha256: bench.sha256(),
+        firmware: FirmwareIdentity::default(),
+        program_version: env!("CARGO_PKG_VERSION").to_owned(),
+        sample_rate_hz: f64::from(SAMPLE_RATE_HZ),
+        force_channel: bench.force_channel.scale(),
+        displacement_channel: bench.displacement_channel.scale(),
+        twin: bench.model.name.clone(),
+        first_cycle: 1,
+        resumes_run: String::new(),
+        cycles_planned: planned.cycles,
+        duration_planned_s: planned.duration_s,
+        remarks: Vec::new(),
+    }
+}

@@ -1,0 +1,162 @@
+//! The profiles that can be started by name: the files of one folder, looked up by name and never by path.
+
+use std::path::{Path, PathBuf};
+
+use super::client_types::ProfileSummary;
+use crate::profile::{Player, Profile, ProfileError};
+use crate::protocol::message::SAMPLE_RATE_HZ;
+
+/// Why a profile cannot be had.
+#[derive(Debug, thiserror::Error)]
+pub enum LibraryError {
+    /// The folder of the profiles.
+    #[error("profiles folder {path} cannot be read: check --profiles")]
+    Folder {
+        /// Which.
+        path: PathBuf,
+        /// The system's own words.
+        source: std::io::Error,
+    },
+    /// No profile of this name.
+    #[error("no profile is called \"{name}\": there are {known}")]
+    Unknown {
+        /// As asked for.
+        name: String,
+        /// What there is.
+        known: String,
+    },
+    /// The file is there but cannot be used.
+    #[error(transparent)]
+    Profile(#[from] ProfileError),
+}
+
+/// One folder of profile files.
+#[derive(Debug, Clone)]
+pub struct Library {
+    folder: PathBuf,
+}
+
+impl Library {
+    /// The files of `folder`, read anew whenever they are asked for: a technician edits one and starts it.
+    pub fn open(folder: &Path) -> Result<Library, LibraryError> {
+        let library = Library {
+            folder: folder.to_owned(),
+        };
+        library.files()?;
+        Ok(library)
+    }
+
+    /// A profile by name, or read from `text` where that is a whole file's.
+    pub fn find(&self, text: &str) -> Result<(Profile, String), LibraryError> {
+        if text.contains(['\n', '=']) {
+            return Ok((Profile::from_toml(text, "profile")?, text.to_owned()));
+        }
+        let files = self.files()?;
+        let Some(path) = files.iter().find(|path| name_of(path) == text) else {
+            let known = files
+                .iter()
+                .map(|path| name_of(path))
+                .collect::<Vec<_>>()
+                .join(", ");
+            return Err(LibraryError::Unknown {
+                name: text.to_owned(),
+                known,
+            });
+        };
+        read(path)
+    }
+
+    /// All profiles with what they do.
+    pub fn list(&self) -> Result<Vec<ProfileSummary>, LibraryError> {
+        Ok(self.files()?.iter().map(|path| summary(path)).collect())
+    }
+
+    fn files(&self) -> Result<Vec<PathBuf>, LibraryError> {
+        let failed = |source| LibraryError::Folder {
+            path: self.folder.clone(),
+            source,
+        };
+        let mut files = Vec::new();
+        for entry in std::fs::read_dir(&self.folder).map_err(failed)? {
+            let path = entry.map_err(failed)?.path();
+            if path.extension().is_some_and(|e| e == "toml") {
+                files.push(path);
+            }
+        }
+        files.sort();
+        Ok(files)
+    }
+}
+
+fn name_of(path: &Path) -> &str {
+    path.file_stem()
+        .and_then(|stem| stem.to_str())
+        .unwrap_or_default()
+}
+
+/// Reads one profile file; the text beside it is as it stands.
+pub fn read(path: &Path) -> Result<(Profile, String), LibraryError> {
+    let text = std::fs::read_to_string(path).map_err(|source| LibraryError::Folder {
+        path: path.to_owned(),
+        source,
+    })?;
+    Ok((Profile::from_toml(&text, &path.display().to_string())?, text))
+}
+
+fn summary(path: &Path) -> ProfileSummary {
+    let name = name_of(path).to_owned();
+    let player = read(path).and_then(|(profile, _)| {
+        let player = Player::new(&profile, 0.0, f64::from(SAMPLE_RATE_HZ))?;
+        Ok((profile, player))
+    });
+    match player {
+        Ok((profile, player)) => ProfileSummary {
+            name,
+            description: profile.description,
+            duration_s: player.duration_s(),
+            cycles: player.total_cycles(),
+            problem: String::new(),
+        },
+        Err(error) => ProfileSummary {
+            name,
+            description: String::new(),
+            duration_s: 0.0,
+            cycles: 0,
+            problem: error.to_string(),
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shipped() -> Library {
+        Library::open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("bench-configs/profiles")).expect("there")
+    }
+
+    #[test]
+    fn names_are_looked_up_and_never_become_paths() {
+        let library = shipped();
+        assert_eq!(
+            library.find("static-ramp").expect("shipped").0.name,
+            "static-ramp"
+        );
+        for name in ["../benches/mock", "/etc/passwd", "static-ramp.toml", "", "."] {
+            assert!(
+                matches!(library.find(name), Err(LibraryError::Unknown { .. })),
+                "{name}"
+            );
+        }
+    }
+
+    #[test]
+    fn every_shipped_profile_is_listed_without_a_problem() {
+        let list = shipped().list().expect("listed");
+        assert!(list.len() >= 5);
+        assert!(
+            list.iter().all(|p| p.problem.is_empty() && p.duration_s > 0.0),
+            "{list:?}"
+        );
+    }
+}

@@ -1,0 +1,113 @@
+//! The data folder: run files, looked up by run id and never by path. At the daemon's start runs that an earlier daemon
+//! left open are closed as aborted.
+
+use std::hash::{BuildHasher, Hasher, RandomState};
+use std::path::{Path, PathBuf};
+
+use crate::recording::run_file::{self, EXTENSION, RunFile, RunFileError, RunListing};
+
+/// Why runs end that nobody ended.
+const DAEMON_DIED: &str = "the daemon ended while the run was under way (killed, crashed or power lost); the rig unloaded \
+                           by itself when the lease lapsed";
+
+/// The folder of run files.
+#[derive(Debug, Clone)]
+pub struct Store {
+    folder: PathBuf,
+}
+
+impl Store {
+    /// Run files in `folder`.
+    pub fn new(folder: &Path) -> Self {
+        Store {
+            folder: folder.to_owned(),
+        }
+    }
+
+    /// Where the files are.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Where the run file of a freshly generated id goes. Not for ids from outside: those are looked up.
+    pub fn path_for_new(&self, run_id: &str) -> PathBuf {
+        self.folder.join(format!("{run_id}.{EXTENSION}"))
+    }
+
+    /// Closes what an earlier daemon left open; returns what was done, one sentence a run.
+    pub fn close_left_open(&self) -> Result<Vec<String>, RunFileError> {
+        let open = self
+            .list()?
+            .into_iter()
+            .filter(|run| run.outcome.is_none() && run.problem.is_empty());
+        Ok(open
+            .map(|run| close_as_aborted(&run.path, &run.run_id, DAEMON_DIED))
+            .collect())
+    }
+
+    /// Every run, oldest first.
+    pub fn list(&self) -> Result<Vec<RunListing>, RunFileError> {
+        run_file::list(&self.folder)
+    }
+
+    /// The run with this id, or the newest one for `latest`.
+    pub fn find(&self, run_id: &str) -> Result<Option<RunListing>, RunFileError> {
+        let mut runs = self.list()?;
+        if run_id == "latest" {
+            return Ok(runs.pop());
+        }
+        Ok(runs.into_iter().find(|run| run.run_id == run_id))
+    }
+}
+
+/// Closes one file; the sentence says what came of it.
+pub fn close_as_aborted(path: &Path, run_id: &str, cause: &str) -> String {
+    match RunFile::open(path).and_then(|run| run.close_as_aborted(cause)) {
+        Ok(outcome) => format!(
+            "run {run_id} was left open: closed as aborted with {} samples",
+            outcome.samples
+        ),
+        Err(error) => format!("run {run_id} was left open and cannot be closed: {error}"),
+    }
+}
+
+/// A new run id: UTC time to the second and four random characters, so that ids sort by time and never repeat.
+pub fn new_run_id(now: jiff::Timestamp) -> String {
+    const LETTERS: &[u8; 32] = b"abcdefghijkmnpqrstuvwxyz23456789";
+    // Std keys every such state at random.
+    let random = RandomState::new().build_hasher().finish();
+    let tail: String = (0..4)
+        .map(|i| char::from(LETTERS[(random >> (5 * i)) as usize % LETTERS.len()]))
+        .collect();
+    let time = now.strftime("%Y%m%dt%H%M%S");
+    format!("{time}-{tail}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ids_sort_by_time_differ_and_hold_nothing_but_letters_digits_and_a_dash() {
+        let at = |s| jiff::Timestamp::from_second(s).expect("a time");
+        let (a, b, later) = (new_run_id(at(0)), new_run_id(at(0)), new_run_id(at(86_400)));
+        assert_ne!(a, b);
+        assert!(a < later && b < later);
+        assert!(a.starts_with("19700101t000000-") && a.len() == 20, "{a}");
+        assert!(
+            a.chars()
+                .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-')
+        );
+    }
+
+    #[test]
+    fn ids_from_outside_are_looked_up_and_never_become_paths() {
+        let folder = tempfile::tempdir().expect("a folder");
+        std::fs::write(folder.path().join("secret.leafrun"), "x").expect("written");
+        std::fs::create_dir(folder.path().join("runs")).expect("made");
+        let store = Store::new(&folder.path().join("runs"));
+        for id in ["../secret", "..%2fsecret", "/etc/passwd", "", ".", "latest"] {
+            assert!(store.find(id).expect("listed").is_none(), "{id}");
+        }
+    }
+}
