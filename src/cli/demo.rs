@@ -142,7 +142,12 @@ fn play(
     let now = jiff::Timestamp::now();
     let header = header::new(profile.name.clone(), now, bench, profile, profile_toml, planned);
     let writer = RunFileWriter::create(&path, &header)?;
-    let mut chain = Twin::new(bench.model.plant()?, Box::new(writer), || false);
+    let mut chain = Twin::new(
+        bench.model.plant()?,
+        bench.displacement_channel.noise_mm,
+        Box::new(writer),
+        || false,
+    );
     let order = RunOrder {
         header,
         profile: profile.clone(),

@@ -178,7 +178,12 @@ fn prepare(shared: &Arc<Shared>, request: StartRun) -> Result<Prepared, ApiError
     // The twin is a stage of the recording thread: where it is slow the ring fills, control never waits.
     let backlog = Backlog::default();
     let asked = backlog.clone();
-    let twin = Twin::new(plant, Box::new(fan_out), move || asked.is_long());
+    let twin = Twin::new(
+        plant,
+        bench.displacement_channel.noise_mm,
+        Box::new(fan_out),
+        move || asked.is_long(),
+    );
     let (input, thread) =
         recorder::spawn(backlog.behind(twin)).map_err(|e| ApiError::internal(&e.to_string()))?;
     let input = backlog.before(input);

@@ -7,6 +7,7 @@ pub mod cycles;
 pub mod datapackage;
 pub mod export;
 pub mod metrics;
+pub mod play;
 pub mod recorder;
 pub mod run_file;
 

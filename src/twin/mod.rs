@@ -9,6 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::model::Plant;
+use crate::recording::play::Play;
 use crate::recording::{Event, Flags, Header, Outcome, Recorder, Sample};
 
 /// How well twin and measurement agree so far; written by the twin, read by anyone.
@@ -56,6 +57,7 @@ impl Sums {
 /// Steps a plant at the measured displacement and fills `twin_force_n`.
 pub struct Twin {
     plant: Box<dyn Plant>,
+    play: Play,
     next: Box<dyn Recorder + Send>,
     behind: Box<dyn Fn() -> bool + Send>,
     score: Arc<TwinScore>,
@@ -65,14 +67,17 @@ pub struct Twin {
 }
 
 impl Twin {
-    /// Passes everything on to `next`. `behind` says that samples pile up: the twin then leaves its column empty.
+    /// Passes everything on to `next`. `noise_mm` is the LVDT's standard deviation, which must not look like motion to
+    /// the plant. `behind` says that samples pile up: the twin then leaves its column empty.
     pub fn new(
         plant: Box<dyn Plant>,
+        noise_mm: f64,
         next: Box<dyn Recorder + Send>,
         behind: impl Fn() -> bool + Send + 'static,
     ) -> Self {
         Twin {
             plant,
+            play: Play::for_noise(noise_mm),
             next,
             behind: Box::new(behind),
             score: Arc::default(),
@@ -98,9 +103,10 @@ impl Twin {
             .last_tick
             .map_or(1, |last| sample.tick.saturating_sub(last).max(1));
         self.last_tick = Some(sample.tick);
-        let force_n = self
-            .plant
-            .step(sample.displacement_mm, ticks as f64 / self.sample_rate_hz);
+        let force_n = self.plant.step(
+            self.play.pass(sample.displacement_mm),
+            ticks as f64 / self.sample_rate_hz,
+        );
         if sample.force_n.is_finite() && !sample.flags.has(Flags::FORCE_INVALID) {
             self.compare(sample.force_n, force_n);
         }
@@ -121,6 +127,7 @@ impl Twin {
 impl Recorder for Twin {
     fn begin(&mut self, header: &Header) {
         self.plant.reset();
+        self.play.reset();
         self.sums = Sums::EMPTY;
         self.sample_rate_hz = header.sample_rate_hz;
         self.last_tick = None;
@@ -207,7 +214,7 @@ mod tests {
         let late = Arc::new(AtomicBool::new(false));
         let asked = Arc::clone(&late);
         let next = Box::new(Keep(Arc::clone(&kept)));
-        let mut twin = Twin::new(Box::new(Counting(0.0)), next, move || {
+        let mut twin = Twin::new(Box::new(Counting(0.0)), 0.0, next, move || {
             asked.load(Ordering::Relaxed)
         });
         let score = twin.score();
