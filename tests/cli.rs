@@ -13,10 +13,16 @@ fn text(bytes: &[u8]) -> String {
 #[test]
 fn run_without_a_daemon_says_how_to_start_one() {
     let folder = tempfile::tempdir().expect("a folder");
-    let output = leafbench(&["run", "static-ramp", "--data"]).arg(folder.path()).output().expect("starts");
+    let output = leafbench(&["run", "static-ramp", "--data"])
+        .arg(folder.path())
+        .output()
+        .expect("starts");
     assert_eq!(output.status.code(), Some(3));
     let said = text(&output.stderr);
-    assert!(said.contains("leafbench daemon --bench bench-configs/benches/mock.toml"), "{said}");
+    assert!(
+        said.contains("leafbench daemon --bench bench-configs/benches/mock.toml"),
+        "{said}"
+    );
 }
 
 #[test]
@@ -25,7 +31,10 @@ fn usage_errors_and_unusable_input_are_two() {
     assert_eq!(run(&["plan"]).status.code(), Some(2));
     let output = run(&["plan", "no-such-profile"]);
     assert_eq!(output.status.code(), Some(2));
-    assert!(text(&output.stderr).contains("static-ramp"), "the message lists what there is");
+    assert!(
+        text(&output.stderr).contains("static-ramp"),
+        "the message lists what there is"
+    );
     assert_eq!(run(&["--help"]).status.code(), Some(0));
 }
 
@@ -52,17 +61,28 @@ fn plan_shows_the_margins_and_a_predicted_trip_is_one() {
 fn simulate_writes_a_row_a_millisecond() {
     let folder = tempfile::tempdir().expect("a folder");
     let csv = folder.path().join("ramp.csv");
-    let output = leafbench(&["simulate", "static-ramp-12s", "--out"]).arg(&csv).output().expect("starts");
+    let output = leafbench(&["simulate", "static-ramp-12s", "--out"])
+        .arg(&csv)
+        .output()
+        .expect("starts");
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let rows = std::fs::read_to_string(&csv).expect("written");
     assert_eq!(rows.lines().count(), 12_001, "header and 12 s at 1 kHz");
-    assert!(rows.lines().next().expect("a header").starts_with("time_s,displacement_mm,force_n,command_n"));
+    assert!(
+        rows.lines()
+            .next()
+            .expect("a header")
+            .starts_with("time_s,displacement_mm,force_n,command_n")
+    );
 }
 
 #[test]
 fn the_demo_writes_loops_csv_and_packages_and_loses_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
-    let output = leafbench(&["demo", "--json", "--out"]).arg(folder.path()).output().expect("starts");
+    let output = leafbench(&["demo", "--json", "--out"])
+        .arg(folder.path())
+        .output()
+        .expect("starts");
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let demo: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
     let [ramp, sine] = [&demo["rows"][0], &demo["rows"][1]];
@@ -80,13 +100,26 @@ fn the_demo_writes_loops_csv_and_packages_and_loses_nothing() {
     let times: Vec<f64> = csv
         .lines()
         .skip(1)
-        .map(|row| row.split(',').next().and_then(|t| t.parse().ok()).expect("a time"))
+        .map(|row| {
+            row.split(',')
+                .next()
+                .and_then(|t| t.parse().ok())
+                .expect("a time")
+        })
         .collect();
     assert!(times.len() >= 120_001);
-    assert!(times.windows(2).all(|pair| (pair[1] - pair[0] - 0.001).abs() < 1e-6));
+    assert!(
+        times
+            .windows(2)
+            .all(|pair| (pair[1] - pair[0] - 0.001).abs() < 1e-6)
+    );
     let page = std::fs::read_to_string(folder.path().join("index.html")).expect("written");
     assert_eq!(page.matches("<svg").count(), 2);
-    for file in ["static-ramp.datapackage.json", "sine-6mm-1hz.cycles.csv", "sine-6mm-1hz-mean-loop.csv"] {
+    for file in [
+        "static-ramp.datapackage.json",
+        "sine-6mm-1hz.cycles.csv",
+        "sine-6mm-1hz-mean-loop.csv",
+    ] {
         assert!(folder.path().join(file).is_file(), "{file}");
     }
 }
@@ -113,8 +146,15 @@ fn a_technicians_day_tare_run_status_runs_export() {
     assert!(tare["force_new_n"].as_f64().expect("a number").abs() < 50.0);
 
     let profile = short_profile(folder.path());
-    let (ended, code) = json(&data, &["run", &profile, "--operator", "test", "--specimen", "leaf 7"]);
-    assert_eq!((code, &ended["ending"]), (0, &serde_json::json!("completed")), "{ended}");
+    let (ended, code) = json(
+        &data,
+        &["run", &profile, "--operator", "test", "--specimen", "leaf 7"],
+    );
+    assert_eq!(
+        (code, &ended["ending"]),
+        (0, &serde_json::json!("completed")),
+        "{ended}"
+    );
     let run_id = ended["run_id"].as_str().expect("an id");
     assert_eq!(daemon.status()["run"]["state"], "ended");
 
@@ -122,15 +162,27 @@ fn a_technicians_day_tare_run_status_runs_export() {
     assert_eq!(runs[0]["run_id"], run_id);
     assert_eq!(runs[0]["specimen"], "leaf 7");
     let out = folder.path().join("out");
-    let (written, code) = json(&data, &["export", "latest", "--out", out.to_str().expect("UTF-8")]);
+    let (written, code) = json(
+        &data,
+        &["export", "latest", "--out", out.to_str().expect("UTF-8")],
+    );
     assert_eq!(code, 0, "{written}");
     let csv = std::fs::read_to_string(written["csv"].as_str().expect("a path")).expect("written");
-    assert_eq!(csv.lines().count() as u64, 1 + written["rows"].as_u64().expect("rows"));
+    assert_eq!(
+        csv.lines().count() as u64,
+        1 + written["rows"].as_u64().expect("rows")
+    );
     assert_eq!(written["rows"], ended["samples"]);
     // The twin ran beside it: its column is filled in the rows.
     let header: Vec<&str> = csv.lines().next().expect("a header").split(',').collect();
-    let twin = header.iter().position(|c| *c == "twin_force_n").expect("a column");
-    let filled = csv.lines().skip(1).filter(|row| row.split(',').nth(twin).is_some_and(|v| !v.is_empty()));
+    let twin = header
+        .iter()
+        .position(|c| *c == "twin_force_n")
+        .expect("a column");
+    let filled = csv
+        .lines()
+        .skip(1)
+        .filter(|row| row.split(',').nth(twin).is_some_and(|v| !v.is_empty()));
     assert!(filled.count() > 500);
     let (refused, code) = json(&data, &["reset"]);
     assert_eq!(code, 4, "nothing is latched: {refused}");
@@ -140,10 +192,16 @@ fn a_technicians_day_tare_run_status_runs_export() {
 fn a_second_daemon_is_refused_by_the_data_folder() {
     let folder = tempfile::tempdir().expect("a folder");
     let daemon = Daemon::start(folder.path(), &[]);
-    let output = leafbench(&["daemon", "--listen", "127.0.0.1:0", "--data"]).arg(folder.path()).output();
+    let output = leafbench(&["daemon", "--listen", "127.0.0.1:0", "--data"])
+        .arg(folder.path())
+        .output();
     let output = output.expect("starts");
     assert_eq!(output.status.code(), Some(2));
-    assert!(text(&output.stderr).contains("belongs to another daemon"), "{}", text(&output.stderr));
+    assert!(
+        text(&output.stderr).contains("belongs to another daemon"),
+        "{}",
+        text(&output.stderr)
+    );
     // The first one is undisturbed.
     daemon.until_phase("ready");
 }
@@ -151,7 +209,9 @@ fn a_second_daemon_is_refused_by_the_data_folder() {
 #[test]
 fn a_daemon_beyond_loopback_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
-    let output = leafbench(&["daemon", "--listen", "0.0.0.0:0", "--data"]).arg(folder.path()).output();
+    let output = leafbench(&["daemon", "--listen", "0.0.0.0:0", "--data"])
+        .arg(folder.path())
+        .output();
     let output = output.expect("starts");
     assert_eq!(output.status.code(), Some(2));
     assert!(text(&output.stderr).contains("127.0.0.1"));
@@ -163,7 +223,10 @@ fn a_bench_file_with_a_wrong_key_is_refused_with_its_line() {
     let bench = folder.path().join("bench.toml");
     let good = std::fs::read_to_string(config("benches/mock.toml")).expect("shipped");
     std::fs::write(&bench, good.replace("force_max_n", "force_max")).expect("written");
-    let output = leafbench(&["plan", "static-ramp", "--bench"]).arg(&bench).output().expect("starts");
+    let output = leafbench(&["plan", "static-ramp", "--bench"])
+        .arg(&bench)
+        .output()
+        .expect("starts");
     assert_eq!(output.status.code(), Some(2));
     assert!(text(&output.stderr).contains("line "), "{}", text(&output.stderr));
 }

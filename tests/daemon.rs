@@ -21,20 +21,34 @@ fn request(daemon: &Daemon, head: &str, body: &str) -> (u16, String) {
     let mut stream = TcpStream::connect(daemon.authority()).expect("the daemon listens");
     stream.set_read_timeout(Some(PATIENCE)).expect("set");
     let length = body.len();
-    write!(stream, "{head}Content-Length: {length}\r\nConnection: close\r\n\r\n{body}").expect("sent");
+    write!(
+        stream,
+        "{head}Content-Length: {length}\r\nConnection: close\r\n\r\n{body}"
+    )
+    .expect("sent");
     let mut answer = Vec::new();
     // A refused body may end the connection before it was read.
     let _ = stream.read_to_end(&mut answer);
     let answer = String::from_utf8_lossy(&answer).into_owned();
     let status = answer.split(' ').nth(1).and_then(|s| s.parse().ok()).unwrap_or(0);
-    let body = answer.split_once("\r\n\r\n").map(|(_, body)| body.to_owned()).unwrap_or_default();
+    let body = answer
+        .split_once("\r\n\r\n")
+        .map(|(_, body)| body.to_owned())
+        .unwrap_or_default();
     (status, body)
 }
 
 /// Starts a run over HTTP and waits until it moves.
 fn start(daemon: &Daemon, profile: &str) -> String {
-    let head = format!("POST /api/run HTTP/1.1\r\nHost: {}\r\nContent-Type: application/json\r\n", daemon.authority());
-    let (status, body) = request(daemon, &head, &serde_json::json!({ "profile": profile }).to_string());
+    let head = format!(
+        "POST /api/run HTTP/1.1\r\nHost: {}\r\nContent-Type: application/json\r\n",
+        daemon.authority()
+    );
+    let (status, body) = request(
+        daemon,
+        &head,
+        &serde_json::json!({ "profile": profile }).to_string(),
+    );
     assert_eq!(status, 202, "{body}");
     daemon.until_phase("running");
     let started: serde_json::Value = serde_json::from_str(&body).expect("JSON");
@@ -44,7 +58,9 @@ fn start(daemon: &Daemon, profile: &str) -> String {
 fn run_of(data: &Path, run_id: &str) -> serde_json::Value {
     let (runs, _) = json(data, &["runs"]);
     let runs = runs.as_array().expect("a list").clone();
-    runs.into_iter().find(|r| r["run_id"] == run_id).expect("the run is listed")
+    runs.into_iter()
+        .find(|r| r["run_id"] == run_id)
+        .expect("the run is listed")
 }
 
 #[test]
@@ -62,14 +78,25 @@ fn a_killed_daemon_leaves_a_file_that_opens_and_the_next_one_closes_it_with_the_
     assert_eq!(run["ending"], "open");
     // Everything that the status had seen is in the file, but for the 20 ms that a kill may cost.
     let saved = run["samples"].as_f64().expect("a number");
-    assert!(saved >= 1000.0 * elapsed_s - 20.0, "{saved} samples after {elapsed_s} s");
+    assert!(
+        saved >= 1000.0 * elapsed_s - 20.0,
+        "{saved} samples after {elapsed_s} s"
+    );
     assert_eq!(run["lost"], 0);
 
     let again = Daemon::ready(folder.path(), &[]);
     let run = run_of(folder.path(), &run_id);
     assert_eq!(run["ending"], "aborted");
-    assert!(run["cause"].as_str().expect("a cause").contains("the daemon ended while the run was under way"));
-    assert!(again.status()["run"].is_null(), "the new daemon observes and starts nothing");
+    assert!(
+        run["cause"]
+            .as_str()
+            .expect("a cause")
+            .contains("the daemon ended while the run was under way")
+    );
+    assert!(
+        again.status()["run"].is_null(),
+        "the new daemon observes and starts nothing"
+    );
 }
 
 #[test]
@@ -77,7 +104,9 @@ fn a_terminated_daemon_unloads_first_and_closes_the_file() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut daemon = Daemon::ready(folder.path(), &[]);
     let run_id = start(&daemon, LONG);
-    until("a loaded specimen", || (daemon.status()["rig"]["force_n"].as_f64()? > 300.0).then_some(()));
+    until("a loaded specimen", || {
+        (daemon.status()["rig"]["force_n"].as_f64()? > 300.0).then_some(())
+    });
     let begun = Instant::now();
     daemon.signal(Signal::SIGTERM);
     let code = daemon.process.0.wait().expect("gone");
@@ -95,24 +124,45 @@ fn a_stopped_run_keeps_its_data_and_a_second_start_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let daemon = Daemon::ready(folder.path(), &[]);
     let run_id = start(&daemon, LONG);
-    let head = format!("POST /api/run HTTP/1.1\r\nHost: {}\r\nContent-Type: application/json\r\n", daemon.authority());
-    let (status, body) = request(&daemon, &head, &serde_json::json!({ "profile": LONG }).to_string());
+    let head = format!(
+        "POST /api/run HTTP/1.1\r\nHost: {}\r\nContent-Type: application/json\r\n",
+        daemon.authority()
+    );
+    let (status, body) = request(
+        &daemon,
+        &head,
+        &serde_json::json!({ "profile": LONG }).to_string(),
+    );
     assert_eq!(status, 409, "{body}");
     assert!(body.contains(&run_id), "{body}");
     let (_, code) = json(folder.path(), &["stop", "--reason", "enough"]);
     assert_eq!(code, 0);
     daemon.until_phase("ready");
-    let run = until("a closed file", || Some(run_of(folder.path(), &run_id)).filter(|r| r["ending"] != "open"));
-    assert_eq!((run["ending"].as_str(), run["cause"].as_str()), (Some("stopped"), Some("enough")));
-    assert_eq!(json(folder.path(), &["runs"]).0.as_array().map(Vec::len), Some(1), "the refused start left no file");
+    let run = until("a closed file", || {
+        Some(run_of(folder.path(), &run_id)).filter(|r| r["ending"] != "open")
+    });
+    assert_eq!(
+        (run["ending"].as_str(), run["cause"].as_str()),
+        (Some("stopped"), Some("enough"))
+    );
+    assert_eq!(
+        json(folder.path(), &["runs"]).0.as_array().map(Vec::len),
+        Some(1),
+        "the refused start left no file"
+    );
 }
 
 #[test]
 fn a_predicted_trip_is_refused_before_anything_moves() {
     let folder = tempfile::tempdir().expect("a folder");
     let daemon = Daemon::ready(folder.path(), &[]);
-    let far = LONG.replace("to_mm = 6.0", "to_mm = 44.0").replace("duration_s = 1.0", "duration_s = 20.0");
-    let head = format!("POST /api/run HTTP/1.1\r\nHost: {}\r\nContent-Type: application/json\r\n", daemon.authority());
+    let far = LONG
+        .replace("to_mm = 6.0", "to_mm = 44.0")
+        .replace("duration_s = 1.0", "duration_s = 20.0");
+    let head = format!(
+        "POST /api/run HTTP/1.1\r\nHost: {}\r\nContent-Type: application/json\r\n",
+        daemon.authority()
+    );
     let (status, body) = request(&daemon, &head, &serde_json::json!({ "profile": far }).to_string());
     assert_eq!(status, 422, "{body}");
     assert!(body.contains("force_max_n"), "{body}");
@@ -128,17 +178,41 @@ fn forged_hosts_and_origins_wrong_types_and_large_bodies_get_nowhere() {
     let json_type = "Content-Type: application/json\r\n";
     let cases = [
         (format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\n"), 200),
-        ("GET /api/status HTTP/1.1\r\nHost: evil.example\r\n".to_owned(), 403),
+        (
+            "GET /api/status HTTP/1.1\r\nHost: evil.example\r\n".to_owned(),
+            403,
+        ),
         ("GET / HTTP/1.1\r\nHost: evil.example\r\n".to_owned(), 403),
-        (format!("GET / HTTP/1.1\r\nHost: {host}\r\nOrigin: http://evil.example\r\n"), 403),
-        (format!("POST /api/stop HTTP/1.1\r\nHost: {host}\r\nOrigin: http://evil.example\r\n{json_type}"), 403),
-        (format!("POST /api/stop HTTP/1.1\r\nHost: {host}\r\nOrigin: null\r\n{json_type}"), 403),
-        (format!("POST /api/stop HTTP/1.1\r\nHost: {host}\r\nContent-Type: text/plain\r\n"), 415),
+        (
+            format!("GET / HTTP/1.1\r\nHost: {host}\r\nOrigin: http://evil.example\r\n"),
+            403,
+        ),
+        (
+            format!("POST /api/stop HTTP/1.1\r\nHost: {host}\r\nOrigin: http://evil.example\r\n{json_type}"),
+            403,
+        ),
+        (
+            format!("POST /api/stop HTTP/1.1\r\nHost: {host}\r\nOrigin: null\r\n{json_type}"),
+            403,
+        ),
+        (
+            format!("POST /api/stop HTTP/1.1\r\nHost: {host}\r\nContent-Type: text/plain\r\n"),
+            415,
+        ),
         (format!("POST /api/reset HTTP/1.1\r\nHost: {host}\r\n"), 415),
-        (format!("GET /api/runs/..%2f..%2fetc%2fpasswd HTTP/1.1\r\nHost: {host}\r\n"), 404),
-        (format!("GET /api/runs/none/csv HTTP/1.1\r\nHost: {host}\r\n"), 404),
+        (
+            format!("GET /api/runs/..%2f..%2fetc%2fpasswd HTTP/1.1\r\nHost: {host}\r\n"),
+            404,
+        ),
+        (
+            format!("GET /api/runs/none/csv HTTP/1.1\r\nHost: {host}\r\n"),
+            404,
+        ),
         (format!("GET /api/nothing HTTP/1.1\r\nHost: {host}\r\n"), 404),
-        (format!("GET / HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\n"), 200),
+        (
+            format!("GET / HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\n"),
+            200,
+        ),
     ];
     for (head, expected) in cases {
         let (status, body) = request(&daemon, &head, "");
@@ -150,7 +224,8 @@ fn forged_hosts_and_origins_wrong_types_and_large_bodies_get_nowhere() {
     assert_eq!(request(&daemon, &run, "{\"profil\":\"x\"}").0, 422);
     let upgrade = "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n\
                    Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n";
-    let forged = format!("GET /api/live HTTP/1.1\r\nHost: {host}\r\nOrigin: http://evil.example\r\n{upgrade}");
+    let forged =
+        format!("GET /api/live HTTP/1.1\r\nHost: {host}\r\nOrigin: http://evil.example\r\n{upgrade}");
     assert_eq!(request(&daemon, &forged, "").0, 403);
 }
 
@@ -165,13 +240,18 @@ fn the_live_view_sends_status_and_samples_with_the_twin() {
     let (mut socket, _) = tungstenite::client(address, stream).expect("upgraded");
     let (mut status, mut twin_points) = (false, 0);
     while !status || twin_points < 100 {
-        let tungstenite::Message::Text(text) = socket.read().expect("a message") else { continue };
+        let tungstenite::Message::Text(text) = socket.read().expect("a message") else {
+            continue;
+        };
         let message: serde_json::Value = serde_json::from_str(&text).expect("JSON");
         match message["type"].as_str() {
             Some("status") => status = message["status"]["rig"]["phase"] == "running",
             Some("samples") => {
                 let points = message["twin_force_n"].as_array().expect("a column");
-                assert_eq!(points.len(), message["time_s"].as_array().expect("a column").len());
+                assert_eq!(
+                    points.len(),
+                    message["time_s"].as_array().expect("a column").len()
+                );
                 twin_points += points.iter().filter(|p| p.is_number()).count();
             }
             other => panic!("{other:?}"),
@@ -192,8 +272,12 @@ impl Wire {
         let ports = [&a, &b].map(|end| {
             let mut settings = nix::sys::termios::tcgetattr(&end.slave).expect("a terminal");
             nix::sys::termios::cfmakeraw(&mut settings);
-            nix::sys::termios::tcsetattr(&end.slave, nix::sys::termios::SetArg::TCSANOW, &settings).expect("set");
-            nix::unistd::ttyname(&end.slave).expect("a name").display().to_string()
+            nix::sys::termios::tcsetattr(&end.slave, nix::sys::termios::SetArg::TCSANOW, &settings)
+                .expect("set");
+            nix::unistd::ttyname(&end.slave)
+                .expect("a name")
+                .display()
+                .to_string()
         });
         let pump = std::thread::spawn(move || {
             let copy = |from: std::os::fd::OwnedFd, to: std::os::fd::OwnedFd| {
@@ -222,7 +306,9 @@ fn over_a_serial_line_with_the_mock_rig_in_another_process() {
     let [rig_port, host_port] = wire.ports.clone().map(|port| format!("serial:{port}"));
     let bench = config("benches/mock-serial.toml");
     let bench = bench.to_str().expect("UTF-8");
-    let rig = leafbench(&["mock-rig", "--bench", bench, "--link", &rig_port]).stdout(Stdio::null()).spawn();
+    let rig = leafbench(&["mock-rig", "--bench", bench, "--link", &rig_port])
+        .stdout(Stdio::null())
+        .spawn();
     let _rig = Process(rig.expect("starts"));
     let daemon = Daemon::ready(folder.path(), &["--bench", bench, "--link", &host_port]);
     let profile = "name = \"short\"\ncontrol = \"force\"\n[[block]]\n[[block.segment]]\nkind = \"ramp\"\nto_n = 600.0\n\
@@ -232,7 +318,10 @@ fn over_a_serial_line_with_the_mock_rig_in_another_process() {
     let (ended, code) = json(folder.path(), &["run", path.to_str().expect("UTF-8")]);
     assert_eq!(code, 0, "{ended}");
     let run = run_of(folder.path(), ended["run_id"].as_str().expect("an id"));
-    assert_eq!((run["ending"].as_str(), run["lost"].as_u64()), (Some("completed"), Some(0)));
+    assert_eq!(
+        (run["ending"].as_str(), run["lost"].as_u64()),
+        (Some("completed"), Some(0))
+    );
     assert!(run["samples"].as_u64().expect("a number") >= 4000);
     drop(daemon);
 }

@@ -51,10 +51,12 @@ impl Client {
 
     fn of_folder(folder: &Path) -> Result<Client, CliError> {
         let path = folder.join(ENDPOINT_FILE);
-        let endpoint: Option<Endpoint> =
-            std::fs::read_to_string(&path).ok().and_then(|text| serde_json::from_str(&text).ok());
-        let endpoint =
-            endpoint.ok_or_else(|| CliError::NoDaemon { tried: format!("there is no {}", path.display()) })?;
+        let endpoint: Option<Endpoint> = std::fs::read_to_string(&path)
+            .ok()
+            .and_then(|text| serde_json::from_str(&text).ok());
+        let endpoint = endpoint.ok_or_else(|| CliError::NoDaemon {
+            tried: format!("there is no {}", path.display()),
+        })?;
         let agent = ureq::Agent::config_builder()
             .http_status_as_error(false)
             .timeout_global(Some(TIMEOUT))
@@ -62,7 +64,11 @@ impl Client {
             .proxy(None)
             .build()
             .into();
-        Ok(Client { agent, url: endpoint.url, folder: folder.to_owned() })
+        Ok(Client {
+            agent,
+            url: endpoint.url,
+            folder: folder.to_owned(),
+        })
     }
 
     /// Address of the technician's page.
@@ -102,6 +108,12 @@ impl Client {
             what_to_do: String::new(),
         });
         let parts = [failure.error, failure.what_to_do];
-        Err(CliError::Refused(parts.into_iter().filter(|p| !p.is_empty()).collect::<Vec<_>>().join(": ")))
+        Err(CliError::Refused(
+            parts
+                .into_iter()
+                .filter(|p| !p.is_empty())
+                .collect::<Vec<_>>()
+                .join(": "),
+        ))
     }
 }

@@ -46,10 +46,15 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
     end_with_the_first_panic();
     let bench = Arc::new(local::bench(matches)?);
     let settings = Settings {
-        link_address: matches.get_one::<String>("link").unwrap_or(&bench.link.address).clone(),
+        link_address: matches
+            .get_one::<String>("link")
+            .unwrap_or(&bench.link.address)
+            .clone(),
         data_folder: named_data_folder(matches).unwrap_or_else(|| bench.daemon.data_folder.clone()),
         profiles_folder: local::profiles_folder(matches)?,
-        listen: *matches.get_one::<SocketAddr>("listen").unwrap_or(&bench.daemon.listen),
+        listen: *matches
+            .get_one::<SocketAddr>("listen")
+            .unwrap_or(&bench.daemon.listen),
         bench: Arc::clone(&bench),
     };
     let claim = Claim::take(&settings.data_folder, &settings.link_address)?;
@@ -61,13 +66,20 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
 /// One line that people and scripts read.
 fn announce(endpoint: &Endpoint, output: &Output) {
     // A stdout that nobody reads is no reason to stop.
-    let _ = output.result(endpoint, || format!("leafbench daemon: open {}/ in a browser", endpoint.url));
+    let _ = output.result(endpoint, || {
+        format!("leafbench daemon: open {}/ in a browser", endpoint.url)
+    });
 }
 
 /// The daemon cannot tell a mock rig from a rig; only this function can.
 fn open_link(address: &str, bench: &Bench) -> Result<Link, CliError> {
     if address != "mock:" {
-        return Ok(link::open(address, Side::Host { rig_node: bench.link.node })?);
+        return Ok(link::open(
+            address,
+            Side::Host {
+                rig_node: bench.link.node,
+            },
+        )?);
     }
     let rig = local::mock_rig(bench, None)?;
     let (host_end, rig_end) = loopback::pair();

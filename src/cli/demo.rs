@@ -74,7 +74,10 @@ struct Demo {
 
 fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
     let begun = Instant::now();
-    let folder = matches.get_one::<PathBuf>("out").cloned().unwrap_or_else(|| "leafbench-demo".into());
+    let folder = matches
+        .get_one::<PathBuf>("out")
+        .cloned()
+        .unwrap_or_else(|| "leafbench-demo".into());
     std::fs::create_dir_all(&folder).map_err(CliError::file(&folder, "making the folder"))?;
     let configs = local::configs()?;
     let bench = Bench::load(&configs.join("benches/mock.toml"))?;
@@ -88,11 +91,25 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
     }
     let page = folder.join("index.html");
     let title = "leafbench demo: measured loops and twin";
-    let html = LoopPage { title, lead: &lead(&bench), sections }.render();
+    let html = LoopPage {
+        title,
+        lead: &lead(&bench),
+        sections,
+    }
+    .render();
     std::fs::write(&page, html).map_err(CliError::file(&page, "writing"))?;
-    let demo = Demo { folder, page, rows, virtual_s, real_s: begun.elapsed().as_secs_f64() };
+    let demo = Demo {
+        folder,
+        page,
+        rows,
+        virtual_s,
+        real_s: begun.elapsed().as_secs_f64(),
+    };
     output.result(&demo, || text(&demo))?;
-    let well = demo.rows.iter().all(|r| r.ending == Ending::Completed && r.lost == 0);
+    let well = demo
+        .rows
+        .iter()
+        .all(|r| r.ending == Ending::Completed && r.lost == 0);
     Ok(if well { Done::Well } else { Done::Otherwise })
 }
 
@@ -118,12 +135,19 @@ fn play(
         let _ = std::fs::remove_file(format!("{}{ending}", path.display()));
     }
     let player = Player::new(profile, 0.0, f64::from(SAMPLE_RATE_HZ))?;
-    let planned = header::Planned { cycles: player.total_cycles(), duration_s: player.duration_s() };
+    let planned = header::Planned {
+        cycles: player.total_cycles(),
+        duration_s: player.duration_s(),
+    };
     let now = jiff::Timestamp::now();
     let header = header::new(profile.name.clone(), now, bench, profile, profile_toml, planned);
     let writer = RunFileWriter::create(&path, &header)?;
     let mut chain = Twin::new(bench.model.plant()?, Box::new(writer), || false);
-    let order = RunOrder { header, profile: profile.clone(), first_cycle: 1 };
+    let order = RunOrder {
+        header,
+        profile: profile.clone(),
+        first_cycle: 1,
+    };
     let mut progress = Progress::new(&profile.name, output.json);
     let mut turns = 0;
     let mut virtual_bench = VirtualBench::new(bench, None)?;
@@ -152,7 +176,11 @@ fn account(run: &RunFile, profile: &Profile, folder: &Path) -> Result<(Row, Sect
     let cycles = match exported.survey.cycles.is_empty() {
         true => Vec::new(),
         false => {
-            export::export(run, Selection::MeanLoop, &folder.join(format!("{name}-mean-loop.csv")))?;
+            export::export(
+                run,
+                Selection::MeanLoop,
+                &folder.join(format!("{name}-mean-loop.csv")),
+            )?;
             export::export_cycles(run, &folder.join(format!("{name}.cycles.csv")))?
         }
     };
@@ -171,14 +199,21 @@ fn row(run: &RunFile, profile: &Profile, samples: &[Sample], cycles: &[CycleSumm
         twin.add(sample.force_n, twin_n);
     }
     let whole: Vec<&CycleSummary> = cycles.iter().filter(|c| c.complete).collect();
-    let mean = |value: fn(&CycleSummary) -> f64| whole.iter().map(|c| value(c)).sum::<f64>() / whole.len() as f64;
+    let mean =
+        |value: fn(&CycleSummary) -> f64| whole.iter().map(|c| value(c)).sum::<f64>() / whole.len() as f64;
     let (loop_energy_j, rate_n_per_mm) = match whole.is_empty() {
         // A ramp is one loop of its own.
         true => {
             let ranges = Range::of(&displacement).zip(Range::of(&force));
-            (loop_energy_j(&displacement, &force), ranges.and_then(|(x, f)| secant_rate_n_per_mm(x, f)))
+            (
+                loop_energy_j(&displacement, &force),
+                ranges.and_then(|(x, f)| secant_rate_n_per_mm(x, f)),
+            )
         }
-        false => (mean(|c| c.loop_energy_j), Some(mean(|c| c.secant_rate_n_per_mm.unwrap_or(f64::NAN)))),
+        false => (
+            mean(|c| c.loop_energy_j),
+            Some(mean(|c| c.secant_rate_n_per_mm.unwrap_or(f64::NAN))),
+        ),
     };
     let asked = asked_amplitude(samples, &whole, profile);
     let settled = whole.iter().find(|c| c.cycle == SETTLED_CYCLE).zip(asked);
@@ -208,10 +243,15 @@ fn section(name: &str, description: &str, samples: &[Sample], row: &Row) -> Sect
     // A sine repeats: a dozen cycles show every loop, finer.
     let shown: Vec<&Sample> = samples.iter().step_by(step).collect();
     let measured = shown.iter().map(|s| (s.displacement_mm, s.force_n)).collect();
-    let twin = shown.iter().filter_map(|s| Some((s.displacement_mm, s.twin_force_n?))).collect();
+    let twin = shown
+        .iter()
+        .filter_map(|s| Some((s.displacement_mm, s.twin_force_n?)))
+        .collect();
     let curves = [Curve::measured("measured", measured), Curve::twin("twin", twin)];
     let optional = |value: Option<f64>, scale: f64, digits: usize, unit: &str| {
-        value.map_or("\u{2013}".to_owned(), |v| format!("{:.digits$} {unit}", v * scale))
+        value.map_or("\u{2013}".to_owned(), |v| {
+            format!("{:.digits$} {unit}", v * scale)
+        })
     };
     Section {
         title: name.to_owned(),
@@ -220,12 +260,25 @@ fn section(name: &str, description: &str, samples: &[Sample], row: &Row) -> Sect
         facts: vec![
             ("Peak force".to_owned(), format!("{:.1} N", row.peak_force_n)),
             ("Loop energy".to_owned(), format!("{:.2} J", row.loop_energy_j)),
-            ("Secant rate".to_owned(), optional(row.rate_n_per_mm, 1.0, 2, "N/mm")),
-            ("Samples".to_owned(), format!("{}, {} lost", row.samples, row.lost)),
-            (format!("Amplitude error, cycle {SETTLED_CYCLE}"), optional(row.amplitude_error, 100.0, 2, "%")),
+            (
+                "Secant rate".to_owned(),
+                optional(row.rate_n_per_mm, 1.0, 2, "N/mm"),
+            ),
+            (
+                "Samples".to_owned(),
+                format!("{}, {} lost", row.samples, row.lost),
+            ),
+            (
+                format!("Amplitude error, cycle {SETTLED_CYCLE}"),
+                optional(row.amplitude_error, 100.0, 2, "%"),
+            ),
             ("Twin NRMSE".to_owned(), optional(row.twin_nrmse, 100.0, 2, "%")),
         ],
-        files: vec![format!("{name}.csv"), format!("{name}.datapackage.json"), format!("{name}.{EXTENSION}")],
+        files: vec![
+            format!("{name}.csv"),
+            format!("{name}.datapackage.json"),
+            format!("{name}.{EXTENSION}"),
+        ],
     }
 }
 
@@ -248,7 +301,9 @@ fn text(demo: &Demo) -> String {
             percent(r.twin_nrmse).trim_start_matches('+')
         )
     }));
-    lines.push(format!("* error of the amplitude in counted cycle {SETTLED_CYCLE}"));
+    lines.push(format!(
+        "* error of the amplitude in counted cycle {SETTLED_CYCLE}"
+    ));
     lines.push(String::new());
     lines.push(format!(
         "{:.0} s of bench time in {:.1} s; CSV, data packages and run files in {}, loops in {}",

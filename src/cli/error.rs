@@ -26,7 +26,9 @@ pub enum CliError {
         tried: String,
     },
     /// The daemon went away while we waited.
-    #[error("the daemon has gone: the rig unloads by itself; start the daemon again, it closes the run as aborted")]
+    #[error(
+        "the daemon has gone: the rig unloads by itself; start the daemon again, it closes the run as aborted"
+    )]
     DaemonGone,
     /// The daemon said no.
     #[error("{0}")]

@@ -21,7 +21,12 @@ pub const COMMAND: Command = Command {
 fn arguments(command: clap::Command) -> clap::Command {
     let number = || clap::value_parser!(u32).range(1..);
     command
-        .arg(Arg::new("run").value_name("RUN").required(true).help("Run id, `latest`, or a .leafrun file"))
+        .arg(
+            Arg::new("run")
+                .value_name("RUN")
+                .required(true)
+                .help("Run id, `latest`, or a .leafrun file"),
+        )
         .arg(
             Arg::new("out")
                 .long("out")
@@ -30,14 +35,26 @@ fn arguments(command: clap::Command) -> clap::Command {
                 .default_value(".")
                 .help("Folder to write to"),
         )
-        .arg(Arg::new("cycle").long("cycle").value_name("N").value_parser(number()).help("One counted cycle"))
+        .arg(
+            Arg::new("cycle")
+                .long("cycle")
+                .value_name("N")
+                .value_parser(number())
+                .help("One counted cycle"),
+        )
         .arg(
             Arg::new("mean-loop")
                 .long("mean-loop")
                 .action(ArgAction::SetTrue)
                 .help("The mean over the complete counted cycles"),
         )
-        .arg(Arg::new("every").long("every").value_name("N").value_parser(number()).help("Every n-th sample"))
+        .arg(
+            Arg::new("every")
+                .long("every")
+                .value_name("N")
+                .value_parser(number())
+                .help("Every n-th sample"),
+        )
         .group(ArgGroup::new("part").args(["cycle", "mean-loop", "every"]))
         .arg(data_argument())
 }
@@ -53,9 +70,15 @@ struct Written {
 }
 
 fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
-    let id = matches.get_one::<String>("run").map(String::as_str).unwrap_or_default();
+    let id = matches
+        .get_one::<String>("run")
+        .map(String::as_str)
+        .unwrap_or_default();
     let file = RunFile::open(&run_path(matches, id)?)?;
-    let folder = matches.get_one::<PathBuf>("out").cloned().unwrap_or_else(|| ".".into());
+    let folder = matches
+        .get_one::<PathBuf>("out")
+        .cloned()
+        .unwrap_or_else(|| ".".into());
     std::fs::create_dir_all(&folder).map_err(CliError::file(&folder, "making the folder"))?;
     let (selection, suffix) = selection(matches);
     let run_id = file.header().run_id.clone();
@@ -88,7 +111,10 @@ fn text(w: &Written) -> String {
     ];
     lines.extend(w.cycles_csv.as_ref().map(|path| path.display().to_string()));
     if w.damaged > 0 {
-        lines.push(format!("{} samples of the run file are damaged and left out", w.damaged));
+        lines.push(format!(
+            "{} samples of the run file are damaged and left out",
+            w.damaged
+        ));
     }
     lines.join("\n")
 }

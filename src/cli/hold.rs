@@ -1,7 +1,7 @@
 //! `leafbench hold`.
 
-use super::client::{Client, data_argument};
 use super::Command;
+use super::client::{Client, data_argument};
 use super::stop::print_accepted;
 use crate::daemon::client_types::Nothing;
 

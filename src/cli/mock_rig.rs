@@ -14,7 +14,13 @@ pub const COMMAND: Command = Command {
     arguments: |command| {
         command
             .arg(local::bench_argument())
-            .arg(Arg::new("link").long("link").value_name("ADDRESS").required(true).help("can:vcan0 or serial:/dev/pts/3"))
+            .arg(
+                Arg::new("link")
+                    .long("link")
+                    .value_name("ADDRESS")
+                    .required(true)
+                    .help("can:vcan0 or serial:/dev/pts/3"),
+            )
             .arg(
                 Arg::new("seed")
                     .long("seed")
@@ -32,14 +38,26 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
         return Err(CliError::Input("give --link".to_owned()));
     };
     let rig = local::mock_rig(&bench, matches.get_one::<u64>("seed").copied())?;
-    let link = link::open(address, Side::Rig { node: bench.link.node })?;
+    let link = link::open(
+        address,
+        Side::Rig {
+            node: bench.link.node,
+        },
+    )?;
     let health = std::sync::Arc::clone(&link.health);
-    eprintln!("mock rig of bench {} at {address}; end it with Ctrl-C", bench.name);
+    eprintln!(
+        "mock rig of bench {} at {address}; end it with Ctrl-C",
+        bench.name
+    );
     // Ctrl-C ends the process, as a power cut ends a rig.
     let punctuality = rig
         .run_realtime(link, &AtomicBool::new(false))
         .map_err(|e| CliError::Internal(format!("the monotonic clock failed: {e}")))?;
-    let lost = if health.is_open() { "" } else { "the line is gone; " };
+    let lost = if health.is_open() {
+        ""
+    } else {
+        "the line is gone; "
+    };
     let ticks = serde_json::json!({
         "ticks": punctuality.ticks,
         "late_ticks": punctuality.late_ticks,

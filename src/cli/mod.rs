@@ -78,7 +78,11 @@ pub struct Output {
 
 impl Output {
     /// Prints a result. A reader that has gone (`| head`) is no error.
-    pub fn result<T: serde::Serialize>(&self, value: &T, text: impl FnOnce() -> String) -> Result<(), CliError> {
+    pub fn result<T: serde::Serialize>(
+        &self,
+        value: &T,
+        text: impl FnOnce() -> String,
+    ) -> Result<(), CliError> {
         let line = if self.json {
             serde_json::to_string(value).map_err(|e| CliError::Internal(e.to_string()))?
         } else {
@@ -99,9 +103,15 @@ pub fn main() -> ExitCode {
             return ExitCode::from(if error.use_stderr() { 2 } else { 0 });
         }
     };
-    let Some((name, arguments)) = matches.subcommand() else { return ExitCode::from(2) };
-    let output = Output { json: arguments.get_flag("json") };
-    let Some(command) = COMMANDS.iter().find(|c| c.name == name) else { return ExitCode::from(2) };
+    let Some((name, arguments)) = matches.subcommand() else {
+        return ExitCode::from(2);
+    };
+    let output = Output {
+        json: arguments.get_flag("json"),
+    };
+    let Some(command) = COMMANDS.iter().find(|c| c.name == name) else {
+        return ExitCode::from(2);
+    };
     match (command.run)(arguments, &output) {
         Ok(Done::Well) => ExitCode::SUCCESS,
         Ok(Done::Otherwise) => ExitCode::from(1),
@@ -135,9 +145,9 @@ fn command_line() -> clap::Command {
         .arg_required_else_help(true)
         .after_help(EXIT_CODES)
         .arg(json);
-    COMMANDS
-        .iter()
-        .fold(top, |top, c| top.subcommand((c.arguments)(clap::Command::new(c.name).about(c.what))))
+    COMMANDS.iter().fold(top, |top, c| {
+        top.subcommand((c.arguments)(clap::Command::new(c.name).about(c.what)))
+    })
 }
 
 #[cfg(test)]
@@ -151,6 +161,10 @@ mod tests {
         names.sort_unstable();
         names.dedup();
         assert_eq!(names.len(), COMMANDS.len());
-        assert!(COMMANDS.iter().all(|c| c.what.len() > 20 && !c.what.ends_with('.')));
+        assert!(
+            COMMANDS
+                .iter()
+                .all(|c| c.what.len() > 20 && !c.what.ends_with('.'))
+        );
     }
 }

@@ -59,11 +59,20 @@ impl Progress {
         let bar = (!silent && std::io::stderr().is_terminal()).then(|| {
             let bar = ProgressBar::new(1000);
             let style = ProgressStyle::with_template("{prefix} [{bar:40}] {percent:>3} %  {msg}");
-            bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> "));
+            bar.set_style(
+                style
+                    .unwrap_or_else(|_| ProgressStyle::default_bar())
+                    .progress_chars("=> "),
+            );
             bar.set_prefix(name.to_owned());
             bar
         });
-        Progress { bar, name: name.to_owned(), told: 0, silent }
+        Progress {
+            bar,
+            name: name.to_owned(),
+            told: 0,
+            silent,
+        }
     }
 
     /// Moves on.
@@ -111,9 +120,21 @@ mod tests {
 
     #[test]
     fn a_mark_tells_cycles_only_where_there_are_some() {
-        let mark = Mark { elapsed_s: 30.0, remaining_s: 90.0, cycles: 3, cycles_total: 50 };
+        let mark = Mark {
+            elapsed_s: 30.0,
+            remaining_s: 90.0,
+            cycles: 3,
+            cycles_total: 50,
+        };
         assert_eq!(mark.share(), 0.25);
         assert_eq!(mark.text(), "cycle 3 of 50, 1 min 30 s left");
-        assert_eq!(Mark { cycles_total: 0, ..mark }.text(), "1 min 30 s left");
+        assert_eq!(
+            Mark {
+                cycles_total: 0,
+                ..mark
+            }
+            .text(),
+            "1 min 30 s left"
+        );
     }
 }

@@ -24,7 +24,8 @@ pub const COMMAND: Command = Command {
 };
 
 fn arguments(command: clap::Command) -> clap::Command {
-    let text = |name: &'static str, help: &'static str| Arg::new(name).long(name).value_name("TEXT").help(help);
+    let text =
+        |name: &'static str, help: &'static str| Arg::new(name).long(name).value_name("TEXT").help(help);
     command
         .arg(
             Arg::new("profile")
@@ -53,7 +54,11 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
     }
     let ended = wait(&client, &started.run_id, &interrupts, output)?;
     output.result(&ended, || text(&ended))?;
-    Ok(if ended.ending.as_deref() == Some("completed") { Done::Well } else { Done::Otherwise })
+    Ok(if ended.ending.as_deref() == Some("completed") {
+        Done::Well
+    } else {
+        Done::Otherwise
+    })
 }
 
 fn order(matches: &ArgMatches) -> Result<StartRun, CliError> {
@@ -65,7 +70,12 @@ fn order(matches: &ArgMatches) -> Result<StartRun, CliError> {
         }
         name => name,
     };
-    Ok(StartRun { profile, specimen: argument("specimen"), operator: argument("operator"), resume_run: argument("resume") })
+    Ok(StartRun {
+        profile,
+        specimen: argument("specimen"),
+        operator: argument("operator"),
+        resume_run: argument("resume"),
+    })
 }
 
 /// Counts Ctrl-C from now on instead of ending this process.
@@ -73,18 +83,27 @@ fn interrupts() -> Arc<AtomicU32> {
     let count = Arc::new(AtomicU32::new(0));
     let counter = Arc::clone(&count);
     // Where no thread can be had Ctrl-C ends this process as usual; the run goes on.
-    let _ = std::thread::Builder::new().name("ctrl-c".to_owned()).spawn(move || {
-        let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() else { return };
-        runtime.block_on(async {
-            while tokio::signal::ctrl_c().await.is_ok() {
-                counter.fetch_add(1, Ordering::Relaxed);
-            }
+    let _ = std::thread::Builder::new()
+        .name("ctrl-c".to_owned())
+        .spawn(move || {
+            let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() else {
+                return;
+            };
+            runtime.block_on(async {
+                while tokio::signal::ctrl_c().await.is_ok() {
+                    counter.fetch_add(1, Ordering::Relaxed);
+                }
+            });
         });
-    });
     count
 }
 
-fn wait(client: &Client, run_id: &str, interrupts: &AtomicU32, output: &Output) -> Result<RunProgress, CliError> {
+fn wait(
+    client: &Client,
+    run_id: &str,
+    interrupts: &AtomicU32,
+    output: &Output,
+) -> Result<RunProgress, CliError> {
     let mut progress: Option<Progress> = None;
     let mut stop_asked = false;
     loop {
@@ -92,19 +111,25 @@ fn wait(client: &Client, run_id: &str, interrupts: &AtomicU32, output: &Output) 
         let pressed = interrupts.load(Ordering::Relaxed);
         if pressed > 0 && !stop_asked {
             stop_asked = true;
-            eprintln!("\nCtrl-C: the run is being stopped, the rig unloads (press again to leave that to the daemon)");
+            eprintln!(
+                "\nCtrl-C: the run is being stopped, the rig unloads (press again to leave that to the daemon)"
+            );
             let reason = Some("stopped by Ctrl-C in leafbench run".to_owned());
             // Refused where the run has just ended: then the next look says so.
             let _ = client.post::<Accepted>("/api/stop", &StopRequest { reason });
         } else if pressed > 1 {
-            return Err(CliError::Refused(format!("left while run {run_id} was being stopped")));
+            return Err(CliError::Refused(format!(
+                "left while run {run_id} was being stopped"
+            )));
         }
         let status: Status = client.get("/api/status").map_err(|e| match e {
             CliError::NoDaemon { .. } => CliError::DaemonGone,
             other => other,
         })?;
         let Some(run) = status.run.filter(|run| run.run_id == run_id) else {
-            return Err(CliError::Refused(format!("the daemon has gone on from run {run_id}: see `leafbench runs`")));
+            return Err(CliError::Refused(format!(
+                "the daemon has gone on from run {run_id}: see `leafbench runs`"
+            )));
         };
         if is_over(&run) {
             if let Some(progress) = progress {
@@ -128,7 +153,11 @@ fn text(run: &RunProgress) -> String {
     if run.state == RunState::NeverStarted {
         return format!("run {} did not start: {}", run.run_id, run.cause);
     }
-    let mut lines = vec![format!("run {} {}", run.run_id, run.ending.as_deref().unwrap_or("ended"))];
+    let mut lines = vec![format!(
+        "run {} {}",
+        run.run_id,
+        run.ending.as_deref().unwrap_or("ended")
+    )];
     if !run.cause.is_empty() {
         lines.push(format!("cause    {}", run.cause));
     }
@@ -137,7 +166,10 @@ fn text(run: &RunProgress) -> String {
         run.samples, run.lost, run.cycles_completed
     ));
     if !run.disk_problem.is_empty() {
-        lines.push(format!("disk     the run file is not complete: {}", run.disk_problem));
+        lines.push(format!(
+            "disk     the run file is not complete: {}",
+            run.disk_problem
+        ));
     }
     lines.push(format!("CSV      leafbench export {}", run.run_id));
     lines.join("\n")

@@ -47,7 +47,10 @@ struct Simulated {
 
 fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
     let bench = local::bench(matches)?;
-    let name = matches.get_one::<String>("profile").map(String::as_str).unwrap_or_default();
+    let name = matches
+        .get_one::<String>("profile")
+        .map(String::as_str)
+        .unwrap_or_default();
     let (profile, _) = local::profile(matches, name)?;
     let path = matches
         .get_one::<PathBuf>("out")
@@ -67,12 +70,18 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
     let rate_hz = f64::from(SAMPLE_RATE_HZ);
     let mut tick = 0;
     let mut fault = None;
-    let dry = dry_run_with(&profile, plant.as_ref(), &bench.profile_limits(), rate_hz, &mut |p| {
-        tick += 1;
-        if fault.is_none() {
-            fault = csv.sample(&sample(tick, rate_hz, p)).err();
-        }
-    })?;
+    let dry = dry_run_with(
+        &profile,
+        plant.as_ref(),
+        &bench.profile_limits(),
+        rate_hz,
+        &mut |p| {
+            tick += 1;
+            if fault.is_none() {
+                fault = csv.sample(&sample(tick, rate_hz, p)).err();
+            }
+        },
+    )?;
     fault.map_or(Ok(()), Err).map_err(failed())?;
     let rows = csv.rows();
     sink.flush().map_err(failed())?;

@@ -51,7 +51,10 @@ fn text(s: &Status, page: &str) -> String {
         ));
     } else if let Some(run) = &s.run {
         let ending = run.ending.as_deref().unwrap_or("not started");
-        lines.push(format!("last run      {} ({}), {ending} {}", run.run_id, run.profile, run.cause));
+        lines.push(format!(
+            "last run      {} ({}), {ending} {}",
+            run.run_id, run.profile, run.cause
+        ));
     }
     lines.push(format!(
         "link          {}, {} samples, {} lost, {} frames refused, {} bus errors",

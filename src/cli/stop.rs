@@ -11,12 +11,18 @@ pub const COMMAND: Command = Command {
     name: "stop",
     what: "End the run under way: the rig unloads, the data are kept",
     arguments: |command| {
-        let reason = Arg::new("reason").long("reason").value_name("TEXT").help("Goes into the run's cause");
+        let reason = Arg::new("reason")
+            .long("reason")
+            .value_name("TEXT")
+            .help("Goes into the run's cause");
         command.arg(reason).arg(data_argument())
     },
     run: |matches, output| {
         let reason = matches.get_one::<String>("reason").cloned();
-        print_accepted(Client::of(matches)?.post("/api/stop", &StopRequest { reason })?, output)
+        print_accepted(
+            Client::of(matches)?.post("/api/stop", &StopRequest { reason })?,
+            output,
+        )
     },
 };
 

@@ -8,7 +8,6 @@ use super::{CliError, local};
 use crate::config::Bench;
 use crate::control::run::RunOrder;
 use crate::control::{Phase, Rig};
-use crate::daemon::rig_config::rig_config;
 use crate::link::{Link, loopback};
 use crate::mockrig::MockRig;
 use crate::recording::{Event, Header, Outcome, Recorder, Sample};
@@ -40,7 +39,7 @@ impl VirtualBench {
         let clock = Arc::new(AtomicU64::new(0));
         let (host_end, rig_end) = loopback::pair_with_clock(Arc::clone(&clock));
         Ok(VirtualBench {
-            rig: Rig::new(rig_config(bench, SESSION)),
+            rig: Rig::new(bench.rig_config(SESSION)),
             mock: local::mock_rig(bench, seed)?,
             host_end,
             rig_end,
@@ -81,7 +80,10 @@ impl VirtualBench {
         mut each_ms: impl FnMut(&VirtualBench),
     ) -> Result<Outcome, CliError> {
         let limit_ms = (order.header.duration_planned_s * 1e3) as u64 + BESIDE_THE_RUN_MS;
-        let mut watched = Watched { next: recorder, outcome: None };
+        let mut watched = Watched {
+            next: recorder,
+            outcome: None,
+        };
         if !self.run_until(Phase::Ready, READY_WITHIN_MS, &mut watched) {
             return Err(self.not_as_planned("did not get ready"));
         }
@@ -101,7 +103,9 @@ impl VirtualBench {
 
     fn not_as_planned(&self, what: &str) -> CliError {
         let notice = self.rig.status().notice;
-        CliError::Input(format!("the bench in virtual time {what}: {notice}: check the bench config"))
+        CliError::Input(format!(
+            "the bench in virtual time {what}: {notice}: check the bench config"
+        ))
     }
 }
 

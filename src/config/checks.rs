@@ -70,6 +70,22 @@ fn link(document: &Document, link: &LinkConfig) -> Result<(), ConfigError> {
         1.0,
         126.0,
         "the nodes of a bus",
+    )?;
+    within(
+        document,
+        "link.queue_lead_ms",
+        link.queue_lead_ms as f64,
+        40.0,
+        200.0,
+        "what the rig's queue holds",
+    )?;
+    within(
+        document,
+        "link.silence_ms",
+        link.silence_ms as f64,
+        5.0,
+        500.0,
+        "a silence that can be told from a late frame and still trips in time",
     )
 }
 

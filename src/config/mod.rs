@@ -3,6 +3,7 @@
 
 mod checks;
 mod file;
+mod rig;
 
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
@@ -75,9 +76,23 @@ pub struct LinkConfig {
     pub address: String,
     /// Node of the rig, 1 to 126.
     pub node: u8,
+    /// Commands stand this far ahead in the rig's queue, 40 to 200 ms: the host may be late by as much.
+    #[serde(default = "LinkConfig::default_queue_lead_ms")]
+    pub queue_lead_ms: u64,
+    /// A sample stream silent for longer aborts the run, 5 ms to the lease.
+    #[serde(default = "LinkConfig::default_silence_ms")]
+    pub silence_ms: u64,
 }
 
 impl LinkConfig {
+    fn default_queue_lead_ms() -> u64 {
+        100
+    }
+
+    fn default_silence_ms() -> u64 {
+        20
+    }
+
     /// The mock rig in memory: no hardware, no process.
     pub fn is_mock(&self) -> bool {
         self.address == "mock:"

@@ -78,7 +78,9 @@ pub enum RequestError {
 }
 
 /// Counts of the loop itself.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
+#[derive(
+    Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema,
+)]
 pub struct LoopHealth {
     /// Turns so far.
     pub turns: u64,
@@ -105,21 +107,41 @@ impl Control {
         let (ready, degraded) = mpsc::sync_channel(1);
         let published = Arc::new(Mutex::new((rig.status(), LoopHealth::default())));
         let shared = Arc::clone(&published);
-        let thread = std::thread::Builder::new().name("control".to_owned()).spawn(move || {
-            // The receiver waits just below; it is gone only if that thread died.
-            let _ = ready.send(degradations());
-            Loop { rig, link, recorder: None, inbox, published: shared, health: LoopHealth::default() }.run();
-        })?;
+        let thread = std::thread::Builder::new()
+            .name("control".to_owned())
+            .spawn(move || {
+                // The receiver waits just below; it is gone only if that thread died.
+                let _ = ready.send(degradations());
+                Loop {
+                    rig,
+                    link,
+                    recorder: None,
+                    inbox,
+                    published: shared,
+                    health: LoopHealth::default(),
+                }
+                .run();
+            })?;
         let degraded = degraded
             .recv()
             .map_err(|_| io::Error::other("the control thread ended at its start"))?
             .into();
-        Ok((Control { requests, published, degraded }, thread))
+        Ok((
+            Control {
+                requests,
+                published,
+                degraded,
+            },
+            thread,
+        ))
     }
 
     /// The newest status, at most about 20 ms old.
     pub fn status(&self) -> (RigStatus, LoopHealth) {
-        self.published.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.published
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
     }
 
     /// What keeps the loop from its full precision, one sentence each; empty where all is well.
@@ -130,10 +152,12 @@ impl Control {
     /// Asks control; the answer comes within a turn or two.
     pub async fn ask(&self, request: Request) -> Result<Answer, RequestError> {
         let (answer, wait) = oneshot::channel();
-        self.requests.try_send((request, answer)).map_err(|error| match error {
-            mpsc::TrySendError::Full(_) => RequestError::Overloaded,
-            mpsc::TrySendError::Disconnected(_) => RequestError::Ended,
-        })?;
+        self.requests
+            .try_send((request, answer))
+            .map_err(|error| match error {
+                mpsc::TrySendError::Full(_) => RequestError::Overloaded,
+                mpsc::TrySendError::Disconnected(_) => RequestError::Ended,
+            })?;
         Ok(wait.await.map_err(|_| RequestError::Ended)??)
     }
 }
@@ -190,7 +214,11 @@ impl Loop {
         let accepted = |result: Result<(), Refusal>| result.map(|()| Answer::Accepted);
         let mut goes_on = true;
         let result = match request {
-            Request::Start(order, recorder) => accepted(self.rig.start(*order).inspect(|()| self.recorder = Some(recorder))),
+            Request::Start(order, recorder) => accepted(
+                self.rig
+                    .start(*order)
+                    .inspect(|()| self.recorder = Some(recorder)),
+            ),
             Request::Stop(cause) => accepted(self.rig.stop(&cause, now_ns)),
             Request::Hold => accepted(self.rig.hold()),
             Request::Resume => accepted(self.rig.resume()),
@@ -213,7 +241,10 @@ impl Loop {
 
     /// A run that is over, or never began, needs its recorder no more: dropping it ends the recording thread.
     fn let_go_of_recorder(&mut self) {
-        if matches!(self.rig.phase(), Phase::Ready | Phase::Interlocked | Phase::Connecting) {
+        if matches!(
+            self.rig.phase(),
+            Phase::Ready | Phase::Interlocked | Phase::Connecting
+        ) {
             self.recorder = None;
         }
     }

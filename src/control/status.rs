@@ -25,7 +25,9 @@ pub enum Phase {
 }
 
 /// Counts since the program started.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
+#[derive(
+    Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema,
+)]
 pub struct Counters {
     /// Samples taken.
     pub samples: u64,

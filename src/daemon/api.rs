@@ -37,7 +37,10 @@ pub struct ApiError {
 impl ApiError {
     /// `error` says what and where, `what_to_do` what to do, where `error` does not.
     pub fn new(status: StatusCode, error: String, what_to_do: String) -> Self {
-        ApiError { status, failure: Failure { error, what_to_do } }
+        ApiError {
+            status,
+            failure: Failure { error, what_to_do },
+        }
     }
 
     /// The HTTP status.
@@ -134,7 +137,11 @@ struct Route {
 }
 
 fn routes() -> Vec<Route> {
-    let route = |method, path, handler| Route { method, path, handler };
+    let route = |method, path, handler| Route {
+        method,
+        path,
+        handler,
+    };
     vec![
         route("get", "/api/status", get(status)),
         route("post", "/api/run", post(run)),
@@ -160,7 +167,19 @@ fn routes() -> Vec<Route> {
         description = "Controls a leaf-spring test bench. Loopback only. Failures are `{error, what_to_do}`."
     ),
     paths(
-        status, run, stop, hold, resume, reset, tare, runs, run_detail, run_csv, profiles, plan_profile, openapi,
+        status,
+        run,
+        stop,
+        hold,
+        resume,
+        reset,
+        tare,
+        runs,
+        run_detail,
+        run_csv,
+        profiles,
+        plan_profile,
+        openapi,
         socket::live
     )
 )]
@@ -168,7 +187,9 @@ struct Description;
 
 /// Everything behind the guard.
 pub fn router(address: SocketAddr, shared: Arc<Shared>) -> Router {
-    let api = routes().into_iter().fold(Router::new(), |router, r| router.route(r.path, r.handler));
+    let api = routes()
+        .into_iter()
+        .fold(Router::new(), |router, r| router.route(r.path, r.handler));
     api.merge(page::router())
         .fallback(|| async {
             ApiError::new(
@@ -178,7 +199,10 @@ pub fn router(address: SocketAddr, shared: Arc<Shared>) -> Router {
             )
         })
         .layer(DefaultBodyLimit::max(BODY_LIMIT))
-        .layer(axum::middleware::from_fn_with_state(Guard::new(address), guard::check))
+        .layer(axum::middleware::from_fn_with_state(
+            Guard::new(address),
+            guard::check,
+        ))
         .with_state(shared)
 }
 
@@ -218,12 +242,17 @@ pub fn status_of(shared: &Shared) -> Status {
     responses((status = 202, body = Started), (status = 409, body = Failure), (status = 422, body = Failure)))]
 async fn run(State(shared): App, body: Body<StartRun>) -> Result<(StatusCode, Json<Started>)> {
     let Json(order) = body?;
-    Ok((StatusCode::ACCEPTED, Json(shared.runs.start(&shared, order).await?)))
+    Ok((
+        StatusCode::ACCEPTED,
+        Json(shared.runs.start(&shared, order).await?),
+    ))
 }
 
 async fn ask(shared: &Shared, request: Request, message: &str) -> Result<Json<Accepted>> {
     shared.control.ask(request).await?;
-    Ok(Json(Accepted { message: message.to_owned() }))
+    Ok(Json(Accepted {
+        message: message.to_owned(),
+    }))
 }
 
 /// Ends the run under way: the rig unloads, the data are kept.
@@ -254,7 +283,12 @@ async fn resume(State(shared): App) -> Result<Json<Accepted>> {
 #[utoipa::path(post, path = "/api/reset", request_body = Nothing,
     responses((status = 200, body = Accepted), (status = 409, body = Failure)))]
 async fn reset(State(shared): App) -> Result<Json<Accepted>> {
-    ask(&shared, Request::Reset, "the interlock is being reset; nothing moves").await
+    ask(
+        &shared,
+        Request::Reset,
+        "the interlock is being reset; nothing moves",
+    )
+    .await
 }
 
 /// Takes the mean of the last half second as zero on both channels.
@@ -314,9 +348,17 @@ async fn run_detail(State(shared): App, Path(run_id): Path<String>) -> Result<Js
         let listing = listing.ok_or_else(|| ApiError::no_run(&run_id))?;
         let file = RunFile::open(&listing.path).map_err(ApiError::disk)?;
         let value = |v: serde_json::Result<_>| v.map_err(|e| ApiError::internal(&e.to_string()));
-        let events = file.events().iter().map(|e| value(serde_json::to_value(e))).collect::<Result<_>>()?;
+        let events = file
+            .events()
+            .iter()
+            .map(|e| value(serde_json::to_value(e)))
+            .collect::<Result<_>>()?;
         let header = value(serde_json::to_value(file.header()))?;
-        Ok(Json(RunDetail { summary: summary(listing), header, events }))
+        Ok(Json(RunDetail {
+            summary: summary(listing),
+            header,
+            events,
+        }))
     })
     .await
 }
@@ -331,14 +373,20 @@ async fn run_csv(
     part: std::result::Result<Query<csv_download::Part>, QueryRejection>,
 ) -> Result<Response> {
     let Query(part) = part?;
-    let file = blocking(&shared, move |shared| csv_download::prepare(&shared.store, &run_id, &part)).await?;
+    let file = blocking(&shared, move |shared| {
+        csv_download::prepare(&shared.store, &run_id, &part)
+    })
+    .await?;
     Ok(csv_download::stream(file))
 }
 
 /// The profiles that can be started by name.
 #[utoipa::path(get, path = "/api/profiles", responses((status = 200, body = Vec<ProfileSummary>)))]
 async fn profiles(State(shared): App) -> Result<Json<Vec<ProfileSummary>>> {
-    blocking(&shared, |shared| shared.library.list().map(Json).map_err(|e| ApiError::invalid(&e))).await
+    blocking(&shared, |shared| {
+        shared.library.list().map(Json).map_err(|e| ApiError::invalid(&e))
+    })
+    .await
 }
 
 /// Checks a profile against the limits and dry-runs it on the model. Nothing moves.
@@ -347,8 +395,13 @@ async fn profiles(State(shared): App) -> Result<Json<Vec<ProfileSummary>>> {
 async fn plan_profile(State(shared): App, body: Body<PlanRequest>) -> Result<Json<Plan>> {
     let Json(request) = body?;
     blocking(&shared, move |shared| {
-        let (profile, _) = shared.library.find(&request.profile).map_err(|e| ApiError::invalid(&e))?;
-        plan::check(&shared.settings.bench, &profile).map(Json).map_err(|e| ApiError::invalid(&e))
+        let (profile, _) = shared
+            .library
+            .find(&request.profile)
+            .map_err(|e| ApiError::invalid(&e))?;
+        plan::check(&shared.settings.bench, &profile)
+            .map(Json)
+            .map_err(|e| ApiError::invalid(&e))
     })
     .await
 }
@@ -356,7 +409,9 @@ async fn plan_profile(State(shared): App, body: Body<PlanRequest>) -> Result<Jso
 /// This description.
 #[utoipa::path(get, path = "/api/openapi.json", responses((status = 200, body = Object)))]
 async fn openapi() -> Result<Response> {
-    let text = Description::openapi().to_json().map_err(|e| ApiError::internal(&e.to_string()))?;
+    let text = Description::openapi()
+        .to_json()
+        .map_err(|e| ApiError::internal(&e.to_string()))?;
     Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
 }
 
@@ -383,7 +438,10 @@ mod tests {
                 methods.map(move |method| (method.clone(), path.clone()))
             })
             .collect();
-        let routed: BTreeSet<_> = routes().iter().map(|r| (r.method.to_owned(), r.path.to_owned())).collect();
+        let routed: BTreeSet<_> = routes()
+            .iter()
+            .map(|r| (r.method.to_owned(), r.path.to_owned()))
+            .collect();
         assert_eq!(described, routed);
     }
 

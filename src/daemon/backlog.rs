@@ -18,12 +18,18 @@ pub struct Backlog {
 impl Backlog {
     /// To stand before the ring, in control.
     pub fn before<R: Recorder>(&self, next: R) -> Counted<R> {
-        Counted { next, count: Arc::clone(&self.recorded) }
+        Counted {
+            next,
+            count: Arc::clone(&self.recorded),
+        }
     }
 
     /// To stand behind the ring, in the recording thread.
     pub fn behind<R: Recorder>(&self, next: R) -> Counted<R> {
-        Counted { next, count: Arc::clone(&self.taken) }
+        Counted {
+            next,
+            count: Arc::clone(&self.taken),
+        }
     }
 
     /// Samples pile up.

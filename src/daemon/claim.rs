@@ -21,7 +21,10 @@ impl Claim {
             path: data_folder.to_owned(),
             source,
         })?;
-        let _data_folder = lock(&data_folder.join("daemon.lock"), &data_folder.display().to_string())?;
+        let _data_folder = lock(
+            &data_folder.join("daemon.lock"),
+            &data_folder.display().to_string(),
+        )?;
         let _link = lock(&link_lock(link_address), link_address)?;
         Ok(Claim { _data_folder, _link })
     }
@@ -29,15 +32,24 @@ impl Claim {
 
 /// The same for every user and data folder of this machine, so that it is the rig that is claimed.
 fn link_lock(link_address: &str) -> PathBuf {
-    let name: String =
-        link_address.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+    let name: String = link_address
+        .chars()
+        .map(|c| if c.is_ascii_alphanumeric() { c } else { '-' })
+        .collect();
     // A rig in memory belongs to its process: nobody else can reach it.
-    let own = if link_address.starts_with("mock:") { format!("-{}", std::process::id()) } else { String::new() };
+    let own = if link_address.starts_with("mock:") {
+        format!("-{}", std::process::id())
+    } else {
+        String::new()
+    };
     std::env::temp_dir().join(format!("leafbench-link-{name}{own}.lock"))
 }
 
 fn lock(path: &Path, what: &str) -> Result<File, DaemonError> {
-    let failed = |source| DaemonError::Folder { path: path.to_owned(), source };
+    let failed = |source| DaemonError::Folder {
+        path: path.to_owned(),
+        source,
+    };
     let mut file = File::options()
         .read(true)
         .write(true)
@@ -51,7 +63,10 @@ fn lock(path: &Path, what: &str) -> Result<File, DaemonError> {
             let mut owner = String::new();
             // Only for the message: an unreadable owner is no reason to fail otherwise.
             let _ = file.read_to_string(&mut owner);
-            return Err(DaemonError::Claimed { what: what.to_owned(), owner: owner.trim().to_owned() });
+            return Err(DaemonError::Claimed {
+                what: what.to_owned(),
+                owner: owner.trim().to_owned(),
+            });
         }
         Err(TryLockError::Error(source)) => return Err(failed(source)),
     }

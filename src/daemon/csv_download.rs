@@ -58,7 +58,10 @@ pub fn prepare(store: &Store, run_id: &str, part: &Part) -> Result<Download, Api
             "give one of cycle, mean_loop and every".to_owned(),
         )
     })?;
-    let listing = store.find(run_id).map_err(ApiError::disk)?.ok_or_else(|| ApiError::no_run(run_id))?;
+    let listing = store
+        .find(run_id)
+        .map_err(ApiError::disk)?
+        .ok_or_else(|| ApiError::no_run(run_id))?;
     let run = RunFile::open(&listing.path).map_err(ApiError::disk)?;
     let name = format!("{}{suffix}.csv", listing.run_id);
     let folder = Scratch::new(store).map_err(scratch_failed)?;
@@ -85,7 +88,9 @@ impl Scratch {
         use std::sync::atomic::{AtomicU64, Ordering};
         static NEXT: AtomicU64 = AtomicU64::new(0);
         let number = NEXT.fetch_add(1, Ordering::Relaxed);
-        let path = store.folder().join(format!(".download-{}-{number}", std::process::id()));
+        let path = store
+            .folder()
+            .join(format!(".download-{}-{number}", std::process::id()));
         std::fs::create_dir_all(&path)?;
         Ok(Scratch(path))
     }
@@ -123,7 +128,10 @@ pub fn stream(download: Download) -> Response {
     let headers = [
         (header::CONTENT_TYPE, "text/csv; charset=utf-8".to_owned()),
         (header::CONTENT_LENGTH, download.bytes.to_string()),
-        (header::CONTENT_DISPOSITION, format!("attachment; filename=\"{}\"", download.name)),
+        (
+            header::CONTENT_DISPOSITION,
+            format!("attachment; filename=\"{}\"", download.name),
+        ),
     ];
     (headers, Body::from_stream(chunks)).into_response()
 }
@@ -134,7 +142,14 @@ mod tests {
 
     #[test]
     fn at_most_one_part_can_be_asked_for() {
-        let part = |cycle, mean_loop, every| Part { cycle, mean_loop, every }.selection();
+        let part = |cycle, mean_loop, every| {
+            Part {
+                cycle,
+                mean_loop,
+                every,
+            }
+            .selection()
+        };
         assert_eq!(part(None, false, None), Some((Selection::Whole, String::new())));
         assert_eq!(part(Some(3), false, None).map(|s| s.0), Some(Selection::Cycle(3)));
         assert_eq!(part(None, true, None).map(|s| s.0), Some(Selection::MeanLoop));

@@ -20,7 +20,13 @@ impl Guard {
     /// For a daemon that listens at `address`.
     pub fn new(address: SocketAddr) -> Self {
         let port = address.port();
-        Guard { hosts: [format!("127.0.0.1:{port}"), format!("localhost:{port}"), format!("[::1]:{port}")] }
+        Guard {
+            hosts: [
+                format!("127.0.0.1:{port}"),
+                format!("localhost:{port}"),
+                format!("[::1]:{port}"),
+            ],
+        }
     }
 
     /// Why this request is not for us, if it is not.
@@ -37,13 +43,20 @@ impl Guard {
             return forbidden("names another host than this daemon");
         }
         // Programs send no origin; browsers do with every POST and every WebSocket.
-        let origin = headers.get(header::ORIGIN).map(|o| o.to_str().unwrap_or_default());
+        let origin = headers
+            .get(header::ORIGIN)
+            .map(|o| o.to_str().unwrap_or_default());
         if origin.is_some_and(|o| !self.hosts.iter().any(|h| o == format!("http://{h}"))) {
             return forbidden("comes from another web page");
         }
         // A form of a foreign page cannot send this type without asking first.
-        let json = text(headers, header::CONTENT_TYPE)
-            .is_some_and(|t| t.split(';').next().unwrap_or_default().trim().eq_ignore_ascii_case("application/json"));
+        let json = text(headers, header::CONTENT_TYPE).is_some_and(|t| {
+            t.split(';')
+                .next()
+                .unwrap_or_default()
+                .trim()
+                .eq_ignore_ascii_case("application/json")
+        });
         (method == Method::POST && !json).then(|| {
             ApiError::new(
                 StatusCode::UNSUPPORTED_MEDIA_TYPE,
@@ -58,7 +71,11 @@ fn text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
     let mut values = headers.get_all(name).iter();
     let only = values.next()?;
     // Two of one name: whoever sits in between may have read the other one.
-    if values.next().is_some() { None } else { only.to_str().ok() }
+    if values.next().is_some() {
+        None
+    } else {
+        only.to_str().ok()
+    }
 }
 
 /// The middleware: in front of everything, routing included.
@@ -73,7 +90,10 @@ pub async fn check(State(guard): State<Guard>, request: Request, next: Next) -> 
                 (header::X_FRAME_OPTIONS, "DENY"),
                 (header::REFERRER_POLICY, "no-referrer"),
                 (header::CACHE_CONTROL, "no-store"),
-                (header::CONTENT_SECURITY_POLICY, "default-src 'self'; frame-ancestors 'none'; base-uri 'none'"),
+                (
+                    header::CONTENT_SECURITY_POLICY,
+                    "default-src 'self'; frame-ancestors 'none'; base-uri 'none'",
+                ),
             ];
             for (name, value) in fixed {
                 headers.insert(name, axum::http::HeaderValue::from_static(value));
@@ -89,8 +109,10 @@ mod tests {
 
     fn refused(method: Method, headers: &[(HeaderName, &str)]) -> Option<StatusCode> {
         let guard = Guard::new("127.0.0.1:8000".parse().expect("an address"));
-        let headers: HeaderMap =
-            headers.iter().map(|(n, v)| (n.clone(), v.parse().expect("a value"))).collect();
+        let headers: HeaderMap = headers
+            .iter()
+            .map(|(n, v)| (n.clone(), v.parse().expect("a value")))
+            .collect();
         guard.refusal(&method, &headers).map(|e| e.status())
     }
 
@@ -99,26 +121,59 @@ mod tests {
         let host = (header::HOST, "127.0.0.1:8000");
         assert_eq!(refused(Method::GET, std::slice::from_ref(&host)), None);
         assert_eq!(refused(Method::GET, &[(header::HOST, "localhost:8000")]), None);
-        for forged in ["", "evil.example:8000", "127.0.0.1", "127.0.0.1:80", "127.0.0.1:8000.evil.example"] {
-            assert_eq!(refused(Method::GET, &[(header::HOST, forged)]), Some(StatusCode::FORBIDDEN), "{forged}");
+        for forged in [
+            "",
+            "evil.example:8000",
+            "127.0.0.1",
+            "127.0.0.1:80",
+            "127.0.0.1:8000.evil.example",
+        ] {
+            assert_eq!(
+                refused(Method::GET, &[(header::HOST, forged)]),
+                Some(StatusCode::FORBIDDEN),
+                "{forged}"
+            );
         }
         assert_eq!(refused(Method::GET, &[]), Some(StatusCode::FORBIDDEN));
-        let forged = ["null", "", "http://evil.example", "https://127.0.0.1:8000", "http://127.0.0.1:8001"];
+        let forged = [
+            "null",
+            "",
+            "http://evil.example",
+            "https://127.0.0.1:8000",
+            "http://127.0.0.1:8001",
+        ];
         for origin in forged {
             let headers = [host.clone(), (header::ORIGIN, origin)];
-            assert_eq!(refused(Method::GET, &headers), Some(StatusCode::FORBIDDEN), "{origin}");
+            assert_eq!(
+                refused(Method::GET, &headers),
+                Some(StatusCode::FORBIDDEN),
+                "{origin}"
+            );
         }
-        assert_eq!(refused(Method::GET, &[host, (header::ORIGIN, "http://127.0.0.1:8000")]), None);
+        assert_eq!(
+            refused(Method::GET, &[host, (header::ORIGIN, "http://127.0.0.1:8000")]),
+            None
+        );
     }
 
     #[test]
     fn a_post_must_be_json() {
         let host = (header::HOST, "127.0.0.1:8000");
-        for form in ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data"] {
+        for form in [
+            "text/plain",
+            "application/x-www-form-urlencoded",
+            "multipart/form-data",
+        ] {
             let headers = [host.clone(), (header::CONTENT_TYPE, form)];
-            assert_eq!(refused(Method::POST, &headers), Some(StatusCode::UNSUPPORTED_MEDIA_TYPE));
+            assert_eq!(
+                refused(Method::POST, &headers),
+                Some(StatusCode::UNSUPPORTED_MEDIA_TYPE)
+            );
         }
-        assert_eq!(refused(Method::POST, std::slice::from_ref(&host)), Some(StatusCode::UNSUPPORTED_MEDIA_TYPE));
+        assert_eq!(
+            refused(Method::POST, std::slice::from_ref(&host)),
+            Some(StatusCode::UNSUPPORTED_MEDIA_TYPE)
+        );
         let json = [host, (header::CONTENT_TYPE, "application/json; charset=utf-8")];
         assert_eq!(refused(Method::POST, &json), None);
     }

@@ -39,7 +39,9 @@ pub struct Library {
 impl Library {
     /// The files of `folder`, read anew whenever they are asked for: a technician edits one and starts it.
     pub fn open(folder: &Path) -> Result<Library, LibraryError> {
-        let library = Library { folder: folder.to_owned() };
+        let library = Library {
+            folder: folder.to_owned(),
+        };
         library.files()?;
         Ok(library)
     }
@@ -51,8 +53,15 @@ impl Library {
         }
         let files = self.files()?;
         let Some(path) = files.iter().find(|path| name_of(path) == text) else {
-            let known = files.iter().map(|path| name_of(path)).collect::<Vec<_>>().join(", ");
-            return Err(LibraryError::Unknown { name: text.to_owned(), known });
+            let known = files
+                .iter()
+                .map(|path| name_of(path))
+                .collect::<Vec<_>>()
+                .join(", ");
+            return Err(LibraryError::Unknown {
+                name: text.to_owned(),
+                known,
+            });
         };
         read(path)
     }
@@ -63,7 +72,10 @@ impl Library {
     }
 
     fn files(&self) -> Result<Vec<PathBuf>, LibraryError> {
-        let failed = |source| LibraryError::Folder { path: self.folder.clone(), source };
+        let failed = |source| LibraryError::Folder {
+            path: self.folder.clone(),
+            source,
+        };
         let mut files = Vec::new();
         for entry in std::fs::read_dir(&self.folder).map_err(failed)? {
             let path = entry.map_err(failed)?.path();
@@ -77,13 +89,17 @@ impl Library {
 }
 
 fn name_of(path: &Path) -> &str {
-    path.file_stem().and_then(|stem| stem.to_str()).unwrap_or_default()
+    path.file_stem()
+        .and_then(|stem| stem.to_str())
+        .unwrap_or_default()
 }
 
 /// Reads one profile file; the text beside it is as it stands.
 pub fn read(path: &Path) -> Result<(Profile, String), LibraryError> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|source| LibraryError::Folder { path: path.to_owned(), source })?;
+    let text = std::fs::read_to_string(path).map_err(|source| LibraryError::Folder {
+        path: path.to_owned(),
+        source,
+    })?;
     Ok((Profile::from_toml(&text, &path.display().to_string())?, text))
 }
 
@@ -122,9 +138,15 @@ mod tests {
     #[test]
     fn names_are_looked_up_and_never_become_paths() {
         let library = shipped();
-        assert_eq!(library.find("static-ramp").expect("shipped").0.name, "static-ramp");
+        assert_eq!(
+            library.find("static-ramp").expect("shipped").0.name,
+            "static-ramp"
+        );
         for name in ["../benches/mock", "/etc/passwd", "static-ramp.toml", "", "."] {
-            assert!(matches!(library.find(name), Err(LibraryError::Unknown { .. })), "{name}");
+            assert!(
+                matches!(library.find(name), Err(LibraryError::Unknown { .. })),
+                "{name}"
+            );
         }
     }
 
@@ -132,6 +154,9 @@ mod tests {
     fn every_shipped_profile_is_listed_without_a_problem() {
         let list = shipped().list().expect("listed");
         assert!(list.len() >= 5);
-        assert!(list.iter().all(|p| p.problem.is_empty() && p.duration_s > 0.0), "{list:?}");
+        assert!(
+            list.iter().all(|p| p.problem.is_empty() && p.duration_s > 0.0),
+            "{list:?}"
+        );
     }
 }

@@ -50,7 +50,10 @@ pub struct Live {
 
 impl Default for Live {
     fn default() -> Self {
-        Live { batches: broadcast::channel(RING_BATCHES).0, recent: Arc::default() }
+        Live {
+            batches: broadcast::channel(RING_BATCHES).0,
+            recent: Arc::default(),
+        }
     }
 }
 
@@ -77,7 +80,12 @@ impl Live {
 
     /// The recorder that feeds the watchers of one run.
     pub fn tap(&self) -> LiveTap {
-        LiveTap { live: self.clone(), every: 1, seen: 0, batch: Batch::default() }
+        LiveTap {
+            live: self.clone(),
+            every: 1,
+            seen: 0,
+            batch: Batch::default(),
+        }
     }
 }
 
@@ -99,7 +107,11 @@ impl LiveTap {
         if self.batch.time_s.is_empty() {
             return;
         }
-        let next = Batch { run_id: self.batch.run_id.clone(), control: self.batch.control, ..Batch::default() };
+        let next = Batch {
+            run_id: self.batch.run_id.clone(),
+            control: self.batch.control,
+            ..Batch::default()
+        };
         self.live.send(Arc::new(std::mem::replace(&mut self.batch, next)));
     }
 }
@@ -186,8 +198,15 @@ mod tests {
             }
         }
         assert_eq!(got, 1000);
-        assert!(matches!(slow.try_recv(), Err(TryRecvError::Lagged(936))), "64 of 1000 are kept");
+        assert!(
+            matches!(slow.try_recv(), Err(TryRecvError::Lagged(936))),
+            "64 of 1000 are kept"
+        );
         assert!(slow.try_recv().is_ok());
-        assert_eq!(live.watch().0.len(), RECENT_BATCHES, "a new watcher gets the last seconds and no more");
+        assert_eq!(
+            live.watch().0.len(),
+            RECENT_BATCHES,
+            "a new watcher gets the last seconds and no more"
+        );
     }
 }

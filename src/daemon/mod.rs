@@ -15,7 +15,6 @@ pub mod library;
 pub mod live;
 mod page;
 pub mod plan;
-pub mod rig_config;
 pub mod runs;
 pub mod socket;
 pub mod store;
@@ -67,7 +66,9 @@ pub enum DaemonError {
         source: std::io::Error,
     },
     /// The address cannot be listened at.
-    #[error("{address} cannot be listened at: is the port taken? Give another one with --listen 127.0.0.1:PORT")]
+    #[error(
+        "{address} cannot be listened at: is the port taken? Give another one with --listen 127.0.0.1:PORT"
+    )]
     Listen {
         /// As asked for.
         address: SocketAddr,
@@ -75,7 +76,9 @@ pub enum DaemonError {
         source: std::io::Error,
     },
     /// Not on loopback.
-    #[error("{0} is not on this computer alone: give 127.0.0.1:PORT; the interface has no password and moves the rig")]
+    #[error(
+        "{0} is not on this computer alone: give 127.0.0.1:PORT; the interface has no password and moves the rig"
+    )]
     NotLoopback(SocketAddr),
     /// Runs of the data folder.
     #[error("the data folder cannot be read")]
@@ -136,7 +139,7 @@ pub fn serve(
         tracing::warn!("{sentence}");
     }
     let library = Library::open(&settings.profiles_folder)?;
-    let rig = Rig::new(rig_config::rig_config(&settings.bench, session_number()));
+    let rig = Rig::new(settings.bench.rig_config(session_number()));
     let health = Arc::clone(&link.health);
     let (control, thread) = Control::spawn(rig, link)?;
     for sentence in control.degraded() {
@@ -152,7 +155,10 @@ pub fn serve(
         link_health: std::sync::Mutex::new(health),
     });
     // Two threads: the interface must never take both cores from control.
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()?;
     let result = runtime.block_on(serve_until_signal(Arc::clone(&shared), started));
     // Watchers that still hang on a socket are dropped, not waited for.
     runtime.shutdown_timeout(Duration::from_millis(200));
@@ -171,7 +177,10 @@ async fn serve_until_signal(
     let failed = |source| DaemonError::Listen { address, source };
     let listener = TcpListener::bind(address).await.map_err(failed)?;
     let address = listener.local_addr().map_err(failed)?;
-    let endpoint = Endpoint { url: format!("http://{address}"), pid: std::process::id() };
+    let endpoint = Endpoint {
+        url: format!("http://{address}"),
+        pid: std::process::id(),
+    };
     let endpoint_path = shared.settings.data_folder.join(ENDPOINT_FILE);
     publish(&endpoint_path, &endpoint)?;
     started(&endpoint);
@@ -188,7 +197,10 @@ async fn serve_until_signal(
     relink.abort();
     // Commands stop with it and the lease lapses; whatever is still loaded then, the firmware unloads.
     let _ = shared.control.ask(Request::End).await;
-    for sentence in shared.runs.close_unfinished(&format!("the daemon ended ({name}) before the rig had unloaded")) {
+    for sentence in shared
+        .runs
+        .close_unfinished(&format!("the daemon ended ({name}) before the rig had unloaded"))
+    {
         tracing::warn!("{sentence}");
     }
     // Only ours is removed: the lock is still held, so nobody else has written one.
@@ -204,7 +216,10 @@ async fn unload(shared: &Shared, signal: &str) {
     let _ = shared.control.ask(Request::Stop(cause)).await;
     while tokio::time::Instant::now() < deadline {
         let (status, _) = shared.control.status();
-        let down = matches!(status.phase, Phase::Ready | Phase::Interlocked | Phase::Connecting);
+        let down = matches!(
+            status.phase,
+            Phase::Ready | Phase::Interlocked | Phase::Connecting
+        );
         if down && shared.runs.all_closed() {
             return;
         }
@@ -214,7 +229,9 @@ async fn unload(shared: &Shared, signal: &str) {
 
 /// Opens a lost link again. Control only observes the rig that it finds there.
 async fn relink_for_ever(shared: Arc<Shared>) {
-    let side = Side::Host { rig_node: shared.settings.bench.link.node };
+    let side = Side::Host {
+        rig_node: shared.settings.bench.link.node,
+    };
     let mut complained = false;
     loop {
         tokio::time::sleep(RELINK_PERIOD).await;
@@ -225,8 +242,10 @@ async fn relink_for_ever(shared: Arc<Shared>) {
         match link::open(&shared.settings.link_address, side) {
             Ok(link) => {
                 tracing::info!("link {} is open again", shared.settings.link_address);
-                *shared.link_health.lock().unwrap_or_else(std::sync::PoisonError::into_inner) =
-                    Arc::clone(&link.health);
+                *shared
+                    .link_health
+                    .lock()
+                    .unwrap_or_else(std::sync::PoisonError::into_inner) = Arc::clone(&link.health);
                 // Fails only where control has ended, and then so do we.
                 let _ = shared.control.ask(Request::Relink(Box::new(link))).await;
             }
@@ -242,13 +261,21 @@ async fn relink_for_ever(shared: Arc<Shared>) {
 impl Shared {
     /// Counters of the link in use.
     pub fn link_health(&self) -> Arc<LinkHealth> {
-        Arc::clone(&self.link_health.lock().unwrap_or_else(std::sync::PoisonError::into_inner))
+        Arc::clone(
+            &self
+                .link_health
+                .lock()
+                .unwrap_or_else(std::sync::PoisonError::into_inner),
+        )
     }
 }
 
 /// The file that `leafbench run` finds the daemon by; it appears whole or not at all.
 fn publish(path: &Path, endpoint: &Endpoint) -> Result<(), DaemonError> {
-    let failed = |source| DaemonError::Folder { path: path.to_owned(), source };
+    let failed = |source| DaemonError::Folder {
+        path: path.to_owned(),
+        source,
+    };
     let text = serde_json::to_string(endpoint).map_err(|e| failed(e.into()))?;
     let draft = path.with_extension("json.new");
     std::fs::write(&draft, text + "\n").map_err(failed)?;

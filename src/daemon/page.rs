@@ -14,10 +14,22 @@ pub fn router() -> Router<Arc<Shared>> {
         get(move || async move { ([(header::CONTENT_TYPE, kind)], text) })
     };
     Router::new()
-        .route("/", file("text/html; charset=utf-8", include_str!("page/index.html")))
-        .route("/page.css", file("text/css; charset=utf-8", include_str!("page/page.css")))
-        .route("/plot.js", file("text/javascript; charset=utf-8", include_str!("page/plot.js")))
-        .route("/page.js", file("text/javascript; charset=utf-8", include_str!("page/page.js")))
+        .route(
+            "/",
+            file("text/html; charset=utf-8", include_str!("page/index.html")),
+        )
+        .route(
+            "/page.css",
+            file("text/css; charset=utf-8", include_str!("page/page.css")),
+        )
+        .route(
+            "/plot.js",
+            file("text/javascript; charset=utf-8", include_str!("page/plot.js")),
+        )
+        .route(
+            "/page.js",
+            file("text/javascript; charset=utf-8", include_str!("page/page.js")),
+        )
         .route("/icon.svg", file("image/svg+xml", include_str!("page/icon.svg")))
 }
 
@@ -33,7 +45,9 @@ mod tests {
         ];
         for text in files {
             let foreign = text.replace("http://www.w3.org/", "");
-            assert!(!foreign.contains("http://") && !foreign.contains("https://") && !foreign.contains("url("));
+            assert!(
+                !foreign.contains("http://") && !foreign.contains("https://") && !foreign.contains("url(")
+            );
         }
     }
 }

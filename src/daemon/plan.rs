@@ -66,7 +66,12 @@ pub enum PlanError {
 /// What `profile` will do on the bench's model, and what would trip.
 pub fn check(bench: &Bench, profile: &Profile) -> Result<Plan, PlanError> {
     let plant = bench.model.plant()?;
-    let run = dry_run(profile, plant.as_ref(), &bench.profile_limits(), f64::from(SAMPLE_RATE_HZ))?;
+    let run = dry_run(
+        profile,
+        plant.as_ref(),
+        &bench.profile_limits(),
+        f64::from(SAMPLE_RATE_HZ),
+    )?;
     let margin = |m: &twin::Margin| Margin {
         limit: m.worst.name.to_owned(),
         predicted: m.worst.value,
@@ -96,7 +101,11 @@ pub fn refuse_predicted_trip(plan: &Plan) -> Result<(), ApiError> {
     }
     Err(ApiError::new(
         StatusCode::UNPROCESSABLE_ENTITY,
-        format!("profile {} is predicted to trip: {}", plan.profile, plan.trips.join("; ")),
+        format!(
+            "profile {} is predicted to trip: {}",
+            plan.profile,
+            plan.trips.join("; ")
+        ),
         "lower its levels or speed, or check the bench's limits and model".to_owned(),
     ))
 }

@@ -6,8 +6,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use axum::http::StatusCode;
 
 use super::api::ApiError;
-use super::client_types::{RunProgress, RunState, StartRun, Started};
 use super::backlog::{Backlog, Counted};
+use super::client_types::{RunProgress, RunState, StartRun, Started};
 use super::{Shared, header, plan, store};
 use crate::control::Phase;
 use crate::control::realtime::Request;
@@ -56,8 +56,11 @@ impl Runs {
     /// At the daemon's end: closes a file that its recording thread left open.
     pub fn close_unfinished(&self, cause: &str) -> Vec<String> {
         let newest = self.lock();
-        let open = newest.iter().filter(|n| n.progress.state == RunState::Running || !n.closed);
-        open.map(|n| store::close_as_aborted(&n.path, &n.progress.run_id, cause)).collect()
+        let open = newest
+            .iter()
+            .filter(|n| n.progress.state == RunState::Running || !n.closed);
+        open.map(|n| store::close_as_aborted(&n.path, &n.progress.run_id, cause))
+            .collect()
     }
 
     /// Starts a run; refused without any motion where anything speaks against it.
@@ -90,7 +93,10 @@ impl Runs {
             closed: false,
         });
         let input = Box::new(prepared.input);
-        let asked = shared.control.ask(Request::Start(Box::new(prepared.order), input)).await;
+        let asked = shared
+            .control
+            .ask(Request::Start(Box::new(prepared.order), input))
+            .await;
         follow(shared, prepared.thread, prepared.path);
         asked?;
         tracing::info!("run {run_id} starts");
@@ -107,7 +113,10 @@ fn busy(status: &crate::control::RigStatus) -> Option<ApiError> {
         }
         Phase::Connecting => format!("the rig is not connected: {}", status.notice),
         Phase::Interlocked => {
-            format!("the rig is interlocked ({:?}): remove the cause, then reset", status.cause)
+            format!(
+                "the rig is interlocked ({:?}): remove the cause, then reset",
+                status.cause
+            )
         }
         _ => match &status.run_id {
             Some(run) => format!("run {run} is under way: stop it or wait for its end"),
@@ -135,8 +144,18 @@ fn prepare(shared: &Arc<Shared>, request: StartRun) -> Result<Prepared, ApiError
     plan::refuse_predicted_trip(&plan)?;
     check_space(shared.store.folder(), plan.duration_s, f64::from(SAMPLE_RATE_HZ)).map_err(ApiError::disk)?;
     let now = jiff::Timestamp::now();
-    let planned = header::Planned { cycles: plan.cycles, duration_s: plan.duration_s };
-    let mut header = header::new(store::new_run_id(now), now, bench, &profile, profile_toml, planned);
+    let planned = header::Planned {
+        cycles: plan.cycles,
+        duration_s: plan.duration_s,
+    };
+    let mut header = header::new(
+        store::new_run_id(now),
+        now,
+        bench,
+        &profile,
+        profile_toml,
+        planned,
+    );
     if let Some(specimen) = request.specimen.filter(|s| !s.trim().is_empty()) {
         header.specimen = specimen;
     }
@@ -147,8 +166,14 @@ fn prepare(shared: &Arc<Shared>, request: StartRun) -> Result<Prepared, ApiError
     let path = shared.store.path_for_new(&header.run_id);
     let writer = RunFileWriter::create(&path, &header).map_err(ApiError::disk)?;
     let disk = writer.status();
-    let watcher = Watcher { newest: Arc::clone(&shared.runs.newest) };
-    let fan_out = FanOut(vec![Box::new(writer), Box::new(shared.live.tap()), Box::new(watcher)]);
+    let watcher = Watcher {
+        newest: Arc::clone(&shared.runs.newest),
+    };
+    let fan_out = FanOut(vec![
+        Box::new(writer),
+        Box::new(shared.live.tap()),
+        Box::new(watcher),
+    ]);
     let plant = bench.model.plant().map_err(|e| ApiError::invalid(&e))?;
     // The twin is a stage of the recording thread: where it is slow the ring fills, control never waits.
     let backlog = Backlog::default();
@@ -157,7 +182,17 @@ fn prepare(shared: &Arc<Shared>, request: StartRun) -> Result<Prepared, ApiError
     let (input, thread) =
         recorder::spawn(backlog.behind(twin)).map_err(|e| ApiError::internal(&e.to_string()))?;
     let input = backlog.before(input);
-    Ok(Prepared { order: RunOrder { header, profile, first_cycle }, path, disk, input, thread })
+    Ok(Prepared {
+        order: RunOrder {
+            header,
+            profile,
+            first_cycle,
+        },
+        path,
+        disk,
+        input,
+        thread,
+    })
 }
 
 /// The profile asked for, or that of the run to go on with, and the cycle to begin at.
@@ -177,17 +212,25 @@ fn profile_of(shared: &Shared, request: &StartRun) -> Result<(Profile, String, u
         if asked != profile {
             return Err(ApiError::new(
                 StatusCode::CONFLICT,
-                format!("run {resumed} was another profile ({}) than {}", profile.name, asked.name),
+                format!(
+                    "run {resumed} was another profile ({}) than {}",
+                    profile.name, asked.name
+                ),
                 "leave the profile out, or start a fresh run".to_owned(),
             ));
         }
     }
-    let done = listing.cycles_completed.max(run.header().first_cycle.saturating_sub(1));
+    let done = listing
+        .cycles_completed
+        .max(run.header().first_cycle.saturating_sub(1));
     let player = Player::new(&profile, 0.0, f64::from(SAMPLE_RATE_HZ)).map_err(|e| ApiError::invalid(&e))?;
     if done >= player.total_cycles() {
         return Err(ApiError::new(
             StatusCode::CONFLICT,
-            format!("run {resumed} has no cycle left to do: {done} of {} are complete", player.total_cycles()),
+            format!(
+                "run {resumed} has no cycle left to do: {done} of {} are complete",
+                player.total_cycles()
+            ),
             "start a fresh run".to_owned(),
         ));
     }
@@ -201,7 +244,9 @@ fn follow(shared: &Arc<Shared>, thread: Recording, path: PathBuf) {
         // Dropping the chain closes the file's handles.
         drop(thread.join());
         let mut newest = shared.runs.lock();
-        let Some(newest) = newest.as_mut().filter(|n| n.path == path) else { return };
+        let Some(newest) = newest.as_mut().filter(|n| n.path == path) else {
+            return;
+        };
         if newest.progress.state == RunState::Arming {
             newest.progress.state = RunState::NeverStarted;
             newest.progress.cause = shared.control.status().0.notice;
@@ -210,7 +255,10 @@ fn follow(shared: &Arc<Shared>, thread: Recording, path: PathBuf) {
                 let _ = std::fs::remove_file(format!("{}{ending}", path.display()));
             }
         } else if newest.progress.state == RunState::Running {
-            tracing::error!("the recording of run {} ended before the run", newest.progress.run_id);
+            tracing::error!(
+                "the recording of run {} ended before the run",
+                newest.progress.run_id
+            );
         }
         newest.closed = true;
     });

@@ -9,10 +9,10 @@ use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::response::Response;
 use tokio::sync::broadcast::error::RecvError;
 
+use super::Shared;
 use super::api::{App, status_of};
 use super::client_types::Status;
 use super::live::{Batch, points_in};
-use super::Shared;
 
 /// The status is sent this often.
 const STATUS_PERIOD: Duration = Duration::from_millis(100);
@@ -38,13 +38,24 @@ enum Telegram<'a> {
 /// Live samples and status over a WebSocket: messages `{"type":"samples"}` and `{"type":"status"}`.
 #[utoipa::path(get, path = "/api/live", responses((status = 101, description = "WebSocket of JSON messages")))]
 pub async fn live(State(shared): App, upgrade: WebSocketUpgrade) -> Response {
-    upgrade.max_message_size(LARGEST_MESSAGE).on_upgrade(move |socket| serve(socket, shared))
+    upgrade
+        .max_message_size(LARGEST_MESSAGE)
+        .on_upgrade(move |socket| serve(socket, shared))
 }
 
 async fn serve(mut socket: WebSocket, shared: Arc<Shared>) {
     let (recent, mut batches) = shared.live.watch();
     for batch in recent {
-        if send(&mut socket, text(&Telegram::Samples { skipped: 0, batch: &batch })).await.is_none() {
+        if send(
+            &mut socket,
+            text(&Telegram::Samples {
+                skipped: 0,
+                batch: &batch,
+            }),
+        )
+        .await
+        .is_none()
+        {
             return;
         }
     }
@@ -76,7 +87,10 @@ async fn serve(mut socket: WebSocket, shared: Arc<Shared>) {
 
 /// `None` where the watcher has gone or takes too long.
 async fn send(socket: &mut WebSocket, message: Option<Message>) -> Option<()> {
-    tokio::time::timeout(SEND_TIMEOUT, socket.send(message?)).await.ok()?.ok()
+    tokio::time::timeout(SEND_TIMEOUT, socket.send(message?))
+        .await
+        .ok()?
+        .ok()
 }
 
 fn text(telegram: &Telegram) -> Option<Message> {

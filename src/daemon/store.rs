@@ -19,7 +19,9 @@ pub struct Store {
 impl Store {
     /// Run files in `folder`.
     pub fn new(folder: &Path) -> Self {
-        Store { folder: folder.to_owned() }
+        Store {
+            folder: folder.to_owned(),
+        }
     }
 
     /// Where the files are.
@@ -34,8 +36,13 @@ impl Store {
 
     /// Closes what an earlier daemon left open; returns what was done, one sentence a run.
     pub fn close_left_open(&self) -> Result<Vec<String>, RunFileError> {
-        let open = self.list()?.into_iter().filter(|run| run.outcome.is_none() && run.problem.is_empty());
-        Ok(open.map(|run| close_as_aborted(&run.path, &run.run_id, DAEMON_DIED)).collect())
+        let open = self
+            .list()?
+            .into_iter()
+            .filter(|run| run.outcome.is_none() && run.problem.is_empty());
+        Ok(open
+            .map(|run| close_as_aborted(&run.path, &run.run_id, DAEMON_DIED))
+            .collect())
     }
 
     /// Every run, oldest first.
@@ -56,7 +63,10 @@ impl Store {
 /// Closes one file; the sentence says what came of it.
 pub fn close_as_aborted(path: &Path, run_id: &str, cause: &str) -> String {
     match RunFile::open(path).and_then(|run| run.close_as_aborted(cause)) {
-        Ok(outcome) => format!("run {run_id} was left open: closed as aborted with {} samples", outcome.samples),
+        Ok(outcome) => format!(
+            "run {run_id} was left open: closed as aborted with {} samples",
+            outcome.samples
+        ),
         Err(error) => format!("run {run_id} was left open and cannot be closed: {error}"),
     }
 }
@@ -66,7 +76,9 @@ pub fn new_run_id(now: jiff::Timestamp) -> String {
     const LETTERS: &[u8; 32] = b"abcdefghijkmnpqrstuvwxyz23456789";
     // Std keys every such state at random.
     let random = RandomState::new().build_hasher().finish();
-    let tail: String = (0..4).map(|i| char::from(LETTERS[(random >> (5 * i)) as usize % LETTERS.len()])).collect();
+    let tail: String = (0..4)
+        .map(|i| char::from(LETTERS[(random >> (5 * i)) as usize % LETTERS.len()]))
+        .collect();
     let time = now.strftime("%Y%m%dt%H%M%S");
     format!("{time}-{tail}")
 }
@@ -82,7 +94,10 @@ mod tests {
         assert_ne!(a, b);
         assert!(a < later && b < later);
         assert!(a.starts_with("19700101t000000-") && a.len() == 20, "{a}");
-        assert!(a.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-'));
+        assert!(
+            a.chars()
+                .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-')
+        );
     }
 
     #[test]

@@ -194,6 +194,7 @@ impl Firmware {
         } else if reading.emergency_stop && self.state == RigState::Off {
             self.latch(Cause::EmergencyStop);
             self.enter(RigState::Tripped);
+            self.announce();
         }
         let drive = self.drive();
         self.report(reading);
@@ -222,16 +223,21 @@ impl Firmware {
             }
             (Reaction::Hold, _) => return,
         }
-        if !known || self.state == RigState::Tripped {
-            let (code, register) = cause.emergency();
-            self.outbox.push(FromRig::Emergency {
-                code,
-                register,
-                cause: self.cause,
-                state: self.state,
-                tick: self.tick as u16,
-            });
+        if !known {
+            self.announce();
         }
+    }
+
+    /// Once a latched cause; what follows from it later shows in the status.
+    fn announce(&mut self) {
+        let (code, register) = self.cause.emergency();
+        self.outbox.push(FromRig::Emergency {
+            code,
+            register,
+            cause: self.cause,
+            state: self.state,
+            tick: self.tick as u16,
+        });
     }
 
     /// A fault is latched: the unload under way ends in Tripped.

@@ -59,3 +59,38 @@ fn sleep_until(due_ns: i64) -> Result<(), Errno> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::link::loopback;
+    use crate::mockrig::MockRigConfig;
+    use crate::model::equivalent::Equivalent;
+
+    #[test]
+    fn ticks_keep_up_with_the_clock() {
+        let plant = Equivalent::new(&[0.0, 80.0, 0.1, 0.5], 0.0).expect("four values");
+        let rig = MockRig::new(&MockRigConfig::default(), Box::new(plant)).expect("defaults are possible");
+        let (mut host, rig_link) = loopback::pair();
+        let stop = AtomicBool::new(false);
+        let start_ns = now_ns().expect("always there");
+        let punctuality = std::thread::scope(|scope| {
+            let running = scope.spawn(|| rig.run_realtime(rig_link, &stop));
+            // Two heartbeats and the boot-up: 200 ticks have passed.
+            let mut beats = 0;
+            while beats < 3 {
+                beats += u32::from(host.receive().is_some());
+                sleep_until(now_ns().expect("always there") + TICK_NS).expect("the clock works");
+            }
+            stop.store(true, Ordering::Relaxed);
+            running.join().expect("no panic").expect("the clock works")
+        });
+        let elapsed_ms = (now_ns().expect("always there") - start_ns) / 1_000_000;
+        // Never ahead of the clock; and none skipped, however late the machine let us run.
+        assert!(punctuality.ticks >= 200, "{punctuality:?}");
+        assert!(
+            punctuality.ticks as i64 <= elapsed_ms + 1,
+            "{punctuality:?} in {elapsed_ms} ms"
+        );
+    }
+}

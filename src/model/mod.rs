@@ -84,6 +84,9 @@ pub enum BuildError {
     },
 }
 
+/// How a [`Model`] is built.
+pub type Build = fn(values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, BuildError>;
+
 /// One entry of [`MODELS`].
 pub struct Model {
     /// Name in files and on the command line.
@@ -95,7 +98,7 @@ pub struct Model {
     /// Codes of physics (contracts.md) that the model already has.
     pub physics: &'static [&'static str],
     /// Builds a plant from one value a parameter and the model's own structure table (geometry, options; may be empty).
-    pub build: fn(values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, BuildError>,
+    pub build: Build,
 }
 
 /// All models, by name.

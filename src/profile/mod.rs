@@ -6,9 +6,12 @@
 pub mod check;
 pub mod correction;
 pub mod file;
+mod keys;
 mod pieces;
 pub mod player;
+mod shape;
 pub mod stop;
+mod write;
 
 pub use check::{Extreme, ProfileLimits, Violation, Watch, violations};
 pub use correction::{Correction, CycleController, CycleMeasurement};

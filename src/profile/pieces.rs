@@ -254,7 +254,10 @@ impl Build<'_> {
         if time_s[0] != 0.0 {
             return Err(self.refuse("time_s", time_s[0], "is the first time: begin at 0"));
         }
-        if let Some(w) = time_s.windows(2).find(|w| !(w[0] < w[1])) {
+        if let Some(w) = time_s
+            .windows(2)
+            .find(|w| w[0].partial_cmp(&w[1]) != Some(std::cmp::Ordering::Less))
+        {
             return Err(self.refuse(
                 "time_s",
                 w[1],

@@ -5,7 +5,8 @@
 use std::f64::consts::TAU;
 
 use super::correction::Correction;
-use super::pieces::{self, Cyclic, Motion, Piece, Wave};
+use super::pieces::{self, Cyclic, Motion, Piece};
+use super::shape::{self, interpolate, smoother};
 use super::stop::StopMotion;
 use super::{Profile, ProfileError};
 use crate::units::{Command, Mode};
@@ -216,10 +217,7 @@ impl Player {
             _ => 1.0,
         };
         let fade = if shrinking { envelope } else { 1.0 };
-        let wave = match cyclic.wave {
-            Wave::Sine => (TAU * phase).sin(),
-            Wave::Triangle => 1.0 - 4.0 * (((phase + 0.25) % 1.0) - 0.5).abs(),
-        };
+        let wave = shape::wave(cyclic.wave, phase);
         cyclic.target.mean
             + correction.mean_offset * fade
             + cyclic.target.amplitude * correction.amplitude_factor * envelope * wave
@@ -296,23 +294,6 @@ impl Player {
     /// Length in s.
     pub fn duration_s(&self) -> f64 {
         self.total_ticks as f64 / self.sample_rate_hz
-    }
-}
-
-/// 0 to 1 with speed and acceleration zero at both ends (quintic).
-fn smoother(x: f64) -> f64 {
-    x * x * x * (10.0 + x * (6.0 * x - 15.0))
-}
-
-/// Straight lines between points.
-fn interpolate(time_s: &[f64], level: &[f64], t: f64) -> f64 {
-    let i = time_s
-        .partition_point(|&x| x <= t)
-        .clamp(1, time_s.len().max(2) - 1);
-    match (time_s.get(i - 1..=i), level.get(i - 1..=i)) {
-        (Some(&[t0, t1]), Some(&[a, b])) => a + (b - a) * ((t - t0) / (t1 - t0)).clamp(0.0, 1.0),
-        // `pieces` lets no table of fewer than two points through.
-        _ => 0.0,
     }
 }
 

@@ -84,7 +84,12 @@ fn legend_style() -> String {
 
 impl Section {
     fn write(&self, page: &mut String) -> std::fmt::Result {
-        writeln!(page, "<h2>{}</h2>\n<p>{}</p>\n<div class=\"run\">", escape(&self.title), escape(&self.text))?;
+        writeln!(
+            page,
+            "<h2>{}</h2>\n<p>{}</p>\n<div class=\"run\">",
+            escape(&self.title),
+            escape(&self.text)
+        )?;
         writeln!(page, "<div>{}</div>\n<div><dl>", self.svg)?;
         for (name, value) in &self.facts {
             writeln!(page, "<dt>{}</dt><dd>{}</dd>", escape(name), escape(value))?;
@@ -127,7 +132,12 @@ mod tests {
             facts: vec![("Peak".to_owned(), "\"1\" N".to_owned())],
             files: vec!["a.csv".to_owned()],
         };
-        let page = LoopPage { title: "T", lead: "lead", sections: vec![section] }.render();
+        let page = LoopPage {
+            title: "T",
+            lead: "lead",
+            sections: vec![section],
+        }
+        .render();
         assert!(page.contains("a &lt;b&gt;") && page.contains("x &amp; y") && page.contains("<svg></svg>"));
         assert!(page.contains("&quot;1&quot; N") && page.contains("href=\"a.csv\""));
         assert!(!page.contains("http") && !page.contains("<script"));

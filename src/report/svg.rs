@@ -40,12 +40,20 @@ impl Ink {
 impl Curve {
     /// A measured curve.
     pub fn measured(name: &str, points: Vec<(f64, f64)>) -> Curve {
-        Curve { name: name.to_owned(), points, ink: Ink::Measured }
+        Curve {
+            name: name.to_owned(),
+            points,
+            ink: Ink::Measured,
+        }
     }
 
     /// The twin's curve.
     pub fn twin(name: &str, points: Vec<(f64, f64)>) -> Curve {
-        Curve { name: name.to_owned(), points, ink: Ink::Twin }
+        Curve {
+            name: name.to_owned(),
+            points,
+            ink: Ink::Twin,
+        }
     }
 }
 
@@ -60,12 +68,24 @@ pub fn xy_plot(x_label: &str, y_label: &str, curves: &[Curve]) -> String {
     let mut text = String::new();
     let drawn = draw(&mut text, x_label, y_label, curves);
     // Drawing into a string has nothing that can fail; a defect shows in the page instead of ending the report.
-    drawn.map_or_else(|error| format!("<p>This plot could not be drawn: {}</p>", super::html::escape(&error)), |()| text)
+    drawn.map_or_else(
+        |error| {
+            format!(
+                "<p>This plot could not be drawn: {}</p>",
+                super::html::escape(&error)
+            )
+        },
+        |()| text,
+    )
 }
 
 fn draw(text: &mut String, x_label: &str, y_label: &str, curves: &[Curve]) -> Result<(), String> {
     let finite = |points: &[(f64, f64)]| -> Vec<(f64, f64)> {
-        points.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite()).collect()
+        points
+            .iter()
+            .copied()
+            .filter(|(x, y)| x.is_finite() && y.is_finite())
+            .collect()
     };
     let curves: Vec<_> = curves.iter().map(|c| (c.ink, finite(&c.points))).collect();
     let all = || curves.iter().flat_map(|(_, points)| points);
@@ -91,15 +111,18 @@ fn draw(text: &mut String, x_label: &str, y_label: &str, curves: &[Curve]) -> Re
         .map_err(failed)?;
     for (ink, points) in curves {
         let style = ink.colour().mix(0.85).stroke_width(2);
-        chart.draw_series(LineSeries::new(points, style)).map_err(failed)?;
+        chart
+            .draw_series(LineSeries::new(points, style))
+            .map_err(failed)?;
     }
     root.present().map_err(failed)?;
     Ok(())
 }
 
 fn range(values: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
-    let (low, high) =
-        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+        (low.min(v), high.max(v))
+    });
     match high - low {
         span if span > 0.0 => low - ROOM * span..high + ROOM * span,
         span if span == 0.0 => low - 1.0..high + 1.0,

@@ -90,7 +90,11 @@ pub fn dry_run_with(
                 force_error_n = force_error_n.max((specimen.force_n - n).abs());
             }
         }
-        watcher(&Predicted { slot, displacement_mm: specimen.displacement_mm, force_n: specimen.force_n });
+        watcher(&Predicted {
+            slot,
+            displacement_mm: specimen.displacement_mm,
+            force_n: specimen.force_n,
+        });
         let moved_mm = specimen.displacement_mm - from_mm;
         energy_nmm += 0.5 * (from_n + specimen.force_n) * moved_mm;
         peak_velocity_mm_s = peak_velocity_mm_s.max(moved_mm.abs() * sample_rate_hz);

@@ -12,13 +12,18 @@ const LOOK_PERIOD: Duration = Duration::from_millis(20);
 
 /// A file of the shipped configs.
 pub fn config(path: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("bench-configs").join(path)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("bench-configs")
+        .join(path)
 }
 
 /// `leafbench` with arguments, as it was built for this test.
 pub fn leafbench(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_leafbench"));
-    command.args(arguments).env_remove("LEAFBENCH_DATA").current_dir(env!("CARGO_MANIFEST_DIR"));
+    command
+        .args(arguments)
+        .env_remove("LEAFBENCH_DATA")
+        .current_dir(env!("CARGO_MANIFEST_DIR"));
     command
 }
 
@@ -29,8 +34,17 @@ pub fn run(arguments: &[&str]) -> Output {
 
 /// Runs a command on the daemon of `data`; its stdout as JSON, its exit code.
 pub fn json(data: &Path, arguments: &[&str]) -> (serde_json::Value, i32) {
-    let output = leafbench(arguments).arg("--json").arg("--data").arg(data).output().expect("leafbench starts");
-    let text = if output.status.success() || !output.stdout.is_empty() { output.stdout } else { output.stderr };
+    let output = leafbench(arguments)
+        .arg("--json")
+        .arg("--data")
+        .arg(data)
+        .output()
+        .expect("leafbench starts");
+    let text = if output.status.success() || !output.stdout.is_empty() {
+        output.stdout
+    } else {
+        output.stderr
+    };
     let value = serde_json::from_slice(&text).unwrap_or(serde_json::Value::Null);
     (value, output.status.code().unwrap_or(-1))
 }
@@ -81,7 +95,12 @@ impl Daemon {
         stdout.read_line(&mut line).expect("the daemon's line");
         let endpoint: serde_json::Value = serde_json::from_str(&line).expect("the daemon listens");
         let url = endpoint["url"].as_str().expect("an address").to_owned();
-        Daemon { process: Process(child), url, data: data.to_owned(), _stdout: stdout }
+        Daemon {
+            process: Process(child),
+            url,
+            data: data.to_owned(),
+            _stdout: stdout,
+        }
     }
 
     /// Starts one and waits until the rig is ready.
@@ -96,7 +115,9 @@ impl Daemon {
     }
 
     pub fn until_phase(&self, phase: &str) -> serde_json::Value {
-        until(phase, || Some(self.status()).filter(|s| s["rig"]["phase"] == phase))
+        until(phase, || {
+            Some(self.status()).filter(|s| s["rig"]["phase"] == phase)
+        })
     }
 
     /// Sends a signal to the daemon.

@@ -1,0 +1,116 @@
+//! How well the loop tracks, that a seed fixes all bits, and what a tick costs.
+
+use super::*;
+
+#[test]
+fn same_seed_same_bits() {
+    let run = |seed| {
+        let mut bench = Bench::armed(&MockRigConfig {
+            seed,
+            ..MockRigConfig::default()
+        });
+        bench.sine(8.0, 6.0, 2.5);
+        bench.run(2500);
+        bench.samples
+    };
+    let first = run(3);
+    assert_eq!(first, run(3));
+    assert_ne!(first, run(4));
+}
+
+/// Amplitude and mean of the measured displacement over the last whole cycles, against what was asked.
+#[test]
+fn sines_are_tracked_before_any_correction() {
+    for (amplitude, hz) in [(6.0, 1.0), (10.0, 1.0), (15.0, 1.0), (6.0, 2.5)] {
+        let mut bench = default_bench();
+        bench.sine(amplitude + 2.0, amplitude, hz);
+        bench.run(5000);
+        assert_eq!(bench.state, RigState::Running, "{:?}", bench.cause);
+        let tail = &bench.samples[bench.samples.len() - 2000..];
+        let high = tail.iter().map(|s| s.2).fold(f64::MIN, f64::max);
+        let low = tail.iter().map(|s| s.2).fold(f64::MAX, f64::min);
+        let (error, mean) = (
+            0.5 * (high - low) / amplitude - 1.0,
+            0.5 * (high + low) - amplitude - 2.0,
+        );
+        eprintln!(
+            "{amplitude} mm {hz} Hz: amplitude {:+.2} %, mean {mean:+.3} mm",
+            100.0 * error
+        );
+        // Small enough that one correction brings it within 1 %; not a claim about any real frame.
+        assert!(error.abs() < 0.03 && mean.abs() < 0.1);
+    }
+}
+
+#[test]
+fn slow_force_ramp_is_tracked_within_two_newtons() {
+    let mut bench = default_bench();
+    let start = bench.tick;
+    let ramp = move |tick: u64| {
+        let t = (tick - start) as f64 * 1e-3;
+        let force_n = (if t < 60.0 { t } else { 120.0 - t }) * 2000.0 / 60.0;
+        (t <= 120.0).then_some(((force_n * 10.0).round() as i32, t >= 120.0))
+    };
+    bench.motion = Some((WireMode::Force, Box::new(ramp)));
+    let mut worst = (0.0f64, 0.0);
+    let mut peak = 0.0f64;
+    for i in 0..120_000 {
+        bench.step();
+        let asked = ramp(bench.tick).map_or(0.0, |c| f64::from(c.0) * 0.1);
+        let error = bench.rig.force_n() - asked;
+        peak = peak.max(bench.samples.last().map_or(0.0, |s| s.1));
+        if i > 100 && error.abs() > f64::abs(worst.0) {
+            worst = (error, asked);
+        }
+    }
+    eprintln!(
+        "ramp: worst error {:+.2} N at {:.0} N, peak {peak:.1} N",
+        worst.0, worst.1
+    );
+    assert!(worst.0.abs() < 2.0);
+    assert!((peak - 2000.0).abs() < 5.0);
+}
+
+/// CPU time of this thread: a busy machine does not blur it.
+fn cpu_ns() -> i64 {
+    let now = nix::time::clock_gettime(nix::time::ClockId::CLOCK_THREAD_CPUTIME_ID).expect("always there");
+    now.tv_sec() * 1_000_000_000 + now.tv_nsec()
+}
+
+/// Not a check: prints ns a tick. `cargo test --release --lib mockrig::tests::cost -- --ignored --nocapture`
+#[test]
+#[ignore = "measures, asserts nothing"]
+fn cost_of_a_tick() {
+    let mut bench = default_bench();
+    bench.sine(8.0, 6.0, 1.0);
+    let start = cpu_ns();
+    bench.run(1_000_000);
+    let with_host = cpu_ns() - start;
+    // Without a host the rig unloads and then stands: the physics, the sensors and the firmware go on.
+    let mut bench = default_bench();
+    let start = cpu_ns();
+    for _ in 0..1_000_000 {
+        bench.rig.tick(&mut bench.rig_link);
+        while bench.host.receive().is_some() {}
+    }
+    let alone = cpu_ns() - start;
+    eprintln!(
+        "with host {} ns, idle {} ns a tick",
+        with_host / 1_000_000,
+        alone / 1_000_000
+    );
+    for name in ["equivalent", "five-link"] {
+        let model = crate::model::find(name).expect("listed");
+        let mut plant = model
+            .plant(&model.start_values(), &toml::Table::new())
+            .expect("start values");
+        let start = cpu_ns();
+        let sum: f64 = (0..1_000_000)
+            .map(|i| plant.step(10.0 + (f64::from(i) * 1e-3).sin(), 1e-3))
+            .sum();
+        eprintln!(
+            "{name} {} ns a step with its sine (sum {sum:.0})",
+            (cpu_ns() - start) / 1_000_000
+        );
+    }
+}
