@@ -1,5 +1,6 @@
 //! The command line as a technician and a script use it: in virtual time, and in real time against the mock rig in memory.
 
+#[expect(dead_code, reason = "each test takes its part")]
 mod support;
 
 use std::path::Path;

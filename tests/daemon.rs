@@ -1,5 +1,6 @@
 //! The daemon as a process: kills, signals, forged requests, and a mock rig in another process over a pseudo-terminal pair.
 
+#[expect(dead_code, reason = "each test takes its part")]
 mod support;
 
 use std::io::{Read, Write};
