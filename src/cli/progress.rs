@@ -89,15 +89,6 @@ impl Progress {
         }
     }
 
-    /// A line that stays.
-    pub fn say(&self, line: &str) {
-        match &self.bar {
-            Some(bar) => bar.println(line),
-            None if self.silent => {}
-            None => eprintln!("{line}"),
-        }
-    }
-
     /// Takes the bar away.
     pub fn finish(self) {
         if let Some(bar) = self.bar {

@@ -108,16 +108,16 @@ pub fn stream(download: Download) -> Response {
     let (sender, receiver) = tokio::sync::mpsc::channel(4);
     let mut file = download.file;
     tokio::task::spawn_blocking(move || {
-        loop {
+        let mut next = || -> std::io::Result<Option<Vec<u8>>> {
             let mut chunk = vec![0; CHUNK];
-            let read = file.read(&mut chunk);
-            let last = !matches!(read, Ok(n) if n > 0);
-            let item = read.map(|n| {
-                chunk.truncate(n);
-                chunk
-            });
-            // Whoever downloads may have gone.
-            if (last && item.is_ok()) || sender.blocking_send(item).is_err() || last {
+            let read = file.read(&mut chunk)?;
+            chunk.truncate(read);
+            Ok((read > 0).then_some(chunk))
+        };
+        // Ends with the file, with a failure that the receiver hears of, or where whoever downloads has gone.
+        while let Some(item) = next().transpose() {
+            let failed = item.is_err();
+            if sender.blocking_send(item).is_err() || failed {
                 return;
             }
         }

@@ -1,7 +1,9 @@
 //! The live view of a run: a recorder at the end of the chain that thins the samples out and hands them to whoever
-//! watches. Each watcher has its own place in one bounded ring; one that is too slow loses the oldest, alone.
+//! watches. Each watcher has its own place in one bounded ring; one that is too slow loses the oldest, alone. A new one
+//! gets what the last seconds had, so that a page that is opened in mid-run shows a loop at once.
 
-use std::sync::Arc;
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::sync::broadcast;
 
@@ -14,6 +16,9 @@ const POINTS_PER_S: f64 = 200.0;
 const POINTS_A_BATCH: usize = 8;
 /// Batches that a watcher may lag behind: about 2.5 s.
 const RING_BATCHES: usize = 64;
+
+/// Batches that a new watcher gets: the last 20 s.
+const RECENT_BATCHES: usize = 500;
 
 /// Thinned samples, columns of equal length.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
@@ -40,20 +45,37 @@ pub struct Batch {
 #[derive(Debug, Clone)]
 pub struct Live {
     batches: broadcast::Sender<Arc<Batch>>,
+    recent: Arc<Mutex<VecDeque<Arc<Batch>>>>,
 }
 
 impl Default for Live {
     fn default() -> Self {
         Live {
             batches: broadcast::channel(RING_BATCHES).0,
+            recent: Arc::default(),
         }
     }
 }
 
 impl Live {
-    /// What comes from now on. A receiver that lags is told by how many batches.
-    pub fn watch(&self) -> broadcast::Receiver<Arc<Batch>> {
-        self.batches.subscribe()
+    /// What the last seconds had, and what comes from now on. A receiver that lags is told by how many batches.
+    pub fn watch(&self) -> (Vec<Arc<Batch>>, broadcast::Receiver<Arc<Batch>>) {
+        let recent = self.recent.lock().unwrap_or_else(PoisonError::into_inner);
+        (recent.iter().cloned().collect(), self.batches.subscribe())
+    }
+
+    /// The recording thread hands a batch on. The lock is held for as long as a copy of pointers takes.
+    fn send(&self, batch: Arc<Batch>) {
+        let mut recent = self.recent.lock().unwrap_or_else(PoisonError::into_inner);
+        if recent.back().is_some_and(|last| last.run_id != batch.run_id) {
+            recent.clear();
+        }
+        if recent.len() == RECENT_BATCHES {
+            recent.pop_front();
+        }
+        recent.push_back(Arc::clone(&batch));
+        // Fails where nobody watches.
+        let _ = self.batches.send(batch);
     }
 
     /// The recorder that feeds the watchers of one run.
@@ -90,11 +112,7 @@ impl LiveTap {
             control: self.batch.control,
             ..Batch::default()
         };
-        // Fails where nobody watches.
-        let _ = self
-            .live
-            .batches
-            .send(Arc::new(std::mem::replace(&mut self.batch, next)));
+        self.live.send(Arc::new(std::mem::replace(&mut self.batch, next)));
     }
 }
 
@@ -160,7 +178,7 @@ mod tests {
     #[test]
     fn a_watcher_gets_every_fifth_sample_of_a_kilohertz() {
         let live = Live::default();
-        let mut watcher = live.watch();
+        let (_, mut watcher) = live.watch();
         let mut tap = tap(&live);
         (0..40).for_each(|tick| tap.sample(&sample(tick)));
         let batch = watcher.try_recv().expect("a batch");
@@ -170,7 +188,7 @@ mod tests {
     #[test]
     fn a_watcher_that_never_reads_loses_the_oldest_and_nobody_else_does() {
         let live = Live::default();
-        let (mut slow, mut quick) = (live.watch(), live.watch());
+        let ((_, mut slow), (_, mut quick)) = (live.watch(), live.watch());
         let mut tap = tap(&live);
         let mut got = 0;
         for tick in 0..40_000 {
@@ -185,5 +203,10 @@ mod tests {
             "64 of 1000 are kept"
         );
         assert!(slow.try_recv().is_ok());
+        assert_eq!(
+            live.watch().0.len(),
+            RECENT_BATCHES,
+            "a new watcher gets the last seconds and no more"
+        );
     }
 }

@@ -44,7 +44,21 @@ pub async fn live(State(shared): App, upgrade: WebSocketUpgrade) -> Response {
 }
 
 async fn serve(mut socket: WebSocket, shared: Arc<Shared>) {
-    let mut batches = shared.live.watch();
+    let (recent, mut batches) = shared.live.watch();
+    for batch in recent {
+        if send(
+            &mut socket,
+            text(&Telegram::Samples {
+                skipped: 0,
+                batch: &batch,
+            }),
+        )
+        .await
+        .is_none()
+        {
+            return;
+        }
+    }
     let mut status_due = tokio::time::interval(STATUS_PERIOD);
     status_due.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
     let mut skipped = 0;
@@ -65,12 +79,18 @@ async fn serve(mut socket: WebSocket, shared: Arc<Shared>) {
                 Some(Ok(_)) => continue,
             },
         };
-        let Some(message) = message else { return };
-        match tokio::time::timeout(SEND_TIMEOUT, socket.send(message)).await {
-            Ok(Ok(())) => {}
-            _ => return,
+        if send(&mut socket, message).await.is_none() {
+            return;
         }
     }
+}
+
+/// `None` where the watcher has gone or takes too long.
+async fn send(socket: &mut WebSocket, message: Option<Message>) -> Option<()> {
+    tokio::time::timeout(SEND_TIMEOUT, socket.send(message?))
+        .await
+        .ok()?
+        .ok()
 }
 
 fn text(telegram: &Telegram) -> Option<Message> {

@@ -125,7 +125,7 @@ fn range(values: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
     });
     match high - low {
         span if span > 0.0 => low - ROOM * span..high + ROOM * span,
-        span if span == 0.0 => low - 1.0..high + 1.0,
+        0.0 => low - 1.0..high + 1.0,
         _ => 0.0..1.0,
     }
 }
@@ -145,7 +145,7 @@ mod tests {
             ],
         );
         assert!(svg.starts_with("<svg") && svg.contains("x in mm"));
-        assert_eq!(svg.matches("<polyline").filter(|_| true).count().min(2), 2);
+        assert!(svg.matches("<polyline").count() >= 2);
         assert!(svg.contains("#1C71C4") && svg.contains("#DE751A"), "both inks");
     }
 

@@ -1,0 +1,328 @@
+//! The daemon as a process: kills, signals, forged requests, and a mock rig in another process over a pseudo-terminal pair.
+
+#[expect(dead_code, reason = "each test takes its part")]
+mod support;
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::os::fd::AsRawFd;
+use std::path::Path;
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+use nix::sys::signal::Signal;
+use support::{Daemon, PATIENCE, Process, config, json, leafbench, until};
+
+/// Long enough to be interrupted.
+const LONG: &str = "name = \"long\"\ncontrol = \"displacement\"\n[[block]]\n[[block.segment]]\nkind = \"ramp\"\n\
+                    to_mm = 6.0\nduration_s = 1.0\n[[block.segment]]\nkind = \"hold\"\nduration_s = 60.0\n";
+
+/// A request by hand, so that its headers can be forged; status and body.
+fn request(daemon: &Daemon, head: &str, body: &str) -> (u16, String) {
+    let mut stream = TcpStream::connect(daemon.authority()).expect("the daemon listens");
+    stream.set_read_timeout(Some(PATIENCE)).expect("set");
+    let length = body.len();
+    write!(
+        stream,
+        "{head}Content-Length: {length}\r\nConnection: close\r\n\r\n{body}"
+    )
+    .expect("sent");
+    let mut answer = Vec::new();
+    // A refused body may end the connection before it was read.
+    let _ = stream.read_to_end(&mut answer);
+    let answer = String::from_utf8_lossy(&answer).into_owned();
+    let status = answer.split(' ').nth(1).and_then(|s| s.parse().ok()).unwrap_or(0);
+    let body = answer
+        .split_once("\r\n\r\n")
+        .map(|(_, body)| body.to_owned())
+        .unwrap_or_default();
+    (status, body)
+}
+
+/// Starts a run over HTTP and waits until it moves.
+fn start(daemon: &Daemon, profile: &str) -> String {
+    let head = format!(
+        "POST /api/run HTTP/1.1\r\nHost: {}\r\nContent-Type: application/json\r\n",
+        daemon.authority()
+    );
+    let (status, body) = request(
+        daemon,
+        &head,
+        &serde_json::json!({ "profile": profile }).to_string(),
+    );
+    assert_eq!(status, 202, "{body}");
+    daemon.until_phase("running");
+    let started: serde_json::Value = serde_json::from_str(&body).expect("JSON");
+    started["run_id"].as_str().expect("an id").to_owned()
+}
+
+fn run_of(data: &Path, run_id: &str) -> serde_json::Value {
+    let (runs, _) = json(data, &["runs"]);
+    let runs = runs.as_array().expect("a list").clone();
+    runs.into_iter()
+        .find(|r| r["run_id"] == run_id)
+        .expect("the run is listed")
+}
+
+#[test]
+fn a_killed_daemon_leaves_a_file_that_opens_and_the_next_one_closes_it_with_the_cause() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut daemon = Daemon::ready(folder.path(), &[]);
+    let run_id = start(&daemon, LONG);
+    until("half a second of samples", || {
+        (daemon.status()["rig"]["elapsed_s"].as_f64()? > 0.5).then_some(())
+    });
+    let elapsed_s = daemon.status()["rig"]["elapsed_s"].as_f64().expect("a number");
+    daemon.process.0.kill().expect("killed");
+    daemon.process.0.wait().expect("gone");
+    let run = run_of(folder.path(), &run_id);
+    assert_eq!(run["ending"], "open");
+    // Everything that the status had seen is in the file, but for the 20 ms that a kill may cost.
+    let saved = run["samples"].as_f64().expect("a number");
+    assert!(
+        saved >= 1000.0 * elapsed_s - 20.0,
+        "{saved} samples after {elapsed_s} s"
+    );
+    assert_eq!(run["lost"], 0);
+
+    let again = Daemon::ready(folder.path(), &[]);
+    let run = run_of(folder.path(), &run_id);
+    assert_eq!(run["ending"], "aborted");
+    assert!(
+        run["cause"]
+            .as_str()
+            .expect("a cause")
+            .contains("the daemon ended while the run was under way")
+    );
+    assert!(
+        again.status()["run"].is_null(),
+        "the new daemon observes and starts nothing"
+    );
+}
+
+#[test]
+fn a_terminated_daemon_unloads_first_and_closes_the_file() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut daemon = Daemon::ready(folder.path(), &[]);
+    let run_id = start(&daemon, LONG);
+    until("a loaded specimen", || {
+        (daemon.status()["rig"]["force_n"].as_f64()? > 300.0).then_some(())
+    });
+    let begun = Instant::now();
+    daemon.signal(Signal::SIGTERM);
+    let code = daemon.process.0.wait().expect("gone");
+    // 5 s as promised, and 2 s for a loaded machine to notice.
+    assert!(begun.elapsed() < Duration::from_secs(7), "{:?}", begun.elapsed());
+    assert!(code.success(), "{code}");
+    let run = run_of(folder.path(), &run_id);
+    assert_eq!(run["ending"], "stopped", "{run}");
+    assert!(run["cause"].as_str().expect("a cause").contains("SIGTERM"));
+    assert!(!folder.path().join("daemon.json").exists());
+}
+
+#[test]
+fn a_stopped_run_keeps_its_data_and_a_second_start_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let daemon = Daemon::ready(folder.path(), &[]);
+    let run_id = start(&daemon, LONG);
+    let head = format!(
+        "POST /api/run HTTP/1.1\r\nHost: {}\r\nContent-Type: application/json\r\n",
+        daemon.authority()
+    );
+    let (status, body) = request(
+        &daemon,
+        &head,
+        &serde_json::json!({ "profile": LONG }).to_string(),
+    );
+    assert_eq!(status, 409, "{body}");
+    assert!(body.contains(&run_id), "{body}");
+    let (_, code) = json(folder.path(), &["stop", "--reason", "enough"]);
+    assert_eq!(code, 0);
+    daemon.until_phase("ready");
+    let run = until("a closed file", || {
+        Some(run_of(folder.path(), &run_id)).filter(|r| r["ending"] != "open")
+    });
+    assert_eq!(
+        (run["ending"].as_str(), run["cause"].as_str()),
+        (Some("stopped"), Some("enough"))
+    );
+    assert_eq!(
+        json(folder.path(), &["runs"]).0.as_array().map(Vec::len),
+        Some(1),
+        "the refused start left no file"
+    );
+}
+
+#[test]
+fn a_predicted_trip_is_refused_before_anything_moves() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let daemon = Daemon::ready(folder.path(), &[]);
+    let far = LONG
+        .replace("to_mm = 6.0", "to_mm = 44.0")
+        .replace("duration_s = 1.0", "duration_s = 20.0");
+    let head = format!(
+        "POST /api/run HTTP/1.1\r\nHost: {}\r\nContent-Type: application/json\r\n",
+        daemon.authority()
+    );
+    let (status, body) = request(&daemon, &head, &serde_json::json!({ "profile": far }).to_string());
+    assert_eq!(status, 422, "{body}");
+    assert!(body.contains("force_max_n"), "{body}");
+    assert_eq!(daemon.status()["rig"]["phase"], "ready");
+    assert_eq!(json(folder.path(), &["runs"]).0, serde_json::json!([]));
+}
+
+#[test]
+fn forged_hosts_and_origins_wrong_types_and_large_bodies_get_nowhere() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let daemon = Daemon::start(folder.path(), &[]);
+    let host = daemon.authority().to_owned();
+    let json_type = "Content-Type: application/json\r\n";
+    let cases = [
+        (format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\n"), 200),
+        (
+            "GET /api/status HTTP/1.1\r\nHost: evil.example\r\n".to_owned(),
+            403,
+        ),
+        ("GET / HTTP/1.1\r\nHost: evil.example\r\n".to_owned(), 403),
+        (
+            format!("GET / HTTP/1.1\r\nHost: {host}\r\nOrigin: http://evil.example\r\n"),
+            403,
+        ),
+        (
+            format!("POST /api/stop HTTP/1.1\r\nHost: {host}\r\nOrigin: http://evil.example\r\n{json_type}"),
+            403,
+        ),
+        (
+            format!("POST /api/stop HTTP/1.1\r\nHost: {host}\r\nOrigin: null\r\n{json_type}"),
+            403,
+        ),
+        (
+            format!("POST /api/stop HTTP/1.1\r\nHost: {host}\r\nContent-Type: text/plain\r\n"),
+            415,
+        ),
+        (format!("POST /api/reset HTTP/1.1\r\nHost: {host}\r\n"), 415),
+        (
+            format!("GET /api/runs/..%2f..%2fetc%2fpasswd HTTP/1.1\r\nHost: {host}\r\n"),
+            404,
+        ),
+        (
+            format!("GET /api/runs/none/csv HTTP/1.1\r\nHost: {host}\r\n"),
+            404,
+        ),
+        (format!("GET /api/nothing HTTP/1.1\r\nHost: {host}\r\n"), 404),
+        (
+            format!("GET / HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\n"),
+            200,
+        ),
+    ];
+    for (head, expected) in cases {
+        let (status, body) = request(&daemon, &head, "");
+        assert_eq!(status, expected, "{head}{body}");
+    }
+    let run = format!("POST /api/run HTTP/1.1\r\nHost: {host}\r\n{json_type}");
+    assert_eq!(request(&daemon, &run, &"x".repeat((1 << 20) + 1)).0, 413);
+    assert_eq!(request(&daemon, &run, "{").0, 400);
+    assert_eq!(request(&daemon, &run, "{\"profil\":\"x\"}").0, 422);
+    let upgrade = "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n\
+                   Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n";
+    let forged =
+        format!("GET /api/live HTTP/1.1\r\nHost: {host}\r\nOrigin: http://evil.example\r\n{upgrade}");
+    assert_eq!(request(&daemon, &forged, "").0, 403);
+}
+
+#[test]
+fn the_live_view_sends_status_and_samples_with_the_twin() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let daemon = Daemon::ready(folder.path(), &[]);
+    start(&daemon, LONG);
+    let stream = TcpStream::connect(daemon.authority()).expect("the daemon listens");
+    stream.set_read_timeout(Some(PATIENCE)).expect("set");
+    let address = format!("ws://{}/api/live", daemon.authority());
+    let (mut socket, _) = tungstenite::client(address, stream).expect("upgraded");
+    let (mut status, mut twin_points) = (false, 0);
+    while !status || twin_points < 100 {
+        let tungstenite::Message::Text(text) = socket.read().expect("a message") else {
+            continue;
+        };
+        let message: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+        match message["type"].as_str() {
+            Some("status") => status = message["status"]["rig"]["phase"] == "running",
+            Some("samples") => {
+                let points = message["twin_force_n"].as_array().expect("a column");
+                assert_eq!(
+                    points.len(),
+                    message["time_s"].as_array().expect("a column").len()
+                );
+                twin_points += points.iter().filter(|p| p.is_number()).count();
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+/// Two pseudo-terminals joined back to back: the wire between two processes.
+struct Wire {
+    ports: [String; 2],
+    _pump: std::thread::JoinHandle<()>,
+}
+
+impl Wire {
+    fn new() -> Wire {
+        let open = || nix::pty::openpty(None, None).expect("a pseudo-terminal");
+        let (a, b) = (open(), open());
+        let ports = [&a, &b].map(|end| {
+            let mut settings = nix::sys::termios::tcgetattr(&end.slave).expect("a terminal");
+            nix::sys::termios::cfmakeraw(&mut settings);
+            nix::sys::termios::tcsetattr(&end.slave, nix::sys::termios::SetArg::TCSANOW, &settings)
+                .expect("set");
+            nix::unistd::ttyname(&end.slave)
+                .expect("a name")
+                .display()
+                .to_string()
+        });
+        let pump = std::thread::spawn(move || {
+            let copy = |from: std::os::fd::OwnedFd, to: std::os::fd::OwnedFd| {
+                std::thread::spawn(move || {
+                    let (mut from, mut to) = (std::fs::File::from(from), std::fs::File::from(to));
+                    // Ends with the processes at the ends.
+                    let _ = std::io::copy(&mut from, &mut to);
+                })
+            };
+            let twice = |fd: &std::os::fd::OwnedFd| fd.try_clone().expect("a handle");
+            let there = copy(twice(&a.master), twice(&b.master));
+            let back = copy(twice(&b.master), twice(&a.master));
+            // The far ends stay open until here, so that a port can be opened, closed and opened again.
+            let _held = (a.slave.as_raw_fd(), b.slave.as_raw_fd());
+            let _ = (there.join(), back.join());
+            drop((a, b));
+        });
+        Wire { ports, _pump: pump }
+    }
+}
+
+#[test]
+fn over_a_serial_line_with_the_mock_rig_in_another_process() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let wire = Wire::new();
+    let [rig_port, host_port] = wire.ports.clone().map(|port| format!("serial:{port}"));
+    let bench = config("benches/mock-serial.toml");
+    let bench = bench.to_str().expect("UTF-8");
+    let rig = leafbench(&["mock-rig", "--bench", bench, "--link", &rig_port])
+        .stdout(Stdio::null())
+        .spawn();
+    let _rig = Process(rig.expect("starts"));
+    let daemon = Daemon::ready(folder.path(), &["--bench", bench, "--link", &host_port]);
+    let profile = "name = \"short\"\ncontrol = \"force\"\n[[block]]\n[[block.segment]]\nkind = \"ramp\"\nto_n = 600.0\n\
+                   duration_s = 2.0\n[[block.segment]]\nkind = \"ramp\"\nto_n = 0.0\nduration_s = 2.0\n";
+    let path = folder.path().join("short.toml");
+    std::fs::write(&path, profile).expect("written");
+    let (ended, code) = json(folder.path(), &["run", path.to_str().expect("UTF-8")]);
+    assert_eq!(code, 0, "{ended}");
+    let run = run_of(folder.path(), ended["run_id"].as_str().expect("an id"));
+    assert_eq!(
+        (run["ending"].as_str(), run["lost"].as_u64()),
+        (Some("completed"), Some(0))
+    );
+    assert!(run["samples"].as_u64().expect("a number") >= 4000);
+    drop(daemon);
+}

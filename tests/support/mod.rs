@@ -1,0 +1,133 @@
+//! Daemons, mock rigs and commands as processes: started on free ports, waited for by condition, ended with the test.
+
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdout, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// Far beyond what a loaded machine needs; only a defect waits this long.
+pub const PATIENCE: Duration = Duration::from_secs(60);
+/// Pause between two looks at a condition.
+const LOOK_PERIOD: Duration = Duration::from_millis(20);
+
+/// A file of the shipped configs.
+pub fn config(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("bench-configs")
+        .join(path)
+}
+
+/// `leafbench` with arguments, as it was built for this test.
+pub fn leafbench(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_leafbench"));
+    command
+        .args(arguments)
+        .env_remove("LEAFBENCH_DATA")
+        .current_dir(env!("CARGO_MANIFEST_DIR"));
+    command
+}
+
+/// Runs to the end.
+pub fn run(arguments: &[&str]) -> Output {
+    leafbench(arguments).output().expect("leafbench starts")
+}
+
+/// Runs a command on the daemon of `data`; its stdout as JSON, its exit code.
+pub fn json(data: &Path, arguments: &[&str]) -> (serde_json::Value, i32) {
+    let output = leafbench(arguments)
+        .arg("--json")
+        .arg("--data")
+        .arg(data)
+        .output()
+        .expect("leafbench starts");
+    let text = if output.status.success() || !output.stdout.is_empty() {
+        output.stdout
+    } else {
+        output.stderr
+    };
+    let value = serde_json::from_slice(&text).unwrap_or(serde_json::Value::Null);
+    (value, output.status.code().unwrap_or(-1))
+}
+
+/// Waits until `condition` gives something.
+pub fn until<T>(what: &str, mut condition: impl FnMut() -> Option<T>) -> T {
+    let deadline = Instant::now() + PATIENCE;
+    loop {
+        if let Some(value) = condition() {
+            return value;
+        }
+        assert!(Instant::now() < deadline, "waited {PATIENCE:?} for {what}");
+        std::thread::sleep(LOOK_PERIOD);
+    }
+}
+
+/// A process that ends with the test.
+pub struct Process(pub Child);
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// A daemon on a free port.
+pub struct Daemon {
+    pub process: Process,
+    pub url: String,
+    pub data: PathBuf,
+    // Closing the pipe would be a closed terminal to the daemon.
+    _stdout: BufReader<ChildStdout>,
+}
+
+impl Daemon {
+    /// Starts one with `more` arguments and waits until it listens.
+    pub fn start(data: &Path, more: &[&str]) -> Daemon {
+        let mut child = leafbench(&["daemon", "--json", "--listen", "127.0.0.1:0", "--data"])
+            .arg(data)
+            .args(more)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::inherit())
+            .spawn()
+            .expect("leafbench starts");
+        let mut stdout = BufReader::new(child.stdout.take().expect("piped"));
+        let mut line = String::new();
+        stdout.read_line(&mut line).expect("the daemon's line");
+        let endpoint: serde_json::Value = serde_json::from_str(&line).expect("the daemon listens");
+        let url = endpoint["url"].as_str().expect("an address").to_owned();
+        Daemon {
+            process: Process(child),
+            url,
+            data: data.to_owned(),
+            _stdout: stdout,
+        }
+    }
+
+    /// Starts one and waits until the rig is ready.
+    pub fn ready(data: &Path, more: &[&str]) -> Daemon {
+        let daemon = Daemon::start(data, more);
+        daemon.until_phase("ready");
+        daemon
+    }
+
+    pub fn status(&self) -> serde_json::Value {
+        json(&self.data, &["status"]).0
+    }
+
+    pub fn until_phase(&self, phase: &str) -> serde_json::Value {
+        until(phase, || {
+            Some(self.status()).filter(|s| s["rig"]["phase"] == phase)
+        })
+    }
+
+    /// Sends a signal to the daemon.
+    pub fn signal(&self, signal: nix::sys::signal::Signal) {
+        let pid = nix::unistd::Pid::from_raw(self.process.0.id() as i32);
+        nix::sys::signal::kill(pid, signal).expect("the daemon is there");
+    }
+
+    /// `host:port`.
+    pub fn authority(&self) -> &str {
+        self.url.trim_start_matches("http://")
+    }
+}
