@@ -56,6 +56,9 @@ fn start(daemon: &Daemon, profile: &str) -> String {
     started["run_id"].as_str().expect("an id").to_owned()
 }
 
+/// Real-time runs of a few seconds that a loaded machine may spoil.
+const ATTEMPTS: usize = 10;
+
 fn run_of(data: &Path, run_id: &str) -> serde_json::Value {
     let (runs, _) = json(data, &["runs"]);
     let runs = runs.as_array().expect("a list").clone();
@@ -283,6 +286,8 @@ impl Wire {
         let pump = std::thread::spawn(move || {
             let copy = |from: std::os::fd::OwnedFd, to: std::os::fd::OwnedFd| {
                 std::thread::spawn(move || {
+                    // The wire is no program: it does not wait for its turn, where that is allowed.
+                    let _ = leafbench::link::priority::raise_this_thread();
                     let (mut from, mut to) = (std::fs::File::from(from), std::fs::File::from(to));
                     // Ends with the processes at the ends.
                     let _ = std::io::copy(&mut from, &mut to);
@@ -316,9 +321,24 @@ fn over_a_serial_line_with_the_mock_rig_in_another_process() {
                    duration_s = 2.0\n[[block.segment]]\nkind = \"ramp\"\nto_n = 0.0\nduration_s = 2.0\n";
     let path = folder.path().join("short.toml");
     std::fs::write(&path, profile).expect("written");
-    let (ended, code) = json(folder.path(), &["run", path.to_str().expect("UTF-8")]);
-    assert_eq!(code, 0, "{ended}");
-    let run = run_of(folder.path(), ended["run_id"].as_str().expect("an id"));
+    // A machine that stops a process for 20 ms trips the bench, rightly: then once more. Nothing else may go wrong.
+    let run = (0..ATTEMPTS).find_map(|_| {
+        let (ended, code) = json(folder.path(), &["run", path.to_str().expect("UTF-8")]);
+        let run = run_of(
+            folder.path(),
+            ended["run_id"].as_str().unwrap_or_else(|| panic!("{ended}")),
+        );
+        if code == 0 {
+            return Some(run);
+        }
+        assert!(
+            run["cause"].as_str().is_some_and(|c| c.contains("no sample for")),
+            "{run}"
+        );
+        daemon.back_to_ready();
+        None
+    });
+    let run = run.expect("one undisturbed run");
     assert_eq!(
         (run["ending"].as_str(), run["lost"].as_u64()),
         (Some("completed"), Some(0))

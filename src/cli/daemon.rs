@@ -13,6 +13,7 @@ use crate::config::Bench;
 use crate::daemon::claim::Claim;
 use crate::daemon::client_types::Endpoint;
 use crate::daemon::{self, Settings};
+use crate::link::priority::raise_this_thread;
 use crate::link::{self, Link, Side, loopback};
 
 /// See [`super::COMMANDS`].
@@ -86,6 +87,8 @@ fn open_link(address: &str, bench: &Bench) -> Result<Link, CliError> {
     std::thread::Builder::new()
         .name("mock-rig".to_owned())
         .spawn(move || {
+            // A firmware has its own processor. Control says what is missing where this is not allowed.
+            let _ = raise_this_thread();
             static NEVER: AtomicBool = AtomicBool::new(false);
             if let Err(error) = rig.run_realtime(rig_end, &NEVER) {
                 tracing::error!("the mock rig ended: {error}");

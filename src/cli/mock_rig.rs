@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 use clap::{Arg, ArgMatches};
 
 use super::{CliError, Command, Done, Output, local};
+use crate::link::priority::raise_this_thread;
 use crate::link::{self, Side};
 
 /// See [`super::COMMANDS`].
@@ -49,6 +50,11 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
         "mock rig of bench {} at {address}; end it with Ctrl-C",
         bench.name
     );
+    if let Err(reason) = raise_this_thread() {
+        eprintln!(
+            "no real-time priority ({reason}): under load the rig may stall, and the daemon then trips"
+        );
+    }
     // Ctrl-C ends the process, as a power cut ends a rig.
     let punctuality = rig
         .run_realtime(link, &AtomicBool::new(false))

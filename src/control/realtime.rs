@@ -12,14 +12,11 @@ use std::thread::JoinHandle;
 use nix::sys::mman::{MlockAllFlags, mlockall};
 use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit, setrlimit};
 use nix::time::{ClockId, ClockNanosleepFlags, clock_nanosleep};
-use thread_priority::unix::{
-    RealtimeThreadSchedulePolicy, ThreadSchedulePolicy, set_thread_priority_and_policy, thread_native_id,
-};
-use thread_priority::{ThreadPriority, ThreadPriorityValue};
 use tokio::sync::oneshot;
 
 use super::run::RunOrder;
 use super::{Phase, Refusal, Rig, RigStatus, TareReport};
+use crate::link::priority::raise_this_thread;
 use crate::link::{Link, now_ns as monotonic_ns};
 use crate::recording::{Event, Header, Outcome, Recorder, Sample};
 
@@ -31,8 +28,6 @@ const STATUS_TURNS: u64 = 20;
 const LATE_NS: u64 = PERIOD_NS;
 /// Requests that wait; people do not press faster.
 const REQUESTS: usize = 8;
-/// Above ordinary programs, below the kernel's own threads (50).
-const FIFO_PRIORITY: u8 = 40;
 
 /// What people ask of control.
 pub enum Request {
@@ -282,7 +277,7 @@ fn sleep_until(deadline_ns: u64) {
 /// Raises this thread as far as the system allows; what it does not allow comes back as sentences.
 fn degradations() -> Vec<String> {
     let mut missing = Vec::new();
-    if let Err(reason) = realtime_priority() {
+    if let Err(reason) = raise_this_thread() {
         missing.push(format!(
             "no real-time priority ({reason}): samples stay complete, but commands may come late under load; grant CAP_SYS_NICE or set LimitRTPRIO=50"
         ));
@@ -293,16 +288,6 @@ fn degradations() -> Vec<String> {
         ));
     }
     missing
-}
-
-fn realtime_priority() -> Result<(), String> {
-    let priority = ThreadPriorityValue::try_from(FIFO_PRIORITY).map_err(|e| format!("{e:?}"))?;
-    set_thread_priority_and_policy(
-        thread_native_id(),
-        ThreadPriority::Crossplatform(priority),
-        ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo),
-    )
-    .map_err(|e| format!("{e:?}"))
 }
 
 /// Locks what is there and what comes. Not under a finite limit that cannot be lifted: there a later allocation would

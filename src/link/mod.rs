@@ -5,6 +5,7 @@
 
 mod can;
 pub mod loopback;
+pub mod priority;
 mod serial;
 mod service;
 mod wake;

@@ -63,9 +63,11 @@ where
             inlet,
         }
     };
-    let service = std::thread::Builder::new()
-        .name(name.to_owned())
-        .spawn(move || runtime.block_on(serve(ends)))?;
+    let service = std::thread::Builder::new().name(name.to_owned()).spawn(move || {
+        // Frames must not wait behind ordinary programs. Where it is not allowed control says so for itself.
+        let _ = super::priority::raise_this_thread();
+        runtime.block_on(serve(ends));
+    })?;
     Ok(Link {
         health,
         out,

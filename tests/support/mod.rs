@@ -120,6 +120,17 @@ impl Daemon {
         })
     }
 
+    /// Resets an interlock, if there is one, and waits.
+    pub fn back_to_ready(&self) {
+        until("a rig at rest", || {
+            let phase = self.status()["rig"]["phase"].as_str()?.to_owned();
+            if phase == "interlocked" {
+                json(&self.data, &["reset"]);
+            }
+            (phase == "ready").then_some(())
+        });
+    }
+
     /// Sends a signal to the daemon.
     pub fn signal(&self, signal: nix::sys::signal::Signal) {
         let pid = nix::unistd::Pid::from_raw(self.process.0.id() as i32);
