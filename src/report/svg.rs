@@ -30,6 +30,14 @@ impl Ink {
         }
     }
 
+    /// A twin that fits lies on the measurement: the thin line stays visible on the wide one.
+    fn width(self) -> u32 {
+        match self {
+            Ink::Measured => 5,
+            Ink::Twin => 2,
+        }
+    }
+
     /// As CSS has it.
     pub fn css(self) -> String {
         let RGBColor(r, g, b) = self.colour();
@@ -110,7 +118,7 @@ fn draw(text: &mut String, x_label: &str, y_label: &str, curves: &[Curve]) -> Re
         .draw()
         .map_err(failed)?;
     for (ink, points) in curves {
-        let style = ink.colour().mix(0.85).stroke_width(2);
+        let style = ink.colour().stroke_width(ink.width());
         chart
             .draw_series(LineSeries::new(points, style))
             .map_err(failed)?;

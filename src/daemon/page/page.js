@@ -75,12 +75,13 @@ async function loadProfiles() {
     const option = document.createElement("option");
     option.value = p.name;
     option.disabled = !!p.problem;
-    option.textContent = p.problem ? `${p.name} (cannot be used)` : `${p.name} (${duration(p.duration_s)})`;
+    option.textContent = p.problem ? `${p.name} (cannot be used)` : p.name;
     option.title = p.problem || p.description;
     return option;
   }));
   const wanted = localStorage.getItem("profile");
-  if (wanted && profiles.some(p => p.name === wanted && !p.problem)) $("profile").value = wanted;
+  const first = [wanted, "static-ramp"].find(name => profiles.some(p => p.name === name && !p.problem));
+  if (first) $("profile").value = first;
   plan();
 }
 
@@ -93,7 +94,7 @@ async function plan() {
     if ($("profile").value !== name) return;
     text.classList.toggle("bad", p.trips.length > 0);
     text.textContent = p.trips.length > 0 ? "Cannot run: " + p.trips.join("; ") :
-      `Predicted: ${number(p.force_max_n, 0)} N peak, ${number(p.displacement_min_mm, 1)} to ` +
+      `${duration(p.duration_s)}. Predicted: ${number(p.force_max_n, 0)} N peak, ${number(p.displacement_min_mm, 1)} to ` +
       `${number(p.displacement_max_mm, 1)} mm, ${number(p.velocity_max_mm_s, 0)} mm/s` +
       (p.cycles ? `, ${p.cycles} cycles.` : ".");
   } catch (error) {
@@ -243,8 +244,8 @@ function draw() {
     const fresh = since(3);
     loopPlot.draw([
       { x, y: f, colour: measured, width: 1.2, alpha: .35 },
-      { x: part(x, fresh), y: part(points.twin, fresh), colour: twin, width: 2.4 },
-      { x: part(x, fresh), y: part(f, fresh), colour: measured, width: 2.4 },
+      { x: part(x, fresh), y: part(f, fresh), colour: measured, width: 3 },
+      { x: part(x, fresh), y: part(points.twin, fresh), colour: twin, width: 2, dash: [7, 6] },
     ]);
     const seconds = Number($("window").value), from = since(seconds), time = part(t, from);
     const xRange = [Math.max(0, end - seconds), Math.max(end, seconds)];
@@ -255,8 +256,8 @@ function draw() {
     ], xRange);
     forcePlot.draw([
       { x: time, y: isForce ? part(points.command, from) : [], colour: command, width: 3 },
-      { x: time, y: part(points.twin, from), colour: twin },
       { x: time, y: part(f, from), colour: measured },
+      { x: time, y: part(points.twin, from), colour: twin, dash: [7, 6] },
     ], xRange);
   }
   requestAnimationFrame(draw);

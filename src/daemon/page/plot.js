@@ -25,7 +25,7 @@ class Plot {
     Object.assign(this, { canvas, xLabel, yLabel, xLeast, yLeast });
   }
 
-  // lines: [{x, y, colour, width}]; xRange may be given.
+  // lines: [{x, y, colour, width, alpha, dash}]; xRange may be given.
   draw(lines, xRange) {
     const { canvas } = this, ratio = window.devicePixelRatio || 1;
     const width = canvas.clientWidth, height = canvas.clientHeight;
@@ -40,7 +40,7 @@ class Plot {
     c.font = "14px system-ui, sans-serif";
     const [x0, x1] = xRange || rangeOf(lines.map(l => l.x), this.xLeast);
     const [y0, y1] = rangeOf(lines.map(l => l.y), this.yLeast);
-    const box = { left: 62, right: width - 10, top: 8, bottom: height - (this.xLabel ? 44 : 24) };
+    const box = { left: 76, right: width - 10, top: 8, bottom: height - (this.xLabel ? 44 : 24) };
     const px = x => box.left + (x - x0) / (x1 - x0) * (box.right - box.left);
     const py = y => box.bottom - (y - y0) / (y1 - y0) * (box.bottom - box.top);
     this.axes(c, box, px, py, [x0, x1], [y0, y1]);
@@ -53,6 +53,7 @@ class Plot {
       c.strokeStyle = line.colour;
       c.globalAlpha = line.alpha || 1;
       c.lineWidth = line.width || 2;
+      c.setLineDash(line.dash || []);
       c.beginPath();
       let pen = false;
       for (let i = 0; i < line.x.length; i++) {
