@@ -2,6 +2,8 @@
 //!
 //! A new model is one file and one line in [`MODELS`].
 
+pub mod leaf_pack;
+
 /// A model ready to step. Always driven by displacement, whatever the rig controls; same input, same bits.
 pub trait Plant: Send {
     /// Back to the virgin state at zero displacement.
@@ -95,7 +97,7 @@ pub struct Model {
 }
 
 /// All models, by name.
-pub static MODELS: &[Model] = &[];
+pub static MODELS: &[Model] = &[leaf_pack::MODEL];
 
 /// The model called `name`.
 pub fn find(name: &str) -> Result<&'static Model, BuildError> {

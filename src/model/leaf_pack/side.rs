@@ -1,0 +1,278 @@
+//! One side of the pack, from the clamp to the eye: bodies, beams and contacts, their residual and their tangent.
+//!
+//! Coordinates are those of the clamp: x outward along the pack, y towards the eyes, the clamp's edge at rest. So a side
+//! knows nothing of how the clamp moves; only its last body, which carries the eye, meets the outside (see `mounting`).
+
+use super::assembly::Build;
+use super::band::{BlockBand, M3, V3};
+use super::beam::{Beam, BeamForce, Strain};
+use super::contact::{Contact, Measure, NormalLaw};
+use super::friction::{Grip, Response, SlipLaw, Slider};
+
+/// What the step needs of the outside.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct StepInfo {
+    pub dt_s: f64,
+    /// xi / dt of the structural damping, 1/1.
+    pub viscosity: f64,
+    /// Acceleration per displacement within the step, 1/s2; 0 when quasi-static.
+    pub inertia: f64,
+    /// Sideways and lengthwise inertia terms of the clamp's own motion, mm/s2.
+    pub frame_acceleration: [f64; 2],
+}
+
+/// Contact and its state at the last converged step.
+#[derive(Debug, Clone)]
+pub(super) struct ContactState {
+    pub contact: Contact,
+    pub slider: Slider,
+    pub normal_n: f64,
+    /// Slip measure right after assembly, mm.
+    pub slip_start_mm: f64,
+}
+
+/// One side of the pack.
+#[derive(Debug, Clone)]
+pub(super) struct Side {
+    /// Nodes: first the clamp's (fixed, one a leaf), then the bodies in the order of elimination.
+    pub nodes: Vec<V3>,
+    /// Leaves = fixed nodes.
+    pub fixed: usize,
+    pub beams: Vec<Beam>,
+    /// Inner node of each body's beam.
+    pub inner: Vec<usize>,
+    pub leaf_of: Vec<usize>,
+    pub contacts: Vec<ContactState>,
+    pub normal_law: NormalLaw,
+    pub slip_law: SlipLaw,
+    pub mu: f64,
+    /// Masses (N s2/mm) and rotary inertia (N s2 mm) of the bodies.
+    pub mass: Vec<[f64; 2]>,
+    pub strain: Vec<Strain>,
+    pub residual: Vec<V3>,
+    /// Right-hand sides and solutions, one triple a body.
+    pub scratch: Vec<V3>,
+    /// Sum of the bodies' inertia forces, N.
+    pub inertia_n: [f64; 2],
+    /// Columns of the clamp's motion (sideways, along the load), solved by the factors.
+    pub border: Vec<[V3; 2]>,
+    pub grip: Vec<Grip>,
+    /// Grips that the factors were made with.
+    pub factor_grip: Vec<Grip>,
+    pub band: BlockBand,
+    /// Converged nodes now and one step before.
+    pub settled: Vec<V3>,
+    pub before: Vec<V3>,
+    pub velocity: Vec<V3>,
+    pub acceleration: Vec<V3>,
+    /// Known part of each body's inertia term in this step, mm/s2 and rad/s2.
+    pub inertia_base: Vec<V3>,
+    trig: Vec<[f64; 2]>,
+}
+
+impl Side {
+    pub(super) fn new(build: Build) -> Self {
+        let bodies = build.beams.len();
+        let nodes = build.nodes;
+        Self {
+            fixed: build.fixed,
+            beams: build.beams,
+            inner: build.inner,
+            leaf_of: build.leaf_of,
+            contacts: build
+                .contacts
+                .into_iter()
+                .map(|contact| ContactState { contact, slider: Slider::default(), normal_n: 0.0, slip_start_mm: 0.0 })
+                .collect(),
+            normal_law: build.normal_law,
+            slip_law: build.slip_law,
+            mu: 0.0,
+            mass: build.mass,
+            strain: vec![[0.0; 3]; bodies],
+            residual: vec![[0.0; 3]; nodes.len()],
+            scratch: vec![[0.0; 3]; bodies],
+            inertia_n: [0.0; 2],
+            border: vec![[[0.0; 3]; 2]; bodies],
+            grip: vec![Grip::Free; build.contact_count],
+            factor_grip: vec![Grip::Free; build.contact_count],
+            band: BlockBand::new(build.reach),
+            settled: nodes.clone(),
+            before: nodes.clone(),
+            velocity: vec![[0.0; 3]; bodies],
+            acceleration: vec![[0.0; 3]; bodies],
+            inertia_base: vec![[0.0; 3]; bodies],
+            trig: vec![[1.0, 0.0]; nodes.len()],
+            nodes,
+        }
+    }
+
+    /// Index of the node that carries the eye.
+    pub(super) fn tip(&self) -> usize {
+        self.nodes.len() - 1
+    }
+
+    /// Index of the body that carries the eye.
+    pub(super) fn tip_body(&self) -> usize {
+        self.beams.len() - 1
+    }
+
+    /// Residual force of every body (clamp nodes hold their reaction) and the grips; the tangent too if asked for.
+    pub(super) fn evaluate<const TANGENT: bool>(&mut self, step: &StepInfo) {
+        self.residual.fill([0.0; 3]);
+        for (trig, node) in self.trig.iter_mut().zip(&self.nodes).skip(self.fixed) {
+            let (s, c) = node[2].sin_cos();
+            *trig = [c, s];
+        }
+        if TANGENT {
+            self.band.clear();
+        }
+        self.add_beams::<TANGENT>(step);
+        self.add_contacts::<TANGENT>(step);
+        if step.inertia > 0.0 {
+            self.add_inertia::<TANGENT>(step);
+        }
+        if TANGENT {
+            self.factor_grip.copy_from_slice(&self.grip);
+        }
+    }
+
+    #[inline]
+    fn beam_force(&self, b: usize, viscosity: f64) -> BeamForce {
+        let inner = self.inner[b];
+        let (a, z) = (&self.nodes[inner], &self.nodes[b + self.fixed]);
+        self.beams[b].force(a, z, self.trig[inner], &self.strain[b], viscosity)
+    }
+
+    fn add_beams<const TANGENT: bool>(&mut self, step: &StepInfo) {
+        for b in 0..self.beams.len() {
+            let f = self.beam_force(b, step.viscosity);
+            let inner = self.inner[b];
+            add(&mut self.residual[inner], &f.inner);
+            add(&mut self.residual[b + self.fixed], &f.outer);
+            if TANGENT {
+                let [aa, ab, bb] = self.beams[b].tangent(&f, step.viscosity);
+                self.band.add(b, b, &bb);
+                if inner >= self.fixed {
+                    let a = inner - self.fixed;
+                    self.band.add(a, a, &aa);
+                    self.band.add(a, b, &ab);
+                    self.band.add(b, a, &transpose(&ab));
+                }
+            }
+        }
+    }
+
+    /// Gap, normal force, its stiffness and the friction response of contact `i`.
+    #[inline]
+    fn touch(&self, i: usize, dt_s: f64) -> (Measure, f64, f64, Response) {
+        let state = &self.contacts[i];
+        let c = &state.contact;
+        let m = c.measure(&self.nodes[c.upper], &self.nodes[c.lower], self.trig[c.upper]);
+        let (n, by_d) = self.normal_law.force(-m.gap);
+        let r = state.slider.respond(self.slip_law, m.slip, self.mu * n, dt_s);
+        (m, n, by_d, r)
+    }
+
+    fn add_contacts<const TANGENT: bool>(&mut self, step: &StepInfo) {
+        for i in 0..self.contacts.len() {
+            let (m, n, by_d, r) = self.touch(i, step.dt_s);
+            // A frictionless touch must differ from an open one, because the tangent does.
+            self.grip[i] = if n > 0.0 && r.grip == Grip::Free { Grip::Smooth } else { r.grip };
+            if n <= 0.0 {
+                continue;
+            }
+            let Contact { lower, upper, curvature, .. } = self.contacts[i].contact;
+            let (on_upper, on_lower) = m.forces(n, r.force);
+            add(&mut self.residual[upper], &on_upper);
+            add(&mut self.residual[lower], &on_lower);
+            if TANGENT {
+                let [uu, ul, lu, ll] = m.tangent(curvature, n, by_d, self.mu, &r);
+                let (u, l) = (upper - self.fixed, lower - self.fixed);
+                self.band.add(u, u, &uu);
+                self.band.add(u, l, &ul);
+                self.band.add(l, u, &lu);
+                self.band.add(l, l, &ll);
+            }
+        }
+    }
+
+    fn add_inertia<const TANGENT: bool>(&mut self, step: &StepInfo) {
+        let c = step.inertia;
+        self.inertia_n = [0.0; 2];
+        for b in 0..self.beams.len() {
+            let [m, j] = self.mass[b];
+            let (now, then, base) = (&self.nodes[b + self.fixed], &self.settled[b + self.fixed], &self.inertia_base[b]);
+            let [fx, fy] = step.frame_acceleration;
+            let r = &mut self.residual[b + self.fixed];
+            let x = m * (c * (now[0] - then[0]) + base[0] + fx);
+            let y = m * (c * (now[1] - then[1]) + base[1] + fy);
+            r[0] += x;
+            r[1] += y;
+            self.inertia_n[0] += x;
+            self.inertia_n[1] += y;
+            r[2] += j * (c * (now[2] - then[2]) + base[2]);
+            if TANGENT {
+                self.band.add(b, b, &[m * c, 0.0, 0.0, 0.0, m * c, 0.0, 0.0, 0.0, j * c]);
+            }
+        }
+    }
+
+    /// Greatest residual force of a body; moments count at a lever of 10 mm.
+    pub(super) fn residual_n(&self) -> f64 {
+        let mut worst = 0.0f64;
+        for r in &self.residual[self.fixed..] {
+            let here = r[0].abs().max(r[1].abs()).max(0.1 * r[2].abs());
+            // Written so that a NaN is not swallowed.
+            if !(here <= worst) {
+                worst = here;
+            }
+        }
+        worst
+    }
+
+    /// Takes the nodes over as settled and books the friction's work; returns what the contacts dissipated, N mm.
+    pub(super) fn commit(&mut self, step: &StepInfo) -> f64 {
+        let mut work = 0.0;
+        for i in 0..self.contacts.len() {
+            let (m, n, _, r) = self.touch(i, step.dt_s);
+            let state = &mut self.contacts[i];
+            let so_far = state.slider.dissipated_nmm;
+            state.slider.commit(self.slip_law, m.slip, r.force);
+            work += state.slider.dissipated_nmm - so_far;
+            state.normal_n = n;
+        }
+        if step.viscosity > 0.0 {
+            for b in 0..self.beams.len() {
+                self.strain[b] = self.beam_force(b, 0.0).strain;
+            }
+        }
+        std::mem::swap(&mut self.before, &mut self.settled);
+        self.settled.copy_from_slice(&self.nodes);
+        work
+    }
+
+    /// Elastic energy of beams, contacts and presliding, N mm.
+    pub(super) fn stored_nmm(&self) -> f64 {
+        let beams: f64 = (0..self.beams.len())
+            .map(|b| self.beams[b].energy_nmm(&self.beam_force(b, 0.0).strain))
+            .sum();
+        let contacts: f64 = (0..self.contacts.len())
+            .map(|i| {
+                let m = self.touch(i, 1.0).0;
+                self.normal_law.energy_nmm(-m.gap) + self.contacts[i].slider.stored_nmm(self.slip_law)
+            })
+            .sum();
+        beams + contacts
+    }
+}
+
+#[inline]
+pub(super) fn add(t: &mut V3, v: &V3) {
+    t[0] += v[0];
+    t[1] += v[1];
+    t[2] += v[2];
+}
+
+fn transpose(m: &M3) -> M3 {
+    [m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]]
+}
