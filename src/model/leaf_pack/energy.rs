@@ -59,7 +59,7 @@ impl LeafPack {
         let mut sum = 0.0;
         for (k, (side, mount)) in self.sides.iter().zip(&self.mounts).enumerate() {
             let eye = eye_of(side, self.eye, self.sense(k), self.frame.settled);
-            sum += side.stored_nmm() + mount.evaluate(&eye, 1.0).stored_nmm;
+            sum += side.stored_nmm() + mount.evaluate(&eye, 1.0, &Default::default()).stored_nmm;
             for (place, slider) in mount.sliders.iter().enumerate() {
                 sum += slider.stored_nmm(mount.law(place));
             }

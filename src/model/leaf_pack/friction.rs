@@ -32,6 +32,14 @@ pub enum Grip {
     Smooth,
 }
 
+impl Grip {
+    /// Sliding one way, against sliding the other way now.
+    #[inline]
+    pub(super) fn reversed(self, now: Grip) -> bool {
+        matches!((self, now), (Grip::SlipUp, Grip::SlipDown) | (Grip::SlipDown, Grip::SlipUp))
+    }
+}
+
 /// Force and derivatives of one evaluation.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Response {
@@ -39,6 +47,17 @@ pub(super) struct Response {
     pub by_slip: f64,
     pub by_limit: f64,
     pub grip: Grip,
+}
+
+impl Response {
+    /// The same force with the tangent of sticking: a place that overshot from one slip to the other passes through stick,
+    /// or Newton's method goes to and fro between the two.
+    pub(super) fn stuck(self, law: SlipLaw) -> Self {
+        match law {
+            SlipLaw::Presliding(stiffness) => Response { by_slip: stiffness, by_limit: 0.0, grip: Grip::Stick, ..self },
+            SlipLaw::Tanh(_) => self,
+        }
+    }
 }
 
 /// State of one sliding place at the last converged step.

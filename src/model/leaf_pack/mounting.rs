@@ -10,7 +10,7 @@
 //! pusher. Source of the friction budget: models.md's table; Kadziela et al. (2015), section 5.1, left it out.
 
 use super::band::{M3, V3};
-use super::friction::{Grip, SlipLaw, Slider};
+use super::friction::{Grip, Response, SlipLaw, Slider};
 
 /// The kind of support with its geometry.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -79,7 +79,7 @@ impl Mount {
         for slider in &mut self.sliders {
             *slider = Slider::default();
         }
-        let now = self.evaluate(eye, 1.0);
+        let now = self.evaluate(eye, 1.0, &[Grip::Free; PLACES]);
         for (slider, slip) in self.sliders.iter_mut().zip(now.slip) {
             slider.release(slip);
         }
@@ -90,12 +90,13 @@ impl Mount {
         if place == RAIL { self.values.slide_law } else { self.values.turn_law }
     }
 
-    /// Force and tangent with the eye at (X, Y, angle).
-    pub(super) fn evaluate(&self, eye: &V3, dt_s: f64) -> MountForce {
-        let mut out = MountForce::default();
+    /// Force and tangent with the eye at (X, Y, angle). `last` are the grips of the last tangent (see [`Response::stuck`]).
+    pub(super) fn evaluate(&self, eye: &V3, dt_s: f64, last: &[Grip; PLACES]) -> MountForce {
+        let mut out = MountForce { grip: *last, ..MountForce::default() };
         let k = self.values.stiffness;
         match self.support {
             Support::Rail { level } => {
+                out.grip[PIVOT] = Grip::Free;
                 let gap = eye[1] - level;
                 out.force[1] = k * gap;
                 out.tangent[4] = k;
@@ -119,13 +120,23 @@ impl Mount {
         out
     }
 
+    /// A place's friction, noted in `out`; `out.grip` holds that of the last tangent until then.
+    fn respond(&self, place: usize, slip: f64, limit: f64, dt_s: f64, out: &mut MountForce) -> Response {
+        let law = self.law(place);
+        let mut r = self.sliders[place].respond(law, slip, limit, dt_s);
+        if out.grip[place].reversed(r.grip) {
+            r = r.stuck(law);
+        }
+        out.slip[place] = slip;
+        out.friction[place] = r.force;
+        out.grip[place] = r.grip;
+        r
+    }
+
     fn rail_friction(&self, eye: &V3, dt_s: f64, out: &mut MountForce) {
         let v = &self.values;
         let limit = v.rail_mu * out.force[1].abs() + v.rail_constant_n;
-        let r = self.sliders[RAIL].respond(v.slide_law, eye[0], limit, dt_s);
-        out.slip[RAIL] = eye[0];
-        out.friction[RAIL] = r.force;
-        out.grip[RAIL] = r.grip;
+        let r = self.respond(RAIL, eye[0], limit, dt_s, out);
         out.constant_share[RAIL] = if limit > 0.0 { v.rail_constant_n / limit } else { 0.0 };
         out.tangent[0] += r.by_slip;
         out.tangent[1] += r.by_limit * v.rail_mu * out.tangent[4] * out.force[1].signum();
@@ -138,10 +149,7 @@ impl Mount {
         let [fx, fy, _] = carried.force;
         let load = fx.hypot(fy);
         let limit = v.pin_mu * v.pin_radius_mm * load + v.pivot_torque_nmm;
-        let r = self.sliders[place].respond(v.turn_law, slip, limit, dt_s);
-        out.slip[place] = slip;
-        out.friction[place] = r.force;
-        out.grip[place] = r.grip;
+        let r = self.respond(place, slip, limit, dt_s, out);
         if limit <= 0.0 {
             return;
         }
@@ -224,12 +232,12 @@ mod tests {
             // Stuck everywhere, then sliding everywhere.
             for away in [1e-9, 0.1] {
                 mount.relax(&[eye[0] - away, eye[1] + 1e-6, eye[2] - away]);
-                let exact = mount.evaluate(&eye, 1e-3).tangent;
+                let exact = mount.evaluate(&eye, 1e-3, &[Grip::Free; PLACES]).tangent;
                 for j in 0..3 {
                     let at = |step: f64| {
                         let mut moved = eye;
                         moved[j] += step;
-                        mount.evaluate(&moved, 1e-3).force
+                        mount.evaluate(&moved, 1e-3, &[Grip::Free; PLACES]).force
                     };
                     let (up, down) = (at(1e-8), at(-1e-8));
                     for i in 0..3 {

@@ -6,14 +6,14 @@
 
 use super::LeafPack;
 use super::band::V3;
-use super::friction::Grip;
+use super::friction::{Grip, Response};
 use super::geometry::{Dynamics, FrictionChoice, Mounting};
 use super::mounting::PLACES;
 use super::side::{Side, StepInfo, add};
 use crate::units::inertia_force_n;
 
 /// Iterations before a step is given up.
-const ITERATIONS: usize = 14;
+const ITERATIONS: usize = 20;
 /// A residual that shrinks by less than this asks for fresh factors.
 const SLOW: f64 = 0.1;
 /// WBZ-alpha (Wood, Bossak, Zienkiewicz 1980) for spectral radius 0.5: second order, forces at the end of the step only,
@@ -33,8 +33,7 @@ pub(super) struct Frame {
     pub inertia_base: [f64; 2],
     pub residual: [f64; 2],
     pub pusher_n: f64,
-    pub board_friction_n: f64,
-    pub grip: Grip,
+    pub board: Response,
     pub touching: bool,
 }
 
@@ -169,7 +168,9 @@ impl LeafPack {
                 frame_acceleration: [sense * acceleration[0], acceleration[1]],
                 ..self.step
             });
-            let force = self.mounts[k].evaluate(&eye_of(side, self.eye, sense, self.frame.now), self.step.dt_s);
+            let last = if TANGENT { self.factor_grip.places[k] } else { [Grip::Free; PLACES] };
+            let eye = eye_of(side, self.eye, sense, self.frame.now);
+            let force = self.mounts[k].evaluate(&eye, self.step.dt_s, &last);
             let arm = arm_of(side, self.eye);
             let [x, y, turn] = force.force;
             let tip = side.tip();
@@ -183,13 +184,13 @@ impl LeafPack {
             worst = worse(worst, side.residual_n());
             self.mount_forces[k] = force;
         }
-        self.push(pusher_mm);
+        self.push::<TANGENT>(pusher_mm);
         let [w, v] = self.frame.residual;
         worse(worse(worst, w.abs()), v.abs())
     }
 
     /// The pusher on the board: one-sided along the load, friction sideways. On the rail nothing moves the clamp sideways.
-    fn push(&mut self, pusher_mm: f64) {
+    fn push<const TANGENT: bool>(&mut self, pusher_mm: f64) {
         let frame = &mut self.frame;
         frame.pusher_n = (self.structure.support_stiffness_n_per_mm * (pusher_mm - frame.now[1])).max(0.0);
         frame.touching = frame.pusher_n > 0.0;
@@ -199,16 +200,18 @@ impl LeafPack {
             return;
         }
         let limit = self.values.board_mu * frame.pusher_n;
-        let r = self.board.respond(self.slide_law, frame.now[0], limit, self.step.dt_s);
-        frame.board_friction_n = r.force;
-        frame.grip = r.grip;
+        let mut r = self.board.respond(self.slide_law, frame.now[0], limit, self.step.dt_s);
+        if TANGENT && self.factor_grip.board.reversed(r.grip) {
+            r = r.stuck(self.slide_law);
+        }
+        frame.board = r;
         frame.residual[0] += r.force;
     }
 
     fn outer_grip(&self) -> OuterGrip {
         OuterGrip {
             places: [self.mount_forces[0].grip, self.mount_forces[1].grip],
-            board: self.frame.grip,
+            board: self.frame.board.grip,
             touching: self.frame.touching,
         }
     }
@@ -320,7 +323,7 @@ impl LeafPack {
         }
         let push_by = if self.frame.touching { self.structure.support_stiffness_n_per_mm } else { 0.0 };
         let mu = self.values.board_mu;
-        let r = self.board.respond(self.slide_law, self.frame.now[0], mu * self.frame.pusher_n, self.step.dt_s);
+        let r = &self.frame.board;
         a[0] += self.step.inertia * mass + r.by_slip;
         a[1] -= r.by_limit * mu * push_by;
         a[3] += self.step.inertia * mass + push_by;

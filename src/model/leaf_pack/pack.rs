@@ -229,7 +229,7 @@ impl LeafPack {
             self.commit_mount(k, &force);
         }
         let lost = self.board.dissipated_nmm;
-        self.board.commit(self.slide_law, self.frame.now[0], self.frame.board_friction_n);
+        self.board.commit(self.slide_law, self.frame.now[0], self.frame.board.force);
         self.energy.book(Source::Board, self.board.dissipated_nmm - lost);
         self.frame.before = self.frame.settled;
         self.frame.settled = self.frame.now;

@@ -111,11 +111,6 @@ impl Side {
         self.nodes.len() - 1
     }
 
-    /// Index of the body that carries the eye.
-    pub(super) fn tip_body(&self) -> usize {
-        self.beams.len() - 1
-    }
-
     /// Residual force of every body (clamp nodes hold their reaction) and the grips; the tangent too if asked for.
     pub(super) fn evaluate<const TANGENT: bool>(&mut self, step: &StepInfo) {
         self.residual.fill([0.0; 3]);
@@ -175,9 +170,13 @@ impl Side {
 
     fn add_contacts<const TANGENT: bool>(&mut self, step: &StepInfo) {
         for i in 0..self.contacts.len() {
-            let (m, n, by_d, r) = self.touch(i, step.dt_s);
+            let (m, n, by_d, mut r) = self.touch(i, step.dt_s);
             // A frictionless touch must differ from an open one, because the tangent does.
             self.grip[i] = if n > 0.0 && r.grip == Grip::Free { Grip::Smooth } else { r.grip };
+            if TANGENT && self.factor_grip[i].reversed(r.grip) {
+                r = r.stuck(self.slip_law);
+                self.grip[i] = r.grip;
+            }
             if n <= 0.0 {
                 continue;
             }
