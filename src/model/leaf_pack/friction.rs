@@ -47,14 +47,22 @@ pub(super) struct Response {
     pub by_slip: f64,
     pub by_limit: f64,
     pub grip: Grip,
+    /// The force that sticking would need.
+    pub trial: f64,
 }
 
 impl Response {
-    /// The same force with the tangent of sticking: a place that overshot from one slip to the other passes through stick,
-    /// or Newton's method goes to and fro between the two.
+    /// As if it stuck, whatever the limit: a place that overshot from one slip to the other tries stick in between, or
+    /// Newton's method goes to and fro between the two.
     pub(super) fn stuck(self, law: SlipLaw) -> Self {
         match law {
-            SlipLaw::Presliding(stiffness) => Response { by_slip: stiffness, by_limit: 0.0, grip: Grip::Stick, ..self },
+            SlipLaw::Presliding(stiffness) => Response {
+                force: self.trial,
+                by_slip: stiffness,
+                by_limit: 0.0,
+                grip: Grip::Stick,
+                trial: self.trial,
+            },
             SlipLaw::Tanh(_) => self,
         }
     }
@@ -84,11 +92,11 @@ impl Slider {
                 // On the limit counts as stuck: right after a reversal everything sticks.
                 let edge = limit * (1.0 + 1e-9);
                 if trial > edge {
-                    Response { force: limit, by_slip: 0.0, by_limit: 1.0, grip: Grip::SlipUp }
+                    Response { force: limit, by_slip: 0.0, by_limit: 1.0, grip: Grip::SlipUp, trial }
                 } else if trial < -edge {
-                    Response { force: -limit, by_slip: 0.0, by_limit: -1.0, grip: Grip::SlipDown }
+                    Response { force: -limit, by_slip: 0.0, by_limit: -1.0, grip: Grip::SlipDown, trial }
                 } else {
-                    Response { force: trial, by_slip: stiffness, by_limit: 0.0, grip: Grip::Stick }
+                    Response { force: trial, by_slip: stiffness, by_limit: 0.0, grip: Grip::Stick, trial }
                 }
             }
             SlipLaw::Tanh(velocity) => {
@@ -98,6 +106,7 @@ impl Slider {
                     by_slip: limit * (1.0 - t * t) / (velocity * dt_s),
                     by_limit: t,
                     grip: Grip::Smooth,
+                    trial: limit * t,
                 }
             }
         }
