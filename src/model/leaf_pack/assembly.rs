@@ -78,7 +78,7 @@ fn settle(side: &mut Side) -> bool {
     for _ in 0..NIP_ITERATIONS {
         side.evaluate::<true>(&still);
         let residual = side.residual_n();
-        if residual < NIP_TOLERANCE_N {
+        if residual < NIP_TOLERANCE_N.max(side.rounding_n()) {
             return true;
         }
         if !residual.is_finite() || !side.band.factor() {

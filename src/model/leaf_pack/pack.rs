@@ -103,6 +103,7 @@ impl LeafPack {
             travel_mm: 0.0,
             force_n: 0.0,
         };
+        pack.set_tolerance_n(TOLERANCE_N);
         pack.start();
         Ok(pack)
     }
@@ -133,9 +134,10 @@ impl LeafPack {
         if self.copies > 1.0 { 2 * all } else { all }
     }
 
-    /// Sets the residual at which a step counts as converged, N (5e-4 unless set).
+    /// Sets the residual at which a step counts as converged, N (5e-4 unless set; never below what rounding leaves).
     pub fn set_tolerance_n(&mut self, tolerance_n: f64) {
-        self.tolerance_n = tolerance_n.max(1e-7);
+        let rounding = self.sides.iter().map(Side::rounding_n).fold(1e-9, f64::max);
+        self.tolerance_n = tolerance_n.max(rounding);
     }
 
     /// Where the pusher is, mm, as given to the last step.

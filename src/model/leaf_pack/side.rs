@@ -216,6 +216,13 @@ impl Side {
         }
     }
 
+    /// Residual that rounding alone leaves, N: the stiffest element times the last digit of the farthest coordinate.
+    pub(super) fn rounding_n(&self) -> f64 {
+        let far: f64 = self.nodes.iter().map(|n| n[0].abs() + n[1].abs()).fold(0.0, f64::max);
+        let stiff = self.beams.iter().map(|b| b.axial + 12.0 * b.bending / (b.length * b.length)).fold(0.0, f64::max);
+        8.0 * f64::EPSILON * far * stiff
+    }
+
     /// Greatest residual force of a body; moments count at a lever of 10 mm.
     pub(super) fn residual_n(&self) -> f64 {
         let mut worst = 0.0f64;
