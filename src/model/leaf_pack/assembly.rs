@@ -38,10 +38,17 @@ pub(super) fn clamped_side(structure: &Structure, values: &Values) -> Result<Sid
     let leaves: Vec<Leaf> = structure
         .leaves
         .iter()
-        .map(|leaf| Leaf { thickness_mm: leaf.thickness_mm + values.thickness_correction_mm, ..*leaf })
+        .map(|leaf| Leaf {
+            thickness_mm: leaf.thickness_mm + values.thickness_correction_mm,
+            ..*leaf
+        })
         .collect();
     if let Some(i) = leaves.iter().position(|l| l.thickness_mm <= 0.0) {
-        return Err(format!("leaf {} is {} mm thick after the correction: correct less", i + 1, leaves[i].thickness_mm));
+        return Err(format!(
+            "leaf {} is {} mm thick after the correction: correct less",
+            i + 1,
+            leaves[i].thickness_mm
+        ));
     }
     let halves: Vec<f64> = leaves.iter().map(|l| 0.5 * l.length_mm).collect();
     let mesh = Mesh::new(&halves, 0.5 * values.clamp_length_mm, structure.segments)?;
@@ -51,11 +58,16 @@ pub(super) fn clamped_side(structure: &Structure, values: &Values) -> Result<Sid
         let share = k as f64 / NIP_STEPS as f64;
         for b in 0..side.beams.len() {
             let leaf = side.leaf_of[b];
-            let (own, start) = (1.0 / leaves[leaf].radius_mm, 1.0 / (leaves[0].radius_mm + depth[leaf]));
+            let (own, start) = (
+                1.0 / leaves[leaf].radius_mm,
+                1.0 / (leaves[0].radius_mm + depth[leaf]),
+            );
             side.beams[b].set_curvature(start + share * (own - start));
         }
         if !settle(&mut side) {
-            return Err("the leaves found no equilibrium when clamped: check radii and thicknesses".to_owned());
+            return Err(
+                "the leaves found no equilibrium when clamped: check radii and thicknesses".to_owned(),
+            );
         }
     }
     side.mu = values.interleaf_mu;
@@ -74,7 +86,12 @@ pub(super) fn clamped_side(structure: &Structure, values: &Values) -> Result<Sid
 
 /// Full Newton steps to equilibrium with the eye free.
 fn settle(side: &mut Side) -> bool {
-    let still = StepInfo { dt_s: 1.0, viscosity: 0.0, inertia: 0.0, frame_acceleration: [0.0; 2] };
+    let still = StepInfo {
+        dt_s: 1.0,
+        viscosity: 0.0,
+        inertia: 0.0,
+        frame_acceleration: [0.0; 2],
+    };
     for _ in 0..NIP_ITERATIONS {
         side.evaluate::<true>(&still);
         let residual = side.residual_n();
@@ -87,7 +104,9 @@ fn settle(side: &mut Side) -> bool {
         let fixed = side.fixed;
         side.band.solve(&mut side.residual[fixed..]);
         // No body turns by more than this in one go.
-        let turn = side.residual[fixed..].iter().fold(0.0f64, |m, r| m.max(r[2].abs()));
+        let turn = side.residual[fixed..]
+            .iter()
+            .fold(0.0f64, |m, r| m.max(r[2].abs()));
         let scale = (0.05 / turn).min(1.0);
         for (node, d) in side.nodes[fixed..].iter_mut().zip(&side.residual[fixed..]) {
             for i in 0..3 {
@@ -103,20 +122,38 @@ fn parts(structure: &Structure, values: &Values, leaves: &[Leaf], mesh: &Mesh) -
     let depth = depths(leaves);
     let fixed = leaves.len();
     // Within a station the lowest leaf comes first, so that leaf 1 with the eye is eliminated last.
-    let mut nodes: Vec<V3> = (0..fixed).rev().map(|leaf| [start_mm, -depth[leaf], 0.0]).collect();
-    let (mut beams, mut inner, mut leaf_of, mut contacts, mut reach) = (vec![], vec![], vec![], vec![], vec![]);
+    let mut nodes: Vec<V3> = (0..fixed)
+        .rev()
+        .map(|leaf| [start_mm, -depth[leaf], 0.0])
+        .collect();
+    let (mut beams, mut inner, mut leaf_of, mut contacts, mut reach) =
+        (vec![], vec![], vec![], vec![], vec![]);
     let mut last: Vec<usize> = (0..fixed).map(|leaf| fixed - 1 - leaf).collect();
     let mut from_mm = start_mm;
     for (k, &at_mm) in mesh.station_mm.iter().enumerate() {
         let here = mesh.leaves_at[k];
         let next = mesh.leaves_at.get(k + 1).copied().unwrap_or(0);
         for leaf in (0..here).rev() {
-            let Leaf { thickness_mm, width_mm, .. } = leaves[leaf];
+            let Leaf {
+                thickness_mm,
+                width_mm,
+                ..
+            } = leaves[leaf];
             let node = nodes.len();
             let radius = leaves[0].radius_mm + depth[leaf];
             let angle = (at_mm - start_mm) / radius;
-            nodes.push([start_mm + radius * angle.sin(), leaves[0].radius_mm - radius * angle.cos(), angle]);
-            beams.push(Beam::new(values.e_mpa, width_mm, thickness_mm, at_mm - from_mm, 1.0 / radius));
+            nodes.push([
+                start_mm + radius * angle.sin(),
+                leaves[0].radius_mm - radius * angle.cos(),
+                angle,
+            ]);
+            beams.push(Beam::new(
+                values.e_mpa,
+                width_mm,
+                thickness_mm,
+                at_mm - from_mm,
+                1.0 / radius,
+            ));
             inner.push(last[leaf]);
             last[leaf] = node;
             leaf_of.push(leaf);

@@ -59,7 +59,11 @@ impl Beam {
     pub(super) fn set_curvature(&mut self, curvature: f64) {
         self.half_angle = 0.5 * curvature * self.length;
         let h = self.half_angle;
-        let ratio = if h.abs() < 1e-4 { 1.0 - h * h / 6.0 } else { h.sin() / h };
+        let ratio = if h.abs() < 1e-4 {
+            1.0 - h * h / 6.0
+        } else {
+            h.sin() / h
+        };
         self.chord = self.length * ratio;
     }
 
@@ -72,7 +76,11 @@ impl Beam {
         let (cosine, sine) = (dx / l, dy / l);
         // Chord's angle against end a, so that turns beyond pi are no matter.
         let turn = small_atan2(trig[0] * dy - trig[1] * dx, trig[0] * dx + trig[1] * dy);
-        let strain = [l - self.chord, self.half_angle - turn, b[2] - a[2] - turn - self.half_angle];
+        let strain = [
+            l - self.chord,
+            self.half_angle - turn,
+            b[2] - a[2] - turn - self.half_angle,
+        ];
         let ei = self.bending;
         let mut n = self.axial * strain[0];
         let mut ma = ei * (4.0 * strain[1] + 2.0 * strain[2]);
@@ -106,8 +114,8 @@ impl Beam {
         // In the chord's frame the translations see (axial, shear) stiffness; the geometric part joins them.
         let k_l = n_k;
         let k_t = (2.0 * d + 2.0 * o) / (l * l) + f.normal / l;
-        let k_x = -f.moment / (l * l);
-        let a11 = k_l * c * c + k_t * s * s + 2.0 * k_x * c * s * -1.0;
+        let k_x = f.moment / (l * l);
+        let a11 = k_l * c * c + k_t * s * s - 2.0 * k_x * c * s;
         let a12 = (k_l - k_t) * c * s + k_x * (c * c - s * s);
         let a22 = k_l * s * s + k_t * c * c + 2.0 * k_x * c * s;
         let m = (d + o) / l;
@@ -151,7 +159,9 @@ mod tests {
 
     fn forces(beam: &Beam, a: &V3, b: &V3) -> [f64; 6] {
         let f = beam.force(a, b, [a[2].cos(), a[2].sin()], &[0.0; 3], 0.0);
-        [f.inner[0], f.inner[1], f.inner[2], f.outer[0], f.outer[1], f.outer[2]]
+        [
+            f.inner[0], f.inner[1], f.inner[2], f.outer[0], f.outer[1], f.outer[2],
+        ]
     }
 
     #[test]
@@ -160,8 +170,14 @@ mod tests {
         for k in 0..=12 {
             let angle = 0.6 * f64::from(k);
             let h = beam.half_angle;
-            let b = [3.0 + beam.chord * (angle + h).cos(), 4.0 + beam.chord * (angle + h).sin(), angle + 2.0 * h];
-            let worst = forces(&beam, &[3.0, 4.0, angle], &b).iter().fold(0.0f64, |m, f| m.max(f.abs()));
+            let b = [
+                3.0 + beam.chord * (angle + h).cos(),
+                4.0 + beam.chord * (angle + h).sin(),
+                angle + 2.0 * h,
+            ];
+            let worst = forces(&beam, &[3.0, 4.0, angle], &b)
+                .iter()
+                .fold(0.0f64, |m, f| m.max(f.abs()));
             println!("turn {angle:.1} rad: {worst:.1e} N");
             // Rounding of 30 mm against EA/L = 2.1e6 N/mm.
             assert!(worst < 1e-7);
@@ -171,9 +187,22 @@ mod tests {
     #[test]
     fn tangent_is_the_derivative() {
         let beam = beam(1e-3);
-        let mut q = [1.0, 2.0, 0.3, 1.0 + 29.99 * 0.33f64.cos(), 2.0 + 29.99 * 0.33f64.sin(), 0.37];
+        let mut q = [
+            1.0f64,
+            2.0,
+            0.3,
+            1.0 + 29.99 * 0.33f64.cos(),
+            2.0 + 29.99 * 0.33f64.sin(),
+            0.37,
+        ];
         let at = |q: &[f64; 6]| forces(&beam, &[q[0], q[1], q[2]], &[q[3], q[4], q[5]]);
-        let f = beam.force(&[q[0], q[1], q[2]], &[q[3], q[4], q[5]], [q[2].cos(), q[2].sin()], &[0.0; 3], 0.0);
+        let f = beam.force(
+            &[q[0], q[1], q[2]],
+            &[q[3], q[4], q[5]],
+            [q[2].cos(), q[2].sin()],
+            &[0.0; 3],
+            0.0,
+        );
         let [aa, ab, bb] = beam.tangent(&f, 0.0);
         for j in 0..6 {
             let keep = q[j];
@@ -191,7 +220,10 @@ mod tests {
                     (false, false) => bb[3 * (i - 3) + j - 3],
                 };
                 // Central difference: rounding 1e-10 of the force over 2e-6, truncation below that.
-                assert!((numeric - exact).abs() < 1e-5 * exact.abs() + 10.0, "K{i}{j} {exact} against {numeric}");
+                assert!(
+                    (numeric - exact).abs() < 1e-5 * exact.abs() + 10.0,
+                    "K{i}{j} {exact} against {numeric}"
+                );
             }
         }
     }

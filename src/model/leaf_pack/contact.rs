@@ -109,7 +109,8 @@ impl Measure {
         let mut k = [[0.0; 4]; 4];
         for i in 0..4 {
             for j in 0..4 {
-                k[i][j] = n_by_d * g[i] * g[j] + r.by_slip * s[i] * s[j] - r.by_limit * mu * n_by_d * s[i] * g[j];
+                k[i][j] =
+                    n_by_d * g[i] * g[j] + r.by_slip * s[i] * s[j] - r.by_limit * mu * n_by_d * s[i] * g[j];
             }
         }
         let [cos, sin] = self.trig;
@@ -147,7 +148,7 @@ impl Measure {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::leaf_pack::friction::{SlipLaw, Slider};
+    use crate::model::leaf_pack::friction::{Slider, SlipLaw};
 
     /// Hertz (1882): d = (9 F^2 / (16 E*^2 R))^(1/3).
     #[test]
@@ -163,7 +164,13 @@ mod tests {
 
     #[test]
     fn tangent_is_the_derivative() {
-        let contact = Contact { lower: 0, upper: 1, standoff: 6.15, sphere: 3.0, curvature: 1e-3 };
+        let contact = Contact {
+            lower: 0,
+            upper: 1,
+            standoff: 6.15,
+            sphere: 3.0,
+            curvature: 1e-3,
+        };
         let slider = Slider::default();
         let (normal, slip_law, mu) = (NormalLaw::hertz(2e5, 20.0), SlipLaw::Presliding(2e5), 0.3);
         let at = |q: &[f64; 6]| {
@@ -174,7 +181,7 @@ mod tests {
             (m, n, k, r)
         };
         for shift in [1e-5, 0.4] {
-            let mut q = [100.0, 20.0, 0.2, 0.0, 0.0, 0.21];
+            let mut q = [100.0f64, 20.0, 0.2, 0.0, 0.0, 0.21];
             let (sin, cos) = q[2].sin_cos();
             let xi = 0.03 + shift;
             let eta = 0.5 * 1e-3 * xi * xi - 6.15 + 0.006;
@@ -198,7 +205,10 @@ mod tests {
                     let numeric = (up[i] - down[i]) / 2e-7;
                     let exact = blocks[2 * (i / 3) + j / 3][3 * (i % 3) + j % 3];
                     // Truncation of the 1.5 power and rounding, against stiffnesses of 1e5 to 1e6.
-                    assert!((numeric - exact).abs() < 1e-4 * exact.abs() + 5.0, "K{i}{j}: {exact} against {numeric}");
+                    assert!(
+                        (numeric - exact).abs() < 1e-4 * exact.abs() + 5.0,
+                        "K{i}{j}: {exact} against {numeric}"
+                    );
                 }
             }
         }

@@ -51,7 +51,10 @@ impl Energy {
 impl LeafPack {
     /// Work, stored energy and losses since the last reset.
     pub fn energy(&self) -> Energy {
-        Energy { stored_nmm: self.stored_nmm() - self.stored_at_start_nmm, ..self.energy }
+        Energy {
+            stored_nmm: self.stored_nmm() - self.stored_at_start_nmm,
+            ..self.energy
+        }
     }
 
     /// Elastic energy of everything that gives, N mm.

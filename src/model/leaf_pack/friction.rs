@@ -36,7 +36,10 @@ impl Grip {
     /// Sliding one way, against sliding the other way now.
     #[inline]
     pub(super) fn reversed(self, now: Grip) -> bool {
-        matches!((self, now), (Grip::SlipUp, Grip::SlipDown) | (Grip::SlipDown, Grip::SlipUp))
+        matches!(
+            (self, now),
+            (Grip::SlipUp, Grip::SlipDown) | (Grip::SlipDown, Grip::SlipUp)
+        )
     }
 }
 
@@ -92,11 +95,29 @@ impl Slider {
                 // On the limit counts as stuck: right after a reversal everything sticks.
                 let edge = limit * (1.0 + 1e-9);
                 if trial > edge {
-                    Response { force: limit, by_slip: 0.0, by_limit: 1.0, grip: Grip::SlipUp, trial }
+                    Response {
+                        force: limit,
+                        by_slip: 0.0,
+                        by_limit: 1.0,
+                        grip: Grip::SlipUp,
+                        trial,
+                    }
                 } else if trial < -edge {
-                    Response { force: -limit, by_slip: 0.0, by_limit: -1.0, grip: Grip::SlipDown, trial }
+                    Response {
+                        force: -limit,
+                        by_slip: 0.0,
+                        by_limit: -1.0,
+                        grip: Grip::SlipDown,
+                        trial,
+                    }
                 } else {
-                    Response { force: trial, by_slip: stiffness, by_limit: 0.0, grip: Grip::Stick, trial }
+                    Response {
+                        force: trial,
+                        by_slip: stiffness,
+                        by_limit: 0.0,
+                        grip: Grip::Stick,
+                        trial,
+                    }
                 }
             }
             SlipLaw::Tanh(velocity) => {
@@ -137,7 +158,10 @@ impl Slider {
 
     /// Released at `slip`: no force, nothing booked.
     pub(super) fn release(&mut self, slip: f64) {
-        *self = Slider { slip, ..Slider::default() };
+        *self = Slider {
+            slip,
+            ..Slider::default()
+        };
     }
 }
 

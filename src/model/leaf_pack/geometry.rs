@@ -106,9 +106,19 @@ pub struct Structure {
 
 impl Default for Structure {
     fn default() -> Self {
-        let leaf = |length_mm, radius_mm| Leaf { length_mm, thickness_mm: 6.15, radius_mm, width_mm: 50.0 };
+        let leaf = |length_mm, radius_mm| Leaf {
+            length_mm,
+            thickness_mm: 6.15,
+            radius_mm,
+            width_mm: 50.0,
+        };
         Self {
-            leaves: vec![leaf(880.0, 1168.0), leaf(920.0, 1035.0), leaf(660.0, 835.0), leaf(400.0, 790.0)],
+            leaves: vec![
+                leaf(880.0, 1168.0),
+                leaf(920.0, 1035.0),
+                leaf(660.0, 835.0),
+                leaf(400.0, 790.0),
+            ],
             segments: 84,
             mounting: Mounting::Rail,
             friction_law: FrictionChoice::Presliding,
@@ -166,7 +176,10 @@ impl Structure {
             ("shackle_length_mm", self.shackle_length_mm),
             ("contact_stiffness_n_per_mm", self.contact_stiffness_n_per_mm),
             ("sphere_radius_mm", self.sphere_radius_mm),
-            ("tangential_stiffness_n_per_mm", self.tangential_stiffness_n_per_mm),
+            (
+                "tangential_stiffness_n_per_mm",
+                self.tangential_stiffness_n_per_mm,
+            ),
             ("pin_stiffness_nmm_per_rad", self.pin_stiffness_nmm_per_rad),
             ("support_stiffness_n_per_mm", self.support_stiffness_n_per_mm),
             ("density_kg_m3", self.density_kg_m3),
@@ -175,7 +188,10 @@ impl Structure {
             positive(key, value)?;
         }
         if !(self.structural_damping_s >= 0.0 && self.structural_damping_s.is_finite()) {
-            return Err(format!("structural_damping_s = {}: give 0 or more", self.structural_damping_s));
+            return Err(format!(
+                "structural_damping_s = {}: give 0 or more",
+                self.structural_damping_s
+            ));
         }
         if !self.eye_offset_mm.is_finite() {
             return Err("eye_offset_mm is not a number: give one".to_owned());
@@ -219,7 +235,10 @@ impl Mesh {
         let mut ends = reach.clone();
         ends.reverse();
         ends.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
-        let leaves: Vec<usize> = ends.iter().map(|e| reach.iter().filter(|r| **r > e - 1e-9).count()).collect();
+        let leaves: Vec<usize> = ends
+            .iter()
+            .map(|e| reach.iter().filter(|r| **r > e - 1e-9).count())
+            .collect();
         let starts: Vec<f64> = std::iter::once(start_mm).chain(ends.iter().copied()).collect();
         let lengths: Vec<f64> = starts.windows(2).map(|w| w[1] - w[0]).collect();
         let counts = share_out(&lengths, &leaves, segments / 2);
@@ -230,7 +249,10 @@ impl Mesh {
                 leaves_at.push(leaves[i]);
             }
         }
-        Ok(Self { station_mm, leaves_at })
+        Ok(Self {
+            station_mm,
+            leaves_at,
+        })
     }
 }
 
@@ -273,7 +295,10 @@ mod tests {
         for segments in [0, 22, 44, 84, 172, 344, 688] {
             let mesh = Mesh::new(&HALVES, 50.0, segments).expect("valid");
             let got = 2 * mesh.leaves_at.iter().sum::<usize>();
-            assert!(got == segments || (got > segments && segments < 18) || segments - got < 4, "{got} of {segments}");
+            assert!(
+                got == segments || (got > segments && segments < 18) || segments - got < 4,
+                "{got} of {segments}"
+            );
         }
     }
 
@@ -281,7 +306,11 @@ mod tests {
     fn wrong_structures_are_refused_with_advice() {
         assert!(Mesh::new(&HALVES, 220.0, 84).is_err());
         let table: toml::Table = "segmnts = 3".parse().expect("toml");
-        assert!(Structure::from_table(&table).expect_err("unknown key").contains("segmnts"));
+        assert!(
+            Structure::from_table(&table)
+                .expect_err("unknown key")
+                .contains("segmnts")
+        );
         let table: toml::Table = "leaves = []".parse().expect("toml");
         assert!(Structure::from_table(&table).is_err());
     }

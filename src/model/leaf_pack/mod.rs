@@ -26,7 +26,7 @@ mod side;
 
 pub use contact::NormalLaw;
 pub use energy::{Energy, Source};
-pub use friction::{Grip, SlipLaw, Slider};
+pub use friction::{Grip, Slider, SlipLaw};
 pub use geometry::{Dynamics, FrictionChoice, Leaf, Mounting, NormalChoice, Structure};
 pub use pack::LeafPack;
 pub use parameters::{MODEL, PARAMETERS, Values};

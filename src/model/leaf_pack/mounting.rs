@@ -10,7 +10,7 @@
 //! pusher. Source of the friction budget: models.md's table; Kadziela et al. (2015), section 5.1, left it out.
 
 use super::band::{M3, V3};
-use super::friction::{Grip, Response, SlipLaw, Slider};
+use super::friction::{Grip, Response, Slider, SlipLaw};
 
 /// The kind of support with its geometry.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,7 +71,11 @@ pub(super) struct MountForce {
 
 impl Mount {
     pub(super) fn new(support: Support, values: MountValues) -> Self {
-        Self { support, values, sliders: Default::default() }
+        Self {
+            support,
+            values,
+            sliders: Default::default(),
+        }
     }
 
     /// Starts the slips where the eye is now, without friction force.
@@ -87,12 +91,19 @@ impl Mount {
 
     /// Law of one of its sliding places.
     pub(super) fn law(&self, place: usize) -> SlipLaw {
-        if place == RAIL { self.values.slide_law } else { self.values.turn_law }
+        if place == RAIL {
+            self.values.slide_law
+        } else {
+            self.values.turn_law
+        }
     }
 
     /// Force and tangent with the eye at (X, Y, angle). `last` are the grips of the last tangent (see [`Response::stuck`]).
     pub(super) fn evaluate(&self, eye: &V3, dt_s: f64, last: &[Grip; PLACES]) -> MountForce {
-        let mut out = MountForce { grip: *last, ..MountForce::default() };
+        let mut out = MountForce {
+            grip: *last,
+            ..MountForce::default()
+        };
         let k = self.values.stiffness;
         match self.support {
             Support::Rail { level } => {
@@ -137,14 +148,26 @@ impl Mount {
         let v = &self.values;
         let limit = v.rail_mu * out.force[1].abs() + v.rail_constant_n;
         let r = self.respond(RAIL, eye[0], limit, dt_s, out);
-        out.constant_share[RAIL] = if limit > 0.0 { v.rail_constant_n / limit } else { 0.0 };
+        out.constant_share[RAIL] = if limit > 0.0 {
+            v.rail_constant_n / limit
+        } else {
+            0.0
+        };
         out.tangent[0] += r.by_slip;
         out.tangent[1] += r.by_limit * v.rail_mu * out.tangent[4] * out.force[1].signum();
         out.force[0] += r.force;
     }
 
     /// Friction of a pin under the load `carried` that slips by `slip`: the angle itself (eye) and the link's.
-    fn pin_friction(&self, place: usize, slip: f64, turn: &Turn, carried: &MountForce, dt_s: f64, out: &mut MountForce) {
+    fn pin_friction(
+        &self,
+        place: usize,
+        slip: f64,
+        turn: &Turn,
+        carried: &MountForce,
+        dt_s: f64,
+        out: &mut MountForce,
+    ) {
         let v = &self.values;
         let [fx, fy, _] = carried.force;
         let load = fx.hypot(fy);
@@ -155,7 +178,11 @@ impl Mount {
         }
         out.constant_share[place] = v.pivot_torque_nmm / limit;
         let slip_by = [turn.by[0], turn.by[1], if place == PIVOT { 0.0 } else { 1.0 }];
-        let lever = if load > 1e-9 { r.by_limit * v.pin_mu * v.pin_radius_mm / load } else { 0.0 };
+        let lever = if load > 1e-9 {
+            r.by_limit * v.pin_mu * v.pin_radius_mm / load
+        } else {
+            0.0
+        };
         let t = &carried.tangent;
         for i in 0..3 {
             out.force[i] += r.force * slip_by[i];
@@ -164,7 +191,12 @@ impl Mount {
                 out.tangent[3 * i + j] += slip_by[i] * (r.by_slip * slip_by[j] + limit_by);
             }
         }
-        for (at, h) in [(0, turn.hess[0]), (1, turn.hess[1]), (3, turn.hess[1]), (4, turn.hess[2])] {
+        for (at, h) in [
+            (0, turn.hess[0]),
+            (1, turn.hess[1]),
+            (3, turn.hess[1]),
+            (4, turn.hess[2]),
+        ] {
             out.tangent[at] += r.force * h;
         }
     }
@@ -225,7 +257,13 @@ mod tests {
         let supports = [
             (Support::Rail { level: 10.0 }, [400.0, 10.0005, 0.2]),
             (Support::Pin { at: [400.0, 10.0] }, [400.0003, 10.0005, 0.2]),
-            (Support::Shackle { pivot: [430.0, 90.0], length: (900.0f64 + 6400.0).sqrt() + 1e-3 }, [400.0, 10.0, 0.2]),
+            (
+                Support::Shackle {
+                    pivot: [430.0, 90.0],
+                    length: (900.0f64 + 6400.0).sqrt() + 1e-3,
+                },
+                [400.0, 10.0, 0.2],
+            ),
         ];
         for (support, eye) in supports {
             let mut mount = Mount::new(support, values());
@@ -244,7 +282,10 @@ mod tests {
                         let numeric = (up[i] - down[i]) / 2e-8;
                         let e = exact[3 * i + j];
                         // Rounding: 1e-10 of 500 N over 2e-8; the pins' own reaction on their load is left out.
-                        assert!((numeric - e).abs() < 2e-3 * e.abs() + 50.0, "{support:?} K{i}{j}: {e} against {numeric}");
+                        assert!(
+                            (numeric - e).abs() < 2e-3 * e.abs() + 50.0,
+                            "{support:?} K{i}{j}: {e} against {numeric}"
+                        );
                     }
                 }
             }

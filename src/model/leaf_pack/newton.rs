@@ -16,6 +16,8 @@ use crate::units::inertia_force_n;
 const ITERATIONS: usize = 20;
 /// A residual that shrinks by less than this asks for fresh factors.
 const SLOW: f64 = 0.1;
+/// Steps after which fresh factors pay if they save one correction a step.
+const WORTH_KEEPING: u32 = 24;
 /// WBZ-alpha (Wood, Bossak, Zienkiewicz 1980) for spectral radius 0.5: second order, forces at the end of the step only,
 /// so that quasi-static and dynamic steps share every element. gamma = 1/2 - alpha, beta = (1 - alpha)^2 / 4.
 const ALPHA: f64 = -1.0 / 3.0;
@@ -50,7 +52,11 @@ pub(super) struct OuterGrip {
 pub(super) fn eye_of(side: &Side, offset: [f64; 2], sense: f64, frame: [f64; 2]) -> V3 {
     let tip = &side.nodes[side.tip()];
     let arm = arm_of(side, offset);
-    [tip[0] + arm[0] + sense * frame[0], tip[1] + arm[1] + frame[1], tip[2]]
+    [
+        tip[0] + arm[0] + sense * frame[0],
+        tip[1] + arm[1] + frame[1],
+        tip[2],
+    ]
 }
 
 /// From the last body to the eye's centre.
@@ -77,7 +83,10 @@ fn known(velocity: f64, acceleration: f64, dt_s: f64) -> f64 {
 /// Velocity and acceleration after a displacement of `moved` within the step.
 fn after(moved: f64, velocity: f64, acceleration: f64, dt_s: f64) -> (f64, f64) {
     let new = (moved - dt_s * velocity) / (BETA * dt_s * dt_s) - (0.5 / BETA - 1.0) * acceleration;
-    (velocity + dt_s * ((1.0 - GAMMA) * acceleration + GAMMA * new), new)
+    (
+        velocity + dt_s * ((1.0 - GAMMA) * acceleration + GAMMA * new),
+        new,
+    )
 }
 
 impl LeafPack {
@@ -99,12 +108,18 @@ impl LeafPack {
             self.iterations += 1;
             let residual = self.evaluate::<false>(pusher_mm);
             if residual < self.tolerance_n {
+                // Old factors that no longer do it in one correction are not worth keeping.
+                self.factor_age += 1;
+                if k > 1 && self.factor_age > WORTH_KEEPING {
+                    self.factors = false;
+                }
                 return true;
             }
             if !residual.is_finite() {
                 return false;
             }
-            let stale = every_time || !self.factors || self.grips_changed() || (k > 0 && residual > SLOW * last);
+            let stale =
+                every_time || !self.factors || self.grips_changed() || (k > 0 && residual > SLOW * last);
             if stale && !self.refactor(pusher_mm) {
                 return false;
             }
@@ -117,17 +132,31 @@ impl LeafPack {
     /// Constants of the step, and what is known of the inertia before it.
     fn prepare(&mut self, dt_s: f64) {
         let full = self.structure.dynamics == Dynamics::Full;
-        let inertia = if full { (1.0 - ALPHA) / (BETA * dt_s * dt_s) } else { 0.0 };
+        let inertia = if full {
+            (1.0 - ALPHA) / (BETA * dt_s * dt_s)
+        } else {
+            0.0
+        };
         let viscosity = self.structure.structural_damping_s / dt_s;
         if inertia != self.step.inertia || viscosity != self.step.viscosity {
             self.factors = false;
         }
-        self.step = StepInfo { dt_s, viscosity, inertia, frame_acceleration: [0.0; 2] };
+        self.step = StepInfo {
+            dt_s,
+            viscosity,
+            inertia,
+            frame_acceleration: [0.0; 2],
+        };
         if !full {
             return;
         }
         for side in &mut self.sides {
-            for ((base, v), a) in side.inertia_base.iter_mut().zip(&side.velocity).zip(&side.acceleration) {
+            for ((base, v), a) in side
+                .inertia_base
+                .iter_mut()
+                .zip(&side.velocity)
+                .zip(&side.acceleration)
+            {
                 *base = std::array::from_fn(|i| known(v[i], a[i], dt_s));
             }
         }
@@ -157,9 +186,14 @@ impl LeafPack {
     pub(super) fn evaluate<const TANGENT: bool>(&mut self, pusher_mm: f64) -> f64 {
         let c = self.step.inertia;
         let f = &mut self.frame;
-        let acceleration: [f64; 2] = std::array::from_fn(|i| c * (f.now[i] - f.settled[i]) + f.inertia_base[i]);
+        let acceleration: [f64; 2] =
+            std::array::from_fn(|i| c * (f.now[i] - f.settled[i]) + f.inertia_base[i]);
         let mass = inertia_force_n(self.structure.clamp_mass_kg, 1.0);
-        f.residual = if c > 0.0 { acceleration.map(|a| mass * a) } else { [0.0; 2] };
+        f.residual = if c > 0.0 {
+            acceleration.map(|a| mass * a)
+        } else {
+            [0.0; 2]
+        };
         let mut worst = 0.0f64;
         for k in 0..self.sides.len() {
             let sense = self.sense(k);
@@ -168,7 +202,11 @@ impl LeafPack {
                 frame_acceleration: [sense * acceleration[0], acceleration[1]],
                 ..self.step
             });
-            let last = if TANGENT { self.factor_grip.places[k] } else { [Grip::Free; PLACES] };
+            let last = if TANGENT {
+                self.factor_grip.places[k]
+            } else {
+                [Grip::Free; PLACES]
+            };
             let eye = eye_of(side, self.eye, sense, self.frame.now);
             let force = self.mounts[k].evaluate(&eye, self.step.dt_s, &last);
             let arm = arm_of(side, self.eye);
@@ -200,7 +238,9 @@ impl LeafPack {
             return;
         }
         let limit = self.values.board_mu * frame.pusher_n;
-        let mut r = self.board.respond(self.slide_law, frame.now[0], limit, self.step.dt_s);
+        let mut r = self
+            .board
+            .respond(self.slide_law, frame.now[0], limit, self.step.dt_s);
         if TANGENT && self.factor_grip.board.reversed(r.grip) {
             r = r.stuck(self.slide_law);
         }
@@ -241,6 +281,7 @@ impl LeafPack {
         }
         self.schur_inverse = [schur[3] / det, -schur[1] / det, -schur[2] / det, schur[0] / det];
         self.factors = true;
+        self.factor_age = 0;
         true
     }
 
@@ -253,18 +294,40 @@ impl LeafPack {
         // The eye's (X, Y, angle) by the body's (x, y, angle): its angle moves the eye as well.
         let turned = |v: [f64; 3]| [v[0], v[1], v[2] - arm[1] * v[0] + arm[0] * v[1]];
         let t = &force.tangent;
-        let rows = [turned([t[0], t[1], t[2]]), turned([t[3], t[4], t[5]]), turned([t[6], t[7], t[8]])];
+        let rows = [
+            turned([t[0], t[1], t[2]]),
+            turned([t[3], t[4], t[5]]),
+            turned([t[6], t[7], t[8]]),
+        ];
         let column = |j: usize| turned([rows[0][j], rows[1][j], rows[2][j]]);
         let (x, y, turn) = (column(0), column(1), column(2));
         let lean = -arm[0] * force.force[0] - arm[1] * force.force[1];
         let body = side.beams.len() - 1;
-        side.band.add(body, body, &[x[0], y[0], turn[0], x[1], y[1], turn[1], x[2], y[2], turn[2] + lean]);
+        side.band.add(
+            body,
+            body,
+            &[
+                x[0],
+                y[0],
+                turn[0],
+                x[1],
+                y[1],
+                turn[1],
+                x[2],
+                y[2],
+                turn[2] + lean,
+            ],
+        );
         if !side.band.factor() {
             return false;
         }
         let columns = [x.map(|x| sense * x), y];
         self.border_rows[k] = [rows[0].map(|x| sense * x), rows[1]];
-        let first = if self.structure.mounting == Mounting::Rail { 1 } else { 0 };
+        let first = if self.structure.mounting == Mounting::Rail {
+            1
+        } else {
+            0
+        };
         for (j, column) in columns.iter().enumerate().skip(first) {
             self.solve_border(k, j, column);
         }
@@ -304,7 +367,12 @@ impl LeafPack {
         let mut sum = dot(&self.border_rows[k][i], &x(side.beams.len() - 1));
         let c = self.step.inertia * if i == 0 { self.sense(k) } else { 1.0 };
         if c != 0.0 {
-            sum += side.mass.iter().enumerate().map(|(b, [m, _])| m * c * x(b)[i]).sum::<f64>();
+            sum += side
+                .mass
+                .iter()
+                .enumerate()
+                .map(|(b, [m, _])| m * c * x(b)[i])
+                .sum::<f64>();
         }
         sum
     }
@@ -321,7 +389,11 @@ impl LeafPack {
             a[3] += self.copies * t[4];
             mass += self.copies * side.mass.iter().map(|m| m[0]).sum::<f64>();
         }
-        let push_by = if self.frame.touching { self.structure.support_stiffness_n_per_mm } else { 0.0 };
+        let push_by = if self.frame.touching {
+            self.structure.support_stiffness_n_per_mm
+        } else {
+            0.0
+        };
         let mu = self.values.board_mu;
         let r = &self.frame.board;
         a[0] += self.step.inertia * mass + r.by_slip;
@@ -350,7 +422,11 @@ impl LeafPack {
         self.frame.now[1] -= move_by[1];
         for side in &mut self.sides {
             let fixed = side.fixed;
-            for ((node, d), z) in side.nodes[fixed..].iter_mut().zip(&side.scratch).zip(&side.border) {
+            for ((node, d), z) in side.nodes[fixed..]
+                .iter_mut()
+                .zip(&side.scratch)
+                .zip(&side.border)
+            {
                 for i in 0..3 {
                     node[i] -= d[i] - z[0][i] * move_by[0] - z[1][i] * move_by[1];
                 }

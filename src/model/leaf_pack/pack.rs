@@ -1,9 +1,9 @@
 //! The whole pack as a plant: built, driven step by step, and never left without a finite force.
 
 use super::assembly::clamped_side;
-use super::energy::{Energy, Source};
 use super::band::V3;
-use super::friction::{SlipLaw, Slider};
+use super::energy::{Energy, Source};
+use super::friction::{Slider, SlipLaw};
 use super::geometry::{FrictionChoice, Mounting, Structure};
 use super::mounting::{Mount, MountForce, MountValues, Support};
 use super::newton::{Frame, OuterGrip, eye_of};
@@ -38,6 +38,7 @@ pub struct LeafPack {
     pub(super) mount_forces: [MountForce; 2],
     pub(super) factor_grip: OuterGrip,
     pub(super) factors: bool,
+    pub(super) factor_age: u32,
     pub(super) border_rows: [[V3; 2]; 2],
     pub(super) schur_inverse: [f64; 4],
     pub(super) last_increment_mm: f64,
@@ -68,10 +69,16 @@ impl LeafPack {
                 let (sin, cos) = values.shackle_angle_rad.sin_cos();
                 let length = structure.shackle_length_mm;
                 let pivot = [at[0] + length * sin, at[1] + length * cos];
-                vec![Support::Shackle { pivot, length }, Support::Pin { at: [at[0], at[1]] }]
+                vec![
+                    Support::Shackle { pivot, length },
+                    Support::Pin { at: [at[0], at[1]] },
+                ]
             }
         };
-        let mut mounts: Vec<Mount> = supports.into_iter().map(|s| Mount::new(s, mount_values)).collect();
+        let mut mounts: Vec<Mount> = supports
+            .into_iter()
+            .map(|s| Mount::new(s, mount_values))
+            .collect();
         for mount in &mut mounts {
             mount.relax(&at);
         }
@@ -87,10 +94,16 @@ impl LeafPack {
             board: Slider::default(),
             slide_law: mount_values.slide_law,
             copies: if mirror { 2.0 } else { 1.0 },
-            step: StepInfo { dt_s: 1.0, viscosity: 0.0, inertia: 0.0, frame_acceleration: [0.0; 2] },
+            step: StepInfo {
+                dt_s: 1.0,
+                viscosity: 0.0,
+                inertia: 0.0,
+                frame_acceleration: [0.0; 2],
+            },
             mount_forces: Default::default(),
             factor_grip: OuterGrip::default(),
             factors: false,
+            factor_age: 0,
             border_rows: Default::default(),
             schur_inverse: [0.0; 4],
             last_increment_mm: 0.0,
@@ -184,7 +197,9 @@ impl LeafPack {
     /// Moves the pusher to `goal_mm` from first touch, in as many parts as the path asks for.
     pub(super) fn travel(&mut self, goal_mm: f64, dt_s: f64) {
         let from = self.travel_mm;
-        let parts = ((goal_mm - from).abs() / LONGEST_STEP_MM).ceil().clamp(1.0, MOST_PARTS);
+        let parts = ((goal_mm - from).abs() / LONGEST_STEP_MM)
+            .ceil()
+            .clamp(1.0, MOST_PARTS);
         let at = |k: f64| from + (goal_mm - from) * k / parts;
         let mut converged = true;
         let mut k = 0.0;
@@ -231,7 +246,8 @@ impl LeafPack {
             self.commit_mount(k, &force);
         }
         let lost = self.board.dissipated_nmm;
-        self.board.commit(self.slide_law, self.frame.now[0], self.frame.board.force);
+        self.board
+            .commit(self.slide_law, self.frame.now[0], self.frame.board.force);
         self.energy.book(Source::Board, self.board.dissipated_nmm - lost);
         self.frame.before = self.frame.settled;
         self.frame.settled = self.frame.now;
@@ -269,7 +285,10 @@ fn mount_values(structure: &Structure, values: &Values) -> MountValues {
             SlipLaw::Presliding(structure.tangential_stiffness_n_per_mm),
             SlipLaw::Presliding(structure.pin_stiffness_nmm_per_rad),
         ),
-        FrictionChoice::Tanh => (SlipLaw::Tanh(velocity), SlipLaw::Tanh(velocity / structure.pin_radius_mm)),
+        FrictionChoice::Tanh => (
+            SlipLaw::Tanh(velocity),
+            SlipLaw::Tanh(velocity / structure.pin_radius_mm),
+        ),
     };
     MountValues {
         stiffness: structure.support_stiffness_n_per_mm,

@@ -39,22 +39,106 @@ const fn parameter(
     belief: [f64; 2],
     what: &'static str,
 ) -> Parameter {
-    Parameter { name, unit, start, bounds, belief, what }
+    Parameter {
+        name,
+        unit,
+        start,
+        bounds,
+        belief,
+        what,
+    }
 }
 
 /// Bounds of the friction coefficient are wide on purpose: the paper's own fit went to 8.5, and belief says what to think of it.
 pub static PARAMETERS: &[Parameter] = &[
-    parameter("thickness_correction_mm", "mm", 0.0, [-2.0, 2.0], [-0.185, 0.185], "added to the thickness of every leaf"),
-    parameter("clamp_length_mm", "mm", 100.0, [0.0, 300.0], [60.0, 120.0], "length that the clamp holds flat"),
-    parameter("interleaf_mu", "", 0.15, [0.0, 20.0], [0.05, 0.3], "friction coefficient between leaves"),
-    parameter("pin_mu", "", 0.2, [0.0, 2.0], [0.1, 0.4], "friction coefficient of the eye pins"),
-    parameter("pivot_torque_nmm", "N mm", 0.0, [0.0, 30_000.0], [0.0, 6_000.0], "constant friction torque of each pin"),
-    parameter("rail_mu", "", 0.0, [0.0, 2.0], [0.0, 0.25], "friction coefficient of the eye's bearing on its rail"),
-    parameter("rail_constant_n", "N", 0.0, [0.0, 500.0], [0.0, 20.0], "constant friction of each bearing on its rail"),
-    parameter("board_mu", "", 0.4, [0.0, 2.0], [0.2, 0.6], "friction coefficient of the pusher on the board"),
-    parameter("shackle_angle_rad", "rad", 0.436, [-1.0, 1.2], [0.26, 0.61], "tilt of the unloaded shackle, eye inside"),
-    parameter("e_mpa", "MPa", 207_000.0, [20_000.0, 300_000.0], [200_000.0, 212_000.0], "Young's modulus of the leaves"),
-    parameter("preload_mm", "mm", 0.0, [-50.0, 100.0], [-1.0, 20.0], "displacement of the pack when the reading is zero"),
+    parameter(
+        "thickness_correction_mm",
+        "mm",
+        0.0,
+        [-2.0, 2.0],
+        [-0.185, 0.185],
+        "added to the thickness of every leaf",
+    ),
+    parameter(
+        "clamp_length_mm",
+        "mm",
+        100.0,
+        [0.0, 300.0],
+        [60.0, 120.0],
+        "length that the clamp holds flat",
+    ),
+    parameter(
+        "interleaf_mu",
+        "",
+        0.15,
+        [0.0, 20.0],
+        [0.05, 0.3],
+        "friction coefficient between leaves",
+    ),
+    parameter(
+        "pin_mu",
+        "",
+        0.2,
+        [0.0, 2.0],
+        [0.1, 0.4],
+        "friction coefficient of the eye pins",
+    ),
+    parameter(
+        "pivot_torque_nmm",
+        "N mm",
+        0.0,
+        [0.0, 30_000.0],
+        [0.0, 6_000.0],
+        "constant friction torque of each pin",
+    ),
+    parameter(
+        "rail_mu",
+        "",
+        0.0,
+        [0.0, 2.0],
+        [0.0, 0.25],
+        "friction coefficient of the eye's bearing on its rail",
+    ),
+    parameter(
+        "rail_constant_n",
+        "N",
+        0.0,
+        [0.0, 500.0],
+        [0.0, 20.0],
+        "constant friction of each bearing on its rail",
+    ),
+    parameter(
+        "board_mu",
+        "",
+        0.4,
+        [0.0, 2.0],
+        [0.2, 0.6],
+        "friction coefficient of the pusher on the board",
+    ),
+    parameter(
+        "shackle_angle_rad",
+        "rad",
+        0.436,
+        [-1.0, 1.2],
+        [0.26, 0.61],
+        "tilt of the unloaded shackle, eye inside",
+    ),
+    parameter(
+        "e_mpa",
+        "MPa",
+        207_000.0,
+        [20_000.0, 300_000.0],
+        [200_000.0, 212_000.0],
+        "Young's modulus of the leaves",
+    ),
+    parameter(
+        "preload_mm",
+        "mm",
+        0.0,
+        [-50.0, 100.0],
+        [-1.0, 20.0],
+        "displacement of the pack when the reading is zero",
+    ),
 ];
 
 impl Values {
@@ -127,10 +211,17 @@ pub const MODEL: Model = Model {
 };
 
 fn build(values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, BuildError> {
-    let refuse = |reason| BuildError::Structure { model: MODEL.name, reason };
+    let refuse = |reason| BuildError::Structure {
+        model: MODEL.name,
+        reason,
+    };
     let structure = Structure::from_table(structure).map_err(refuse)?;
     let values = Values::from_slice(values).ok_or_else(|| {
-        refuse(format!("{} values for {} parameters: give one for each", values.len(), PARAMETERS.len()))
+        refuse(format!(
+            "{} values for {} parameters: give one for each",
+            values.len(),
+            PARAMETERS.len()
+        ))
     })?;
     Ok(Box::new(LeafPack::new(&structure, &values).map_err(refuse)?))
 }

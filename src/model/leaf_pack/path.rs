@@ -47,7 +47,10 @@ impl LeafPack {
             .map(|&displacement_mm| {
                 let share = (displacement_mm - self.displacement_mm()).abs() / way.max(1e-12);
                 let dt_s = (share * duration_s).max(1e-6);
-                PathPoint { displacement_mm, force_n: self.step(displacement_mm, dt_s) }
+                PathPoint {
+                    displacement_mm,
+                    force_n: self.step(displacement_mm, dt_s),
+                }
             })
             .collect()
     }

@@ -78,7 +78,10 @@ impl LeafPack {
                 stations.extend(self.half_leaf(leaf, right.0, right.1));
                 let thickness_mm =
                     self.structure.leaves[leaf].thickness_mm + self.values.thickness_correction_mm;
-                LeafShape { thickness_mm, stations }
+                LeafShape {
+                    thickness_mm,
+                    stations,
+                }
             })
             .collect();
         let mut contacts = self.half_contacts(left.0, left.1);
@@ -106,13 +109,19 @@ impl LeafPack {
     fn half_leaf(&self, leaf: usize, side: usize, sense: f64) -> Vec<Station> {
         let side = &self.sides[side];
         let clamp = side.fixed - 1 - leaf;
-        let bodies = (0..side.beams.len()).filter(|b| side.leaf_of[*b] == leaf).map(|b| b + side.fixed);
+        let bodies = (0..side.beams.len())
+            .filter(|b| side.leaf_of[*b] == leaf)
+            .map(|b| b + side.fixed);
         std::iter::once(clamp)
             .chain(bodies)
             .map(|n| {
                 let [x, y, angle] = side.nodes[n];
                 let (x_mm, y_mm) = self.place(x, y, sense);
-                Station { x_mm, y_mm, angle_rad: sense * angle }
+                Station {
+                    x_mm,
+                    y_mm,
+                    angle_rad: sense * angle,
+                }
             })
             .collect()
     }

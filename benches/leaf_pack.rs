@@ -1,0 +1,129 @@
+//! The leaf pack's speed: 1 kHz steps, the static row, cost over segments, and the slowest steps of a minute.
+//!
+//! Same duty as the peers in the models' table: Table 1 geometry, clamp 100 mm, interleaf mu 0.3, nothing else.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
+use leafbench::model::Plant;
+use leafbench::model::leaf_pack::{Dynamics, LeafPack, Mounting, Structure, Values, graded_path};
+
+fn values() -> Values {
+    Values {
+        interleaf_mu: 0.3,
+        shackle_angle_rad: 20f64.to_radians(),
+        ..Values::frictionless()
+    }
+}
+
+fn pack(structure: &Structure) -> LeafPack {
+    LeafPack::new(structure, &values()).expect("valid pack")
+}
+
+/// 6 mm stroke, 2 -> 8 mm.
+fn sine(frequency_hz: f64, k: u64) -> f64 {
+    5.0 - 3.0 * (frequency_hz * k as f64 * 1e-3 * std::f64::consts::TAU).cos()
+}
+
+fn variants() -> Vec<(&'static str, Structure)> {
+    let base = Structure::default();
+    let shackle = Structure {
+        mounting: Mounting::Shackle,
+        ..base.clone()
+    };
+    vec![
+        ("rail", base.clone()),
+        (
+            "rail both sides",
+            Structure {
+                mirror: false,
+                ..base.clone()
+            },
+        ),
+        ("shackle", shackle.clone()),
+        (
+            "rail dynamics",
+            Structure {
+                dynamics: Dynamics::Full,
+                ..base
+            },
+        ),
+        (
+            "shackle dynamics",
+            Structure {
+                dynamics: Dynamics::Full,
+                ..shackle
+            },
+        ),
+    ]
+}
+
+fn step(c: &mut Criterion) {
+    let mut group = c.benchmark_group("leaf pack, 1 kHz step of the 1 Hz sine");
+    for (name, structure) in variants() {
+        let mut p = pack(&structure);
+        let mut k = 0;
+        group.bench_function(name, |b| {
+            b.iter(|| {
+                k += 1;
+                black_box(p.step(sine(1.0, k), 1e-3))
+            });
+        });
+    }
+    group.finish();
+    let mut group = c.benchmark_group("leaf pack, step over segments");
+    for segments in [22, 44, 84, 172, 344, 688] {
+        let mut p = pack(&Structure {
+            segments,
+            ..Structure::default()
+        });
+        let mut k = 0;
+        group.bench_function(BenchmarkId::from_parameter(p.segments()), |b| {
+            b.iter(|| {
+                k += 1;
+                black_box(p.step(sine(1.0, k), 1e-3))
+            });
+        });
+    }
+    group.finish();
+}
+
+fn static_row(c: &mut Criterion) {
+    let path = graded_path(&[0.0, 26.0, 0.0], 1.0);
+    let mut group = c.benchmark_group("leaf pack, static row with assembly");
+    for (name, structure) in variants().into_iter().take(3) {
+        group.bench_function(name, |b| {
+            b.iter(|| black_box(pack(&structure).static_path(&path, 120.0)));
+        });
+    }
+    group.finish();
+}
+
+/// Not a mean but a tail: printed once, over 60 s of the 2.5 Hz sine.
+fn tail(_: &mut Criterion) {
+    for (name, structure) in variants() {
+        let mut p = pack(&structure);
+        let mut took_us: Vec<f64> = (0..60_000)
+            .map(|k| {
+                let start = Instant::now();
+                black_box(p.step(sine(2.5, k), 1e-3));
+                start.elapsed().as_secs_f64() * 1e6
+            })
+            .collect();
+        let total_s = took_us.iter().sum::<f64>() * 1e-6;
+        took_us.sort_by(f64::total_cmp);
+        println!(
+            "{name}, 60 s at 2.5 Hz: p50 {:.1} p99 {:.1} p99.9 {:.1} max {:.1} us, real-time factor {:.1}, not converged {}",
+            took_us[30_000],
+            took_us[59_400],
+            took_us[59_940],
+            took_us[59_999],
+            60.0 / total_s,
+            p.unconverged()
+        );
+    }
+}
+
+criterion_group!(benches, step, static_row, tail);
+criterion_main!(benches);
