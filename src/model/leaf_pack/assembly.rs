@@ -81,6 +81,7 @@ pub(super) fn clamped_side(structure: &Structure, values: &Values) -> Result<Sid
     }
     side.settled.copy_from_slice(&side.nodes);
     side.before.copy_from_slice(&side.nodes);
+    side.older.copy_from_slice(&side.nodes);
     Ok(side)
 }
 

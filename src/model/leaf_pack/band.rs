@@ -72,8 +72,8 @@ impl BlockBand {
                     continue;
                 }
                 // Row p + i, columns p + 1 ..= p + r: those left of its diagonal live in `lower`.
-                for j in 1..i {
-                    subtract_product(&mut self.lower[(p + j) * w + i - j - 1], &l, &row[j]);
+                for (j, u) in row.iter().enumerate().take(i).skip(1) {
+                    subtract_product(&mut self.lower[(p + j) * w + i - j - 1], &l, u);
                 }
                 let target = &mut tail[(i - 1) * (w + 1)..(i - 1) * (w + 1) + r - i + 1];
                 for (t, u) in target.iter_mut().zip(&row[i..=r]) {

@@ -30,6 +30,7 @@ pub(super) struct Frame {
     pub now: [f64; 2],
     pub settled: [f64; 2],
     pub before: [f64; 2],
+    pub older: [f64; 2],
     pub velocity: [f64; 2],
     pub acceleration: [f64; 2],
     pub inertia_base: [f64; 2],
@@ -78,6 +79,24 @@ fn dot(a: &V3, b: &V3) -> f64 {
 /// What a step's acceleration term is before anything moves.
 fn known(velocity: f64, acceleration: f64, dt_s: f64) -> f64 {
     ALPHA * acceleration - (1.0 - ALPHA) * (velocity / (BETA * dt_s) + (0.5 / BETA - 1.0) * acceleration)
+}
+
+/// Weights of the last three states for the next one: a parabola through even steps, a line through uneven ones.
+fn extrapolation(next: f64, [last, before]: [f64; 2]) -> Option<[f64; 3]> {
+    let (r, s) = (next / last, before / last);
+    if !(r > 0.0 && r.is_finite()) {
+        return None;
+    }
+    let r = r.min(2.0);
+    if !(0.5..=2.0).contains(&s) || r > 1.5 {
+        return Some([1.0 + r, -r, 0.0]);
+    }
+    // Lagrange's weights at r for the places 0, -1 and -1 - s.
+    Some([
+        (r + 1.0) * (r + 1.0 + s) / (1.0 + s),
+        -r * (r + 1.0 + s) / s,
+        r * (r + 1.0) / (s * (1.0 + s)),
+    ])
 }
 
 /// Velocity and acceleration after a displacement of `moved` within the step.
@@ -164,22 +183,23 @@ impl LeafPack {
         f.inertia_base = std::array::from_fn(|i| known(f.velocity[i], f.acceleration[i], dt_s));
     }
 
-    /// Extrapolates the last step where the motion goes on in the same sense.
+    /// Extrapolates the last two steps where the motion goes on in the same sense, else starts from the settled state.
     fn predict(&mut self, increment_mm: f64) {
-        let ratio = increment_mm / self.last_increment_mm;
-        if !(ratio > 0.0 && ratio.is_finite()) {
+        let Some([a, b, c]) = extrapolation(increment_mm, self.last_increments_mm) else {
             return;
-        }
-        let ratio = ratio.min(2.0);
+        };
         for side in &mut self.sides {
             let fixed = side.fixed;
-            let history = side.settled[fixed..].iter().zip(&side.before[fixed..]);
-            for (node, (now, before)) in side.nodes[fixed..].iter_mut().zip(history) {
-                *node = std::array::from_fn(|i| now[i] + ratio * (now[i] - before[i]));
+            let history = side.settled[fixed..]
+                .iter()
+                .zip(&side.before[fixed..])
+                .zip(&side.older[fixed..]);
+            for (node, ((now, before), older)) in side.nodes[fixed..].iter_mut().zip(history) {
+                *node = std::array::from_fn(|i| a * now[i] + b * before[i] + c * older[i]);
             }
         }
         let f = &mut self.frame;
-        f.now = std::array::from_fn(|i| f.settled[i] + ratio * (f.settled[i] - f.before[i]));
+        f.now = std::array::from_fn(|i| a * f.settled[i] + b * f.before[i] + c * f.older[i]);
     }
 
     /// Residuals of sides, supports and clamp at the present estimate; returns the greatest, N.

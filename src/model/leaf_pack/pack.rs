@@ -41,7 +41,7 @@ pub struct LeafPack {
     pub(super) factor_age: u32,
     pub(super) border_rows: [[V3; 2]; 2],
     pub(super) schur_inverse: [f64; 4],
-    pub(super) last_increment_mm: f64,
+    pub(super) last_increments_mm: [f64; 2],
     pub(super) energy: Energy,
     pub(super) stored_at_start_nmm: f64,
     pub(super) iterations: u64,
@@ -106,7 +106,7 @@ impl LeafPack {
             factor_age: 0,
             border_rows: Default::default(),
             schur_inverse: [0.0; 4],
-            last_increment_mm: 0.0,
+            last_increments_mm: [0.0; 2],
             energy: Energy::default(),
             stored_at_start_nmm: 0.0,
             iterations: 0,
@@ -171,7 +171,7 @@ impl LeafPack {
     fn start(&mut self) {
         self.frame = Frame::default();
         self.board = Slider::default();
-        self.last_increment_mm = 0.0;
+        self.last_increments_mm = [0.0; 2];
         self.iterations = 0;
         self.factorisations = 0;
         self.unconverged = 0;
@@ -249,11 +249,12 @@ impl LeafPack {
         self.board
             .commit(self.slide_law, self.frame.now[0], self.frame.board.force);
         self.energy.book(Source::Board, self.board.dissipated_nmm - lost);
+        self.frame.older = self.frame.before;
         self.frame.before = self.frame.settled;
         self.frame.settled = self.frame.now;
         self.energy.work_nmm += 0.5 * (self.force_n + self.frame.pusher_n) * increment_mm;
         self.force_n = self.frame.pusher_n;
-        self.last_increment_mm = increment_mm;
+        self.last_increments_mm = [increment_mm, self.last_increments_mm[0]];
     }
 }
 

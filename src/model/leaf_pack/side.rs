@@ -60,9 +60,10 @@ pub(super) struct Side {
     /// Grips that the factors were made with.
     pub factor_grip: Vec<Grip>,
     pub band: BlockBand,
-    /// Converged nodes now and one step before.
+    /// Converged nodes now, one step before, and two.
     pub settled: Vec<V3>,
     pub before: Vec<V3>,
+    pub older: Vec<V3>,
     pub velocity: Vec<V3>,
     pub acceleration: Vec<V3>,
     /// Known part of each body's inertia term in this step, mm/s2 and rad/s2.
@@ -103,6 +104,7 @@ impl Side {
             band: BlockBand::new(build.reach),
             settled: nodes.clone(),
             before: nodes.clone(),
+            older: nodes.clone(),
             velocity: vec![[0.0; 3]; bodies],
             acceleration: vec![[0.0; 3]; bodies],
             inertia_base: vec![[0.0; 3]; bodies],
@@ -255,8 +257,8 @@ impl Side {
         let mut worst = 0.0f64;
         for r in &self.residual[self.fixed..] {
             let here = r[0].abs().max(r[1].abs()).max(0.1 * r[2].abs());
-            // Written so that a NaN is not swallowed.
-            if !(here <= worst) {
+            // A NaN must not be swallowed.
+            if here > worst || here.is_nan() {
                 worst = here;
             }
         }
@@ -279,6 +281,7 @@ impl Side {
                 self.strain[b] = self.beam_force(b, 0.0).strain;
             }
         }
+        std::mem::swap(&mut self.older, &mut self.before);
         std::mem::swap(&mut self.before, &mut self.settled);
         self.settled.copy_from_slice(&self.nodes);
         work
