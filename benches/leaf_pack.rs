@@ -125,5 +125,32 @@ fn tail(_: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, step, static_row, tail);
+/// The first paper's budget: 300 static rows with other values each, on two threads.
+fn evolution(_: &mut Criterion) {
+    let path = graded_path(&[0.0, 26.0, 0.0], 1.0);
+    let start = Instant::now();
+    std::thread::scope(|scope| {
+        for half in 0..2 {
+            let path = &path;
+            scope.spawn(move || {
+                for k in 0..150 {
+                    let share = f64::from(2 * k + half) / 300.0;
+                    let v = Values {
+                        interleaf_mu: share,
+                        thickness_correction_mm: 0.37 * (share - 0.5),
+                        ..values()
+                    };
+                    let mut p = LeafPack::new(&Structure::default(), &v).expect("valid pack");
+                    black_box(p.static_path(path, 120.0));
+                }
+            });
+        }
+    });
+    println!(
+        "300 static rows with assembly on 2 threads: {:.2} s",
+        start.elapsed().as_secs_f64()
+    );
+}
+
+criterion_group!(benches, step, static_row, tail, evolution);
 criterion_main!(benches);

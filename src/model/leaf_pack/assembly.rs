@@ -79,6 +79,7 @@ pub(super) fn clamped_side(structure: &Structure, values: &Values) -> Result<Sid
         side.contacts[i].slip_start_mm = m.slip;
         side.contacts[i].normal_n = side.normal_law.force(-m.gap).0;
     }
+    side.note_strain();
     side.settled.copy_from_slice(&side.nodes);
     side.before.copy_from_slice(&side.nodes);
     side.older.copy_from_slice(&side.nodes);

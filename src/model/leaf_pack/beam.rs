@@ -73,7 +73,8 @@ impl Beam {
     pub(super) fn force(&self, a: &V3, b: &V3, trig: [f64; 2], before: &Strain, viscosity: f64) -> BeamForce {
         let (dx, dy) = (b[0] - a[0], b[1] - a[1]);
         let l = (dx * dx + dy * dy).sqrt();
-        let (cosine, sine) = (dx / l, dy / l);
+        let per_l = 1.0 / l;
+        let (cosine, sine) = (dx * per_l, dy * per_l);
         // Chord's angle against end a, so that turns beyond pi are no matter.
         let turn = small_atan2(trig[0] * dy - trig[1] * dx, trig[0] * dx + trig[1] * dy);
         let strain = [
@@ -91,7 +92,7 @@ impl Beam {
             mb += viscosity * 4.0 * ei * (strain[2] - before[2]);
         }
         let moment = ma + mb;
-        let shear = moment / l;
+        let shear = moment * per_l;
         let (fx, fy) = (n * cosine + shear * sine, n * sine - shear * cosine);
         BeamForce {
             inner: [-fx, -fy, ma],
