@@ -630,6 +630,55 @@ fn a_single_flat_leaf_is_a_beam() {
     }
 }
 
+/// What an identification asks for: every pack within the bounds can be clamped and loaded.
+#[test]
+fn every_plausible_pack_assembles() {
+    let mut count = 0;
+    for thickness_correction_mm in (-20..=20).map(|k| 0.05 * f64::from(k)) {
+        for clamp_length_mm in [0.0, 37.0, 60.0, 88.0, 100.0, 119.0, 200.0] {
+            let v = Values {
+                thickness_correction_mm,
+                clamp_length_mm,
+                ..values()
+            };
+            let mut p = pack(&Structure::default(), &v);
+            assert!(p.step(1.0, 1.0) > 20.0);
+            assert_eq!(p.unconverged(), 0);
+            count += 1;
+        }
+    }
+    for (what, structure) in [
+        (
+            "hard contacts",
+            Structure {
+                contact_stiffness_n_per_mm: 1e7,
+                ..Structure::default()
+            },
+        ),
+        (
+            "coarse",
+            Structure {
+                segments: 0,
+                ..Structure::default()
+            },
+        ),
+        (
+            "fine",
+            Structure {
+                segments: 688,
+                ..Structure::default()
+            },
+        ),
+    ] {
+        println!("{what}");
+        assert!(pack(&structure, &values()).step(1.0, 1.0) > 20.0);
+    }
+    let mut cut = Structure::default();
+    cut.leaves[1].length_mm = 870.0;
+    assert!(pack(&cut, &values()).step(1.0, 1.0) > 20.0);
+    println!("{count} packs");
+}
+
 #[test]
 fn it_is_in_the_list_of_models() {
     let m = model::find("leaf-pack").expect("listed");

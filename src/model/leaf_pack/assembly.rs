@@ -12,9 +12,15 @@ use super::parameters::Values;
 use super::side::{Side, StepInfo};
 
 /// Steps from parallel arcs to the leaves' own curvatures.
-const NIP_STEPS: usize = 4;
+const NIP_STEPS: f64 = 4.0;
+/// Share of the way below which the assembly is given up.
+const SHORTEST_STRIDE: f64 = 1e-3;
 /// Newton iterations of one of them.
-const NIP_ITERATIONS: usize = 30;
+const NIP_ITERATIONS: usize = 80;
+/// Those of them that take the whole correction: mostly the contacts are found by then.
+const WHOLE_ITERATIONS: usize = 14;
+/// Residual below which no contact opens or closes any more, N.
+const LINEAR_N: f64 = 1e-2;
 /// Residual at which the assembly counts as in equilibrium, N.
 const NIP_TOLERANCE_N: f64 = 1e-6;
 
@@ -54,8 +60,7 @@ pub(super) fn clamped_side(structure: &Structure, values: &Values) -> Result<Sid
     let mesh = Mesh::new(&halves, 0.5 * values.clamp_length_mm, structure.segments)?;
     let mut side = Side::new(parts(structure, values, &leaves, &mesh));
     let depth = depths(&leaves);
-    for k in 1..=NIP_STEPS {
-        let share = k as f64 / NIP_STEPS as f64;
+    let bend = |side: &mut Side, share: f64| {
         for b in 0..side.beams.len() {
             let leaf = side.leaf_of[b];
             let (own, start) = (
@@ -64,7 +69,18 @@ pub(super) fn clamped_side(structure: &Structure, values: &Values) -> Result<Sid
             );
             side.beams[b].set_curvature(start + share * (own - start));
         }
-        if !settle(&mut side) {
+        settle(side)
+    };
+    let (mut done, mut stride) = (0.0, 1.0 / NIP_STEPS);
+    while done < 1.0 {
+        let goal = f64::min(done + stride, 1.0);
+        side.settled.copy_from_slice(&side.nodes);
+        if bend(&mut side, goal) {
+            done = goal;
+        } else if stride > SHORTEST_STRIDE {
+            side.nodes.copy_from_slice(&side.settled);
+            stride *= 0.5;
+        } else {
             return Err(
                 "the leaves found no equilibrium when clamped: check radii and thicknesses".to_owned(),
             );
@@ -86,7 +102,8 @@ pub(super) fn clamped_side(structure: &Structure, values: &Values) -> Result<Sid
     Ok(side)
 }
 
-/// Full Newton steps to equilibrium with the eye free.
+/// Newton's method to equilibrium with the eye free. Without friction there is an energy to descend: where whole
+/// corrections go to and fro between contacts, one that runs past the energy's minimum is shortened to it.
 fn settle(side: &mut Side) -> bool {
     let still = StepInfo {
         dt_s: 1.0,
@@ -94,29 +111,53 @@ fn settle(side: &mut Side) -> bool {
         inertia: 0.0,
         frame_acceleration: [0.0; 2],
     };
-    for _ in 0..NIP_ITERATIONS {
+    let fixed = side.fixed;
+    for k in 0..NIP_ITERATIONS {
         side.evaluate::<true>(&still);
         let residual = side.residual_n();
         if residual < NIP_TOLERANCE_N.max(side.rounding_n()) {
             return true;
         }
+        side.scratch.copy_from_slice(&side.residual[fixed..]);
         if !residual.is_finite() || !side.band.factor() {
             return false;
         }
-        let fixed = side.fixed;
-        side.band.solve(&mut side.residual[fixed..]);
+        side.band.solve(&mut side.scratch);
+        let slope = descent(side);
         // No body turns by more than this in one go.
-        let turn = side.residual[fixed..]
-            .iter()
-            .fold(0.0f64, |m, r| m.max(r[2].abs()));
-        let scale = (0.05 / turn).min(1.0);
-        for (node, d) in side.nodes[fixed..].iter_mut().zip(&side.residual[fixed..]) {
-            for i in 0..3 {
-                node[i] -= scale * d[i];
-            }
+        let turn = side.scratch.iter().fold(0.0f64, |m, r| m.max(r[2].abs()));
+        let whole = (0.05 / turn).min(1.0);
+        go(side, whole);
+        if k < WHOLE_ITERATIONS || residual < LINEAR_N {
+            continue;
+        }
+        side.evaluate::<false>(&still);
+        let beyond = descent(side);
+        if beyond < -0.5 * slope.abs() {
+            let keep = (slope / (slope - beyond)).clamp(0.1, 1.0);
+            go(side, whole * (keep - 1.0));
         }
     }
     false
+}
+
+/// How steeply the energy falls along the correction at hand.
+fn descent(side: &Side) -> f64 {
+    let rest = &side.residual[side.fixed..];
+    rest.iter()
+        .zip(&side.scratch)
+        .map(|(r, d)| r[0] * d[0] + r[1] * d[1] + r[2] * d[2])
+        .sum()
+}
+
+/// Takes a share of the correction at hand.
+fn go(side: &mut Side, share: f64) {
+    let fixed = side.fixed;
+    for (node, d) in side.nodes[fixed..].iter_mut().zip(&side.scratch) {
+        for i in 0..3 {
+            node[i] -= share * d[i];
+        }
+    }
 }
 
 fn parts(structure: &Structure, values: &Values, leaves: &[Leaf], mesh: &Mesh) -> Build {
