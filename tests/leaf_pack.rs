@@ -5,7 +5,8 @@
 //! Table 1 geometry, clamp 100 mm, no eye offset, interleaf mu 0.3, everything else frictionless.
 
 use leafbench::model::leaf_pack::{
-    Dynamics, FrictionChoice, LeafPack, Mounting, NormalChoice, Source, Structure, Values, graded_path,
+    Dynamics, FrictionChoice, LeafPack, Mounting, NormalChoice, PARAMETERS, Source, Structure, Values,
+    graded_path,
 };
 use leafbench::model::{self, Plant};
 
@@ -647,36 +648,66 @@ fn every_plausible_pack_assembles() {
             count += 1;
         }
     }
-    for (what, structure) in [
-        (
-            "hard contacts",
-            Structure {
-                contact_stiffness_n_per_mm: 1e7,
-                ..Structure::default()
-            },
-        ),
-        (
-            "coarse",
-            Structure {
-                segments: 0,
-                ..Structure::default()
-            },
-        ),
-        (
-            "fine",
-            Structure {
-                segments: 688,
-                ..Structure::default()
-            },
-        ),
-    ] {
-        println!("{what}");
+    let hard = Structure {
+        contact_stiffness_n_per_mm: 1e7,
+        ..Structure::default()
+    };
+    assert!(pack(&hard, &values()).step(1.0, 1.0) > 20.0);
+    for segments in [0, 22, 44, 172, 344, 688] {
+        let structure = Structure {
+            segments,
+            ..Structure::default()
+        };
         assert!(pack(&structure, &values()).step(1.0, 1.0) > 20.0);
     }
     let mut cut = Structure::default();
     cut.leaves[1].length_mm = 870.0;
     assert!(pack(&cut, &values()).step(1.0, 1.0) > 20.0);
     println!("{count} packs");
+}
+
+/// Values anywhere within belief (friction up to its bound of belief, twice over), both mountings, a row and a sine.
+#[test]
+fn any_believable_pack_converges() {
+    let mut seed = 11u64;
+    let mut random = |[low, high]: [f64; 2]| {
+        seed = seed
+            .wrapping_mul(6364136223846793005)
+            .wrapping_add(1442695040888963407);
+        low + (high - low) * (seed >> 11) as f64 / (1u64 << 53) as f64
+    };
+    let (mut steps, mut unconverged) = (0, 0);
+    for k in 0..60 {
+        let mounting = if k % 2 == 0 {
+            Mounting::Rail
+        } else {
+            Mounting::Shackle
+        };
+        let drawn: Vec<f64> = PARAMETERS
+            .iter()
+            .map(|p| random(p.belief) * if p.name.ends_with("_mu") { 2.0 } else { 1.0 })
+            .collect();
+        let v = Values::from_slice(&drawn).expect("one a parameter");
+        let eye_offset_mm = random([-20.0, 20.0]);
+        let structure = Structure {
+            mounting,
+            eye_offset_mm,
+            ..Structure::default()
+        };
+        let mut p = pack(&structure, &v);
+        let (force, _) = static_row(&mut p, 1.0);
+        assert!(force > 500.0);
+        let row = p.unconverged();
+        p.reset();
+        sine_row(&mut p, 100);
+        steps += 69 + 200;
+        unconverged += row + p.unconverged();
+        if row + p.unconverged() > 0 {
+            println!("{mounting:?}: {row} and {} steps of {v:?}", p.unconverged());
+        }
+    }
+    println!("{unconverged} of {steps} steps did not converge");
+    assert_eq!(unconverged, 0);
 }
 
 #[test]
