@@ -31,6 +31,14 @@ pub(super) struct ContactState {
     pub slip_start_mm: f64,
 }
 
+/// What a contact does at the present estimate.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Touch {
+    slip_mm: f64,
+    friction_n: f64,
+    normal_n: f64,
+}
+
 /// One side of the pack.
 #[derive(Debug, Clone)]
 pub(super) struct Side {
@@ -43,6 +51,7 @@ pub(super) struct Side {
     pub inner: Vec<usize>,
     pub leaf_of: Vec<usize>,
     pub contacts: Vec<ContactState>,
+    touches: Vec<Touch>,
     pub normal_law: NormalLaw,
     pub slip_law: SlipLaw,
     pub mu: f64,
@@ -93,6 +102,7 @@ impl Side {
             normal_law: build.normal_law,
             slip_law: build.slip_law,
             mu: 0.0,
+            touches: vec![Touch::default(); build.contact_count],
             mass: build.mass,
             strain: vec![[0.0; 3]; bodies],
             residual: vec![[0.0; 3]; nodes.len()],
@@ -183,6 +193,11 @@ impl Side {
             } else {
                 r.grip
             };
+            self.touches[i] = Touch {
+                slip_mm: m.slip,
+                friction_n: r.force,
+                normal_n: n,
+            };
             if TANGENT && self.factor_grip[i].reversed(r.grip) {
                 r = r.stuck(self.slip_law);
                 self.grip[i] = r.grip;
@@ -264,16 +279,16 @@ impl Side {
         worst
     }
 
-    /// Takes the nodes over as settled and books the friction's work; returns what the contacts dissipated, N mm.
+    /// Takes the last evaluation over as settled and books the friction's work; returns what the contacts dissipated, N mm.
     pub(super) fn commit(&mut self, step: &StepInfo) -> f64 {
         let mut work = 0.0;
-        for i in 0..self.contacts.len() {
-            let (m, n, _, r) = self.touch(i, step.dt_s);
-            let state = &mut self.contacts[i];
+        for (state, touch) in self.contacts.iter_mut().zip(&self.touches) {
             let so_far = state.slider.dissipated_nmm;
-            state.slider.commit(self.slip_law, m.slip, r.force);
+            state
+                .slider
+                .commit(self.slip_law, touch.slip_mm, touch.friction_n);
             work += state.slider.dissipated_nmm - so_far;
-            state.normal_n = n;
+            state.normal_n = touch.normal_n;
         }
         if step.viscosity > 0.0 {
             self.note_strain();
