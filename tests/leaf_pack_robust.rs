@@ -3,7 +3,7 @@
 mod leaf_pack_duty;
 
 use leaf_pack_duty::{all_sources, close, loop_j, pack, sine_row, static_row, values};
-use leafbench::model::leaf_pack::{Mounting, PARAMETERS, Structure, Values};
+use leafbench::model::leaf_pack::{LeafPack, Mounting, PARAMETERS, Structure, Values};
 use leafbench::model::{self, Plant};
 
 #[test]
@@ -67,6 +67,59 @@ fn no_motion_breaks_it() {
                 .all(|(a, b)| a.to_bits() == b.to_bits())
         );
     }
+}
+
+/// Far beyond what a rig can do: flat, through, and past its own length. What it answers is finite, and it comes back.
+#[test]
+fn absurd_displacements_are_survived() {
+    for mounting in [Mounting::Rail, Mounting::Shackle] {
+        let structure = Structure {
+            mounting,
+            ..Structure::default()
+        };
+        let fresh = pack(&structure, &all_sources()).step(5.0, 1e-3);
+        for far_mm in [100.0, 150.0, 300.0, 2000.0] {
+            let mut p = pack(&structure, &all_sources());
+            let force = p.step(far_mm, 1e-3);
+            let missed = p.unconverged();
+            p.step(-10.0, 1e-3);
+            let back = p.step(5.0, 1e-3);
+            println!(
+                "{mounting:?} {far_mm} mm: {force:.0} N ({missed} not converged), back at 5 mm {back:.1} N, fresh {fresh:.1} N"
+            );
+            assert!(force.is_finite() && back.is_finite());
+            // A loop's width of friction apart, no more.
+            assert!((back / fresh - 1.0).abs() < 0.05);
+        }
+    }
+}
+
+/// The drawing: four leaves of both sides, the load flattens them, no leaf runs through another.
+#[test]
+fn the_shape_flattens_under_load() {
+    let mut p = pack(&Structure::default(), &values());
+    let camber = |p: &LeafPack| {
+        let shape = p.shape();
+        assert_eq!(shape.leaves.len(), 4);
+        assert_eq!(
+            shape.leaves.iter().map(|l| l.stations.len() - 2).sum::<usize>(),
+            p.segments()
+        );
+        assert!(
+            shape
+                .leaves
+                .iter()
+                .all(|l| l.stations.windows(2).all(|w| w[1].x_mm > w[0].x_mm))
+        );
+        assert!(shape.contacts.iter().all(|c| c.normal_n >= 0.0));
+        shape.eyes_mm[1][1] - shape.clamp_mm[0]
+    };
+    let before = camber(&p);
+    p.step(20.0, 1.0);
+    let after = camber(&p);
+    println!("camber {before:.3} -> {after:.3} mm");
+    // The supports give by 1600 N in 1e6 N/mm.
+    assert!((before - after - 20.0).abs() < 5e-3);
 }
 
 /// What an identification asks for: every pack within the bounds can be clamped and loaded.

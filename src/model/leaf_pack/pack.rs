@@ -17,6 +17,8 @@ const TOLERANCE_N: f64 = 5e-4;
 const HALVINGS: u32 = 9;
 /// The path is resolved at least this finely, mm.
 const LONGEST_STEP_MM: f64 = 1.0;
+/// Farthest travel, as a share of the main leaf's length.
+const REACH: f64 = 0.25;
 /// Most parts of one step: a jump beyond is taken in coarser ones.
 const MOST_PARTS: f64 = 300.0;
 
@@ -131,7 +133,8 @@ impl LeafPack {
         &self.values
     }
 
-    /// Steps since the last reset that did not converge even when halved: they keep the last equilibrium's force.
+    /// Steps since the last reset that did not converge even when halved, or went beyond any spring's reach: they end at the last equilibrium
+    /// and its force.
     pub fn unconverged(&self) -> u64 {
         self.unconverged
     }
@@ -153,7 +156,7 @@ impl LeafPack {
         self.tolerance_n = tolerance_n.max(rounding);
     }
 
-    /// Where the pusher is, mm, as given to the last step.
+    /// Where the pusher is, mm: as given to the last step, unless that did not converge.
     pub fn displacement_mm(&self) -> f64 {
         self.travel_mm - self.values.preload_mm
     }
@@ -196,21 +199,27 @@ impl LeafPack {
 
     /// Moves the pusher to `goal_mm` from first touch, in as many parts as the path asks for.
     pub(super) fn travel(&mut self, goal_mm: f64, dt_s: f64) {
+        // Flat is at some 80 mm: beyond this the leaves would turn inside out and not come back.
+        let reach_mm = REACH * self.structure.leaves[0].length_mm;
+        if goal_mm > reach_mm {
+            self.unconverged += 1;
+        }
+        let goal_mm = goal_mm.min(reach_mm);
         let from = self.travel_mm;
         let parts = ((goal_mm - from).abs() / LONGEST_STEP_MM)
             .ceil()
             .clamp(1.0, MOST_PARTS);
-        let at = |k: f64| from + (goal_mm - from) * k / parts;
-        let mut converged = true;
         let mut k = 0.0;
         while k < parts {
-            converged &= self.advance(at(k), at(k + 1.0), dt_s / parts, 0);
             k += 1.0;
+            let to = from + (goal_mm - from) * k / parts;
+            if !self.advance(self.travel_mm, to, dt_s / parts, 0) {
+                // The rest of the way would fail as well, and the caller has a clock to keep.
+                self.unconverged += 1;
+                return;
+            }
+            self.travel_mm = to;
         }
-        if !converged {
-            self.unconverged += 1;
-        }
-        self.travel_mm = goal_mm;
     }
 
     /// One step, halved where Newton's method fails. False if some part of it was given up.
