@@ -1,7 +1,7 @@
 //! The books: work of the pusher, elastic energy, and what each source of friction took.
 
 use super::LeafPack;
-use super::mounting::{EYE_PIN, MountForce, PIVOT, PLACES, RAIL};
+use super::mounting::{MountForce, PLACES, RAIL};
 use super::newton::eye_of;
 
 /// A source of friction.
@@ -83,10 +83,10 @@ impl LeafPack {
             slider.commit(law, force.slip[place], force.friction[place]);
             let work = self.copies * (slider.dissipated_nmm - before);
             let constant = work * force.constant_share[place];
-            let (by_load, fixed) = match place {
-                RAIL => (Source::Rail, Source::RailConstant),
-                EYE_PIN | PIVOT => (Source::Pin, Source::PivotTorque),
-                _ => unreachable!("three places"),
+            let (by_load, fixed) = if place == RAIL {
+                (Source::Rail, Source::RailConstant)
+            } else {
+                (Source::Pin, Source::PivotTorque)
             };
             self.energy.book(by_load, work - constant);
             self.energy.book(fixed, constant);
