@@ -215,8 +215,12 @@ fn pseudo_inverse(
     seen: &[usize],
 ) -> (DMatrix<f64>, Vec<BlindDirection>) {
     let m = seen.len();
-    if m == 0 || jacobian.nrows() == 0 || jacobian.iter().any(|d| !d.is_finite()) {
-        return (DMatrix::zeros(m, m), Vec::new());
+    if m == 0 || jacobian.iter().any(|d| !d.is_finite()) {
+        // Nothing to be said about any of them.
+        let blind = seen.iter().map(|&i| BlindDirection {
+            components: vec![(i, 1.0)],
+        });
+        return (DMatrix::zeros(m, m), blind.collect());
     }
     debug_assert_eq!(jacobian.ncols(), parameters.len());
     // Triangular factor first: the singular values are those of the tall matrix, the work is not.
