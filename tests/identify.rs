@@ -1,6 +1,6 @@
 //! Known parameters come back: from the third paper's curves, and from synthetic recordings within their own intervals.
 
-use leafbench::identify::papers::third;
+use leafbench::identify::papers::{second, third};
 
 /// Figure of issue and paper: within 1 %, in fewer than 400 evaluations, f and r_f judged as a product.
 #[test]
@@ -39,4 +39,29 @@ fn third_paper_identified_back_from_its_start() {
             .any(|w| w.to_string().contains("only the product f * r_f_mm"));
         assert!(product, "the product must be named: {:?}", row.fit.warnings);
     }
+}
+
+/// Figure: RMS force error at most a third of that of the thesis' own envelope lines.
+#[test]
+fn second_paper_table_5_1() {
+    let rerun = second::rerun(2).expect("the printed values are within bounds");
+    for row in &rerun.rows {
+        println!(
+            "{:30} RMS {:6.1} N, {:.3} of the envelope's",
+            row.model, row.rms_n, row.share_of_envelope
+        );
+    }
+    for ((p, value), ci) in rerun
+        .fit
+        .parameters
+        .iter()
+        .zip(&rerun.fit.values)
+        .zip(&rerun.fit.ci95)
+    {
+        println!("  {:22} {value:10.3} {} {ci:?}", p.name, p.unit);
+    }
+    for warning in &rerun.fit.warnings {
+        println!("  {warning}");
+    }
+    assert!(rerun.rows[3].share_of_envelope < 1.0 / 3.0);
 }
