@@ -15,7 +15,7 @@ pub mod nelder_mead;
 pub mod objective;
 pub mod papers;
 pub mod profile_likelihood;
-// pub mod targets;
+pub mod targets;
 #[cfg(test)]
 mod testing;
 
