@@ -3,10 +3,13 @@
 //! ```text
 //! covariance = s^2 tau (J'J)^-1     s^2 = cost / (n - p), J the derivatives of the residuals at the optimum
 //! tau        = 1 + 2 sum of the residuals' autocorrelations (initial positive sequence of pairs, Geyer 1992)
-//! interval   = value +- t(0.975, n / tau - p) * sigma
+//! influence  z_t = (J'J)^-1 J_t' r_t               what sample t moves the values by; its long-run variance over lags
+//!                                                  up to sqrt(n) (Newey and West 1987) is the covariance's other estimate
+//! interval   = value +- t(0.975, n / tau - p) * sigma     sigma the larger of the two
 //! ```
-//! Neighbouring samples of a recording say nearly the same thing: n / tau is the number of independent ones. Parameters at a
-//! bound, and directions that the data do not see, get no interval but a warning.
+//! Neighbouring samples of a recording say nearly the same thing: n / tau is the number of independent ones. Noise that acts
+//! where a parameter is seen (the displacement's noise at reversals, on presliding) only the second estimate notices.
+//! Parameters at a bound, and directions that the data do not see, get no interval but a warning.
 
 use nalgebra::DMatrix;
 
@@ -140,12 +143,18 @@ pub fn confidence(
     }
 
     let count = residuals.len() as f64;
-    let tau = correlation_time(residuals, &problem.stretches());
+    let stretches = problem.stretches();
+    let tau = correlation_time(residuals, &stretches);
     let effective_samples = (count / tau).max(1.0);
     let fitted = seen.len() as f64;
     let variance =
         residuals.iter().map(|r| r * r).sum::<f64>() / (count - fitted).max(1.0) * tau.min(count.max(1.0));
     let quantile = student_975((effective_samples - fitted).max(1.0));
+
+    let mut influence = jacobian.select_columns(&seen) * &inverse;
+    for (mut row, residual) in influence.row_iter_mut().zip(residuals) {
+        row *= *residual;
+    }
 
     let mut confidence = Confidence {
         ci95: vec![None; n],
@@ -158,7 +167,8 @@ pub fn confidence(
         if lost[i] {
             continue;
         }
-        let sigma = (variance * inverse[(a, a)]).sqrt() * scale[i];
+        let local = long_run_variance(influence.column(a).as_slice(), &stretches);
+        let sigma = (variance * inverse[(a, a)]).max(local).sqrt() * scale[i];
         let [low, high] = parameters[i].bounds;
         let half = quantile * sigma;
         confidence.sigma[i] = sigma;
@@ -281,6 +291,28 @@ pub fn correlation_time(residuals: &[f64], stretches: &[usize]) -> f64 {
         time += 2.0 * pair;
     }
     time.max(1.0)
+}
+
+/// Variance of the sum of a series whose stretches do not know each other, lags weighted down to zero at sqrt(length).
+fn long_run_variance(series: &[f64], stretches: &[usize]) -> f64 {
+    let mut rest = series;
+    let mut sum = 0.0;
+    for &length in stretches {
+        let (stretch, after) = rest.split_at(length.min(rest.len()));
+        rest = after;
+        let lags = (stretch.len() as f64).sqrt() as usize;
+        sum += stretch.iter().map(|z| z * z).sum::<f64>();
+        for lag in 1..=lags.min(stretch.len().saturating_sub(1)) {
+            let weight = 2.0 * (1.0 - lag as f64 / (lags + 1) as f64);
+            sum += weight
+                * stretch
+                    .iter()
+                    .zip(&stretch[lag..])
+                    .map(|(a, b)| a * b)
+                    .sum::<f64>();
+        }
+    }
+    sum.max(0.0)
 }
 
 /// 97.5 % point of Student's t: Cornish-Fisher expansion (Abramowitz and Stegun 26.7.5), within 1 % from 3 degrees on.

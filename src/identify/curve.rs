@@ -56,6 +56,9 @@ pub struct CurveOptions {
     pub held_out: HeldOut,
     /// A turning point is one that the displacement leaves by more than this share of its range.
     pub reversal_band: f64,
+    /// Samples to either side over which the displacement is smoothed (zero phase, local parabola); 0 for none. Noise on a
+    /// slow ramp turns back and forth, and friction with presliding would follow: its ratio comes out too small.
+    pub smoothing: usize,
 }
 
 impl Default for CurveOptions {
@@ -65,6 +68,7 @@ impl Default for CurveOptions {
             initial: Initial::ReplayFirstCycle,
             held_out: HeldOut::None,
             reversal_band: 0.02,
+            smoothing: 0,
         }
     }
 }
@@ -266,7 +270,7 @@ impl Curve {
         }
         let mut dt_s: Vec<f64> = recording.time_s.windows(2).map(|t| t[1] - t[0]).collect();
         dt_s.insert(0, dt_s[0]);
-        let displacement_mm = recording.displacement_mm.clone();
+        let displacement_mm = smoothed(&recording.displacement_mm, options.smoothing);
         let reversals = reversals(&displacement_mm, options.reversal_band * range(&displacement_mm));
         let mut curve = Curve {
             name: recording.name.clone(),
@@ -428,6 +432,26 @@ fn straight(from: f64, to: f64) -> Vec<f64> {
         .collect()
 }
 
+/// Zero-phase smoothing by a least-squares parabola over `half` samples to either side (Savitzky and Golay 1964); fewer
+/// towards the ends, whose last samples stay as they are.
+pub fn smoothed(signal: &[f64], half: usize) -> Vec<f64> {
+    let weights = |m: f64, k: f64| {
+        3.0 * (3.0 * m * m + 3.0 * m - 1.0 - 5.0 * k * k)
+            / ((2.0 * m + 3.0) * (2.0 * m + 1.0) * (2.0 * m - 1.0))
+    };
+    (0..signal.len())
+        .map(|i| {
+            let m = half.min(i).min(signal.len() - 1 - i);
+            if m < 2 {
+                return signal[i];
+            }
+            (0..=2 * m)
+                .map(|j| weights(m as f64, j as f64 - m as f64) * signal[i + j - m])
+                .sum()
+        })
+        .collect()
+}
+
 fn range(signal: &[f64]) -> f64 {
     let low = signal.iter().copied().fold(f64::INFINITY, f64::min);
     let high = signal.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -510,6 +534,15 @@ mod tests {
         assert_eq!(reversals(&signal, 0.5), vec![3, 6]);
         assert_eq!(reversals(&signal, 0.05), vec![1, 2, 3, 4, 5, 6]);
         assert_eq!(reversals(&[1.0; 5], 0.0), Vec::<usize>::new());
+    }
+
+    #[test]
+    fn smoothing_keeps_parabolas_and_quiets_noise() {
+        let parabola: Vec<f64> = (0..50).map(|i| 0.1 * f64::from(i * i) - f64::from(i)).collect();
+        let same = smoothed(&parabola, 6);
+        assert!(parabola.iter().zip(&same).all(|(a, b)| (a - b).abs() < 1e-9));
+        let zigzag: Vec<f64> = (0..50).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
+        assert!(smoothed(&zigzag, 6)[20..30].iter().all(|x| x.abs() < 0.25));
     }
 
     #[test]

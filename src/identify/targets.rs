@@ -277,7 +277,13 @@ pub fn read_targets(reader: impl Read) -> Result<Vec<Target>, IdentifyError> {
             _ => Err(refused(
                 row,
                 column,
-                format!("\"{}\" is not a number from {least} on: enter one", cell(column)),
+                match least {
+                    f64::MIN => format!("\"{}\" is not a finite number: enter one", cell(column)),
+                    _ => format!(
+                        "\"{}\" is not a number from {least:e} on: enter one",
+                        cell(column)
+                    ),
+                },
             )),
         };
         let peak_force_n = number("peak_force_n", f64::MIN_POSITIVE)?;
