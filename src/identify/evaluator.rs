@@ -2,6 +2,9 @@
 
 use super::objective::Residuals;
 
+/// Points for one thread, and the places of their costs.
+type Share<'a> = (&'a [Vec<f64>], &'a mut [f64]);
+
 /// Where the work is done, and how often it was.
 pub struct Evaluator<'a> {
     problem: &'a dyn Residuals,
@@ -58,7 +61,7 @@ impl<'a> Evaluator<'a> {
             .chunks(share)
             .zip(costs.chunks_mut(share))
             .zip(&mut self.buffers);
-        let run = |((points, costs), buffer): ((&[Vec<f64>], &mut [f64]), &mut Vec<f64>)| {
+        let run = |((points, costs), buffer): (Share<'_>, &mut Vec<f64>)| {
             for (values, cost) in points.iter().zip(costs) {
                 *cost = cost_at(problem, values, buffer);
             }
@@ -78,7 +81,7 @@ impl<'a> Evaluator<'a> {
             .chunks(share)
             .zip(costs.chunks_mut(share))
             .zip(out.chunks_mut(share * count));
-        let run = |((points, costs), columns): ((&[Vec<f64>], &mut [f64]), &mut [f64])| {
+        let run = |((points, costs), columns): (Share<'_>, &mut [f64])| {
             for ((values, cost), column) in points.iter().zip(costs).zip(columns.chunks_mut(count)) {
                 *cost = cost_at(problem, values, column);
             }
