@@ -50,7 +50,11 @@ fn bench_loop(criterion: &mut Criterion) {
                     first_cycle: 1,
                 };
                 let virtual_bench = VirtualBench::new(&bench, None).expect("builds");
-                (virtual_bench, order, Twin::new(plant, Box::new(writer), || false))
+                (
+                    virtual_bench,
+                    order,
+                    Twin::new(plant, 0.001, Box::new(writer), || false),
+                )
             },
             |(mut virtual_bench, order, mut chain)| {
                 virtual_bench

@@ -3,8 +3,10 @@
 //! A new model is one file and one line in [`MODELS`].
 
 pub mod equivalent;
+pub mod finite_segment;
 pub mod five_link;
 pub mod friction;
+pub mod leaf_pack;
 
 /// A model ready to step. Always driven by displacement, whatever the rig controls; same input, same bits.
 pub trait Plant: Send {
@@ -102,7 +104,12 @@ pub struct Model {
 }
 
 /// All models, by name.
-pub static MODELS: &[Model] = &[equivalent::MODEL, five_link::MODEL];
+pub static MODELS: &[Model] = &[
+    equivalent::MODEL,
+    finite_segment::MODEL,
+    five_link::MODEL,
+    leaf_pack::MODEL,
+];
 
 /// The model called `name`.
 pub fn find(name: &str) -> Result<&'static Model, BuildError> {

@@ -1,0 +1,80 @@
+//! Cost of a step of the finite-segment spring, of one evaluation and of one fit: five recordings of 3000 samples.
+
+use std::hint::black_box;
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use leafbench::identify::curve::Initial;
+use leafbench::identify::{Control, CurveOptions, CurveProblem, Options, Residuals, fit};
+use leafbench::model::{self, finite_segment};
+use leafbench::recording::Recording;
+
+const SAMPLES: usize = 3000;
+
+fn motion(i: usize) -> f64 {
+    5.0 + 3.0 * (std::f64::consts::TAU * i as f64 / 300.0).sin()
+}
+
+fn step(c: &mut Criterion) {
+    let mut group = c.benchmark_group("finite-segment step");
+    group.throughput(Throughput::Elements(SAMPLES as u64));
+    for (name, structure) in [("test stand", ""), ("links", "link_length_mm = 200.0")] {
+        let structure = structure.parse().expect("valid TOML");
+        let mut plant = model::find("finite-segment")
+            .and_then(|m| m.plant(&finite_segment::GRP_OPTIMUM, &structure))
+            .expect("published values are within bounds");
+        group.bench_function(name, |b| {
+            b.iter(|| {
+                (0..SAMPLES)
+                    .map(|i| plant.step(black_box(motion(i)), 1e-3))
+                    .sum::<f64>()
+            });
+        });
+    }
+    group.finish();
+}
+
+fn refit(c: &mut Criterion) {
+    let structure = toml::Table::new();
+    let mut group = c.benchmark_group("equivalent, 5 x 3000 samples");
+    let model = model::find("equivalent").expect("listed");
+    let mut recordings = Vec::new();
+    for k in 1..=5 {
+        let mut plant = model
+            .plant(&[35.0, 76.0, 0.13, 0.45], &structure)
+            .expect("within bounds");
+        let x = |i: usize| motion(i) * (0.8 + 0.1 * f64::from(k));
+        recordings.push(Recording {
+            name: format!("sine {k}"),
+            time_s: (0..SAMPLES).map(|i| i as f64 / 300.0).collect(),
+            displacement_mm: (0..SAMPLES).map(x).collect(),
+            // A repeatable roughness of a newton stands for noise: exact data would converge in fewer steps.
+            force_n: (0..SAMPLES)
+                .map(|i| plant.step(x(i), 1.0 / 300.0) + (i as f64 * 12.9898).sin())
+                .collect(),
+            ..Recording::default()
+        });
+    }
+    let options = CurveOptions {
+        initial: Initial::FromRest,
+        ..CurveOptions::default()
+    };
+    let problem = CurveProblem::of_model(model, &structure, &recordings, &options).expect("long enough");
+    let values = model.start_values();
+    let mut out = vec![0.0; problem.count()];
+    group.bench_function("one evaluation", |b| {
+        b.iter(|| problem.evaluate(black_box(&values), &mut out));
+    });
+    for (name, intervals) in [("fit with intervals", true), ("fit", false)] {
+        let options = Options {
+            intervals,
+            ..Options::default()
+        };
+        group.bench_function(name, |b| {
+            b.iter(|| fit(&problem, &options, &mut |_| Control::Continue))
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, step, refit);
+criterion_main!(benches);

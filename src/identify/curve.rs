@@ -1,0 +1,622 @@
+//! Whole recordings as a problem: a plant is led along the recorded displacement and its force compared sample by sample.
+//!
+//! Every sample is stepped, because the plant has memory; masked and held-out ones are not compared. The state of the
+//! hysteresis at a recording's first sample is unknown: [`Initial`] says what is done about it.
+
+use super::IdentifyError;
+use super::objective::{Factory, Residuals};
+use crate::model::{BuildError, Model, Parameter, Plant};
+use crate::recording::{Flags, Recording};
+
+/// How samples count.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Weighting {
+    /// Each recording's misfit over its range of force: every sample of every recording alike.
+    Range,
+    /// Over the noise: `1 / sqrt(force^2 + (rate * displacement)^2)`, rate from the recording's own ranges. Residuals of a
+    /// perfect model have variance 1.
+    Noise {
+        /// Standard deviation of the load cell in N.
+        force_n: f64,
+        /// Standard deviation of the LVDT in mm.
+        displacement_mm: f64,
+    },
+}
+
+/// What is assumed of the plant's state at the first sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Initial {
+    /// Virgin at zero displacement, brought straight to the first sample.
+    FromRest,
+    /// As `FromRest`, and nothing is compared before the second reversal.
+    DropFirstHalfCycle,
+    /// The first cycle is run through once before it counts.
+    ReplayFirstCycle,
+}
+
+/// What no parameter is fitted on.
+#[derive(Debug, Clone, PartialEq)]
+pub enum HeldOut {
+    /// Everything is fitted.
+    None,
+    /// These recordings, by index.
+    Recordings(Vec<usize>),
+    /// Every n-th cycle of each recording (n at least 2; the first one held out is cycle n).
+    EveryNthCycle(usize),
+}
+
+/// How recordings become residuals.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CurveOptions {
+    /// How samples count.
+    pub weighting: Weighting,
+    /// State at the first sample.
+    pub initial: Initial,
+    /// What is held out.
+    pub held_out: HeldOut,
+    /// A turning point is one that the displacement leaves by more than this share of its range.
+    pub reversal_band: f64,
+    /// Samples to either side over which the displacement is smoothed (zero phase, local parabola); 0 for none. Noise on a
+    /// slow ramp turns back and forth, and friction with presliding would follow: its ratio comes out too small.
+    pub smoothing: usize,
+}
+
+impl Default for CurveOptions {
+    fn default() -> Self {
+        CurveOptions {
+            weighting: Weighting::Range,
+            initial: Initial::ReplayFirstCycle,
+            held_out: HeldOut::None,
+            reversal_band: 0.02,
+            smoothing: 0,
+        }
+    }
+}
+
+/// One recording, ready to be compared.
+#[derive(Debug, Clone)]
+struct Curve {
+    name: String,
+    displacement_mm: Vec<f64>,
+    dt_s: Vec<f64>,
+    force_n: Vec<f64>,
+    /// Weight of every sample, before holding out; 0 = masked.
+    weight: Vec<f64>,
+    held_out: Vec<bool>,
+    /// Displacements that lead from rest to the state before the first sample, and their step.
+    approach_mm: Vec<f64>,
+    approach_dt_s: f64,
+}
+
+/// Recordings of one specimen against a plant of `factory`.
+pub struct CurveProblem<'a> {
+    parameters: Vec<Parameter>,
+    factory: Box<Factory<'a>>,
+    curves: Vec<Curve>,
+}
+
+/// Misfit of a set of values.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Score {
+    /// Root mean square of measured minus model over the measured force's range, on what was fitted.
+    pub nrmse_train: f64,
+    /// The same on what was held out; `None` where nothing was.
+    pub nrmse_heldout: Option<f64>,
+    /// Largest share by which a recording's peak force is missed.
+    pub peak_force_error: f64,
+    /// Largest share by which a recording's enclosed energy is missed.
+    pub loop_energy_error: f64,
+}
+
+impl<'a> CurveProblem<'a> {
+    /// `factory` takes one value a parameter.
+    pub fn new(
+        parameters: Vec<Parameter>,
+        factory: Box<Factory<'a>>,
+        recordings: &[Recording],
+        options: &CurveOptions,
+    ) -> Result<Self, IdentifyError> {
+        let curves = recordings
+            .iter()
+            .enumerate()
+            .map(|(i, recording)| Curve::new(recording, i, options))
+            .collect::<Result<Vec<_>, _>>()?;
+        let problem = CurveProblem {
+            parameters,
+            factory,
+            curves,
+        };
+        let (have, need) = (problem.count(), problem.parameters.len().max(1));
+        if have < need {
+            return Err(IdentifyError::TooFewSamples {
+                what: "the recordings, masked and held-out samples left out,".to_owned(),
+                have,
+                need,
+            });
+        }
+        Ok(problem)
+    }
+
+    /// A listed model as it stands, all its parameters.
+    pub fn of_model(
+        model: &'static Model,
+        structure: &'a toml::Table,
+        recordings: &[Recording],
+        options: &CurveOptions,
+    ) -> Result<Self, IdentifyError> {
+        let factory = move |values: &[f64]| model.plant(values, structure);
+        Self::new(model.parameters.to_vec(), Box::new(factory), recordings, options)
+    }
+
+    /// Replaces the weights of a recording's samples (one each, 0 masks). Errors where the lengths differ.
+    pub fn set_weights(&mut self, recording: usize, weights: &[f64]) -> Result<(), IdentifyError> {
+        let curve = self.curves.get_mut(recording);
+        match curve {
+            Some(curve) if curve.weight.len() == weights.len() && weights.iter().all(|w| w.is_finite()) => {
+                curve.weight.copy_from_slice(weights);
+                Ok(())
+            }
+            _ => Err(IdentifyError::TooFewSamples {
+                what: format!("the table of weights of recording {recording}"),
+                have: weights.len(),
+                need: self.curves.get(recording).map_or(0, |curve| curve.weight.len()),
+            }),
+        }
+    }
+
+    /// Weight of every sample of a recording; 0 where masked or held out.
+    pub fn weights(&self, recording: usize) -> Vec<f64> {
+        self.curves.get(recording).map_or(Vec::new(), |curve| {
+            (0..curve.weight.len()).map(|i| curve.fitted_weight(i)).collect()
+        })
+    }
+
+    /// Model force in N at every sample of every recording.
+    pub fn predict(&self, values: &[f64]) -> Result<Vec<Vec<f64>>, BuildError> {
+        let mut plant = (self.factory)(values)?;
+        let mut forces = Vec::with_capacity(self.curves.len());
+        for curve in &self.curves {
+            let mut force_n = Vec::with_capacity(curve.force_n.len());
+            curve.run(plant.as_mut(), |_, force| force_n.push(force));
+            forces.push(force_n);
+        }
+        Ok(forces)
+    }
+
+    /// Misfit of `values`, on what was fitted and on what was held out.
+    pub fn score(&self, values: &[f64]) -> Result<Score, BuildError> {
+        let (mut train, mut held_out) = (Mean::default(), Mean::default());
+        let (mut peak_force_error, mut loop_energy_error) = (0.0f64, 0.0f64);
+        for (curve, model_n) in self.curves.iter().zip(self.predict(values)?) {
+            let range_n = range(&curve.force_n);
+            for (i, model) in model_n.iter().enumerate().filter(|&(i, _)| curve.weight[i] > 0.0) {
+                let misfit = (curve.force_n[i] - model) / range_n;
+                let mean = if curve.held_out[i] {
+                    &mut held_out
+                } else {
+                    &mut train
+                };
+                mean.add(misfit * misfit);
+            }
+            let compared = |i: &usize| curve.weight[*i] > 0.0;
+            let peak = |force: &[f64]| {
+                (0..force.len())
+                    .filter(compared)
+                    .fold(f64::MIN, |m, i| m.max(force[i]))
+            };
+            let (measured, model) = (peak(&curve.force_n), peak(&model_n));
+            peak_force_error = peak_force_error.max((model / measured - 1.0).abs());
+            let (measured, model) = (curve.energy_nmm(&curve.force_n), curve.energy_nmm(&model_n));
+            if measured != 0.0 {
+                loop_energy_error = loop_energy_error.max((model / measured - 1.0).abs());
+            }
+        }
+        Ok(Score {
+            nrmse_train: train.root(),
+            nrmse_heldout: (held_out.count > 0).then(|| held_out.root()),
+            peak_force_error,
+            loop_energy_error,
+        })
+    }
+
+    /// Names of the recordings, in order.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.curves.iter().map(|curve| curve.name.as_str())
+    }
+}
+
+impl Residuals for CurveProblem<'_> {
+    fn parameters(&self) -> &[Parameter] {
+        &self.parameters
+    }
+
+    fn count(&self) -> usize {
+        self.stretches().iter().sum()
+    }
+
+    fn evaluate(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
+        let mut plant = (self.factory)(values)?;
+        let mut places = out.iter_mut();
+        for curve in self.curves.iter().filter(|curve| curve.fitted() > 0) {
+            curve.run(plant.as_mut(), |i, force_n| {
+                let weight = curve.fitted_weight(i);
+                if weight > 0.0
+                    && let Some(place) = places.next()
+                {
+                    *place = (curve.force_n[i] - force_n) * weight;
+                }
+            });
+        }
+        Ok(())
+    }
+
+    fn stretches(&self) -> Vec<usize> {
+        self.curves.iter().map(Curve::fitted).collect()
+    }
+}
+
+impl Curve {
+    fn new(recording: &Recording, index: usize, options: &CurveOptions) -> Result<Self, IdentifyError> {
+        let n = recording.len();
+        let columns = n >= 2 && recording.displacement_mm.len() == n && recording.force_n.len() == n;
+        let numbers = [&recording.time_s, &recording.displacement_mm, &recording.force_n];
+        let finite = numbers.iter().all(|column| column.iter().all(|x| x.is_finite()));
+        if !columns || !finite {
+            return Err(IdentifyError::TooFewSamples {
+                what: format!("{} (columns of equal length, finite numbers)", recording.name),
+                have: if finite { n } else { 0 },
+                need: 2,
+            });
+        }
+        let mut dt_s: Vec<f64> = recording.time_s.windows(2).map(|t| t[1] - t[0]).collect();
+        dt_s.insert(0, dt_s[0]);
+        let displacement_mm = smoothed(&recording.displacement_mm, options.smoothing);
+        let reversals = reversals(&displacement_mm, options.reversal_band * range(&displacement_mm));
+        let mut curve = Curve {
+            name: recording.name.clone(),
+            weight: vec![sample_weight(recording, options.weighting); n],
+            held_out: held_out(recording, index, &reversals, &options.held_out),
+            approach_mm: approach(&displacement_mm, &reversals, options.initial),
+            approach_dt_s: dt_s.iter().sum::<f64>() / n as f64,
+            displacement_mm,
+            dt_s,
+            force_n: recording.force_n.clone(),
+        };
+        curve.mask(recording, &reversals, options.initial);
+        Ok(curve)
+    }
+
+    /// Takes weight from samples that the rig flagged, and from the first half cycle where it is to be dropped.
+    fn mask(&mut self, recording: &Recording, reversals: &[usize], initial: Initial) {
+        const UNUSABLE: [Flags; 4] = [
+            Flags::FORCE_INVALID,
+            Flags::DISPLACEMENT_INVALID,
+            Flags::STUCK,
+            Flags::SPIKE,
+        ];
+        if let Some(flags) = &recording.flags {
+            for (weight, &flag) in self.weight.iter_mut().zip(flags) {
+                if UNUSABLE.iter().any(|&bad| Flags(flag).has(bad)) {
+                    *weight = 0.0;
+                }
+            }
+        }
+        if initial == Initial::DropFirstHalfCycle {
+            // A single ramp has no second reversal: then its first one.
+            let dropped = reversals.get(1).or(reversals.first()).copied().unwrap_or(0);
+            self.weight[..dropped].fill(0.0);
+        }
+    }
+
+    fn fitted_weight(&self, i: usize) -> f64 {
+        if self.held_out[i] { 0.0 } else { self.weight[i] }
+    }
+
+    fn fitted(&self) -> usize {
+        (0..self.weight.len())
+            .filter(|&i| self.fitted_weight(i) > 0.0)
+            .count()
+    }
+
+    /// Leads the plant from rest through all samples.
+    fn run(&self, plant: &mut dyn Plant, mut take: impl FnMut(usize, f64)) {
+        plant.reset();
+        for &x in &self.approach_mm {
+            plant.step(x, self.approach_dt_s);
+        }
+        for (i, (&x, &dt)) in self.displacement_mm.iter().zip(&self.dt_s).enumerate() {
+            take(i, plant.step(x, dt));
+        }
+    }
+
+    /// Area under force over displacement in N mm; that of the loops where the recording ends where it began.
+    fn energy_nmm(&self, force_n: &[f64]) -> f64 {
+        (1..force_n.len())
+            .filter(|&i| self.weight[i] > 0.0)
+            .map(|i| {
+                0.5 * (force_n[i] + force_n[i - 1]) * (self.displacement_mm[i] - self.displacement_mm[i - 1])
+            })
+            .sum()
+    }
+}
+
+fn sample_weight(recording: &Recording, weighting: Weighting) -> f64 {
+    let range_n = range(&recording.force_n).max(f64::MIN_POSITIVE);
+    match weighting {
+        Weighting::Range => 1.0 / range_n,
+        Weighting::Noise {
+            force_n,
+            displacement_mm,
+        } => {
+            let rate = range_n / range(&recording.displacement_mm).max(f64::MIN_POSITIVE);
+            1.0 / force_n
+                .hypot(rate * displacement_mm)
+                .max(1e-12 * range_n.max(f64::MIN_POSITIVE))
+        }
+    }
+}
+
+fn held_out(recording: &Recording, index: usize, reversals: &[usize], rule: &HeldOut) -> Vec<bool> {
+    let n = recording.len();
+    match rule {
+        HeldOut::None => vec![false; n],
+        HeldOut::Recordings(chosen) => vec![chosen.contains(&index); n],
+        HeldOut::EveryNthCycle(every) => {
+            let every = (*every).max(2);
+            let by_reversals = |i: usize| reversals.partition_point(|&r| r <= i) / 2 + 1;
+            let cycle = |i: usize| match &recording.cycle {
+                Some(cycles) => cycles.get(i).map_or(0, |&c| c as usize),
+                None => by_reversals(i),
+            };
+            (0..n)
+                .map(|i| cycle(i) > 0 && cycle(i).is_multiple_of(every))
+                .collect()
+        }
+    }
+}
+
+/// Indices of turning points that the signal leaves by more than `band`.
+pub fn reversals(signal: &[f64], band: f64) -> Vec<usize> {
+    let mut found = Vec::new();
+    let (mut high, mut low) = (0, 0);
+    let mut direction = 0.0;
+    for (i, &x) in signal.iter().enumerate() {
+        if x > signal[high] {
+            high = i;
+        }
+        if x < signal[low] {
+            low = i;
+        }
+        if direction >= 0.0 && signal[high] - x > band {
+            if direction > 0.0 {
+                found.push(high);
+            }
+            (direction, low) = (-1.0, i);
+        } else if direction <= 0.0 && x - signal[low] > band {
+            if direction < 0.0 {
+                found.push(low);
+            }
+            (direction, high) = (1.0, i);
+        }
+    }
+    found
+}
+
+/// Displacements from rest at zero to the state before the first sample.
+fn approach(displacement_mm: &[f64], reversals: &[usize], initial: Initial) -> Vec<f64> {
+    let first = displacement_mm[0];
+    let mut path = straight(0.0, first);
+    let Some(&turn) = reversals.first() else {
+        return path;
+    };
+    if initial != Initial::ReplayFirstCycle {
+        return path;
+    }
+    // One cycle: until the first displacement is passed again in the first direction, or all there is and straight back.
+    let direction = (displacement_mm[turn] - first).signum();
+    let after = reversals.get(1).copied().unwrap_or(displacement_mm.len() - 1);
+    let closes = |&i: &usize| direction * (displacement_mm[i] - first) >= 0.0;
+    let end = (after..displacement_mm.len())
+        .find(closes)
+        .unwrap_or(displacement_mm.len() - 1);
+    path.extend_from_slice(&displacement_mm[..end]);
+    path.extend(straight(displacement_mm[end.saturating_sub(1)], first));
+    path
+}
+
+/// Points from `from` (left out) to `to` at most 0.2 mm apart, 200 at most.
+fn straight(from: f64, to: f64) -> Vec<f64> {
+    let steps = ((to - from).abs() / 0.2).ceil().clamp(1.0, 200.0);
+    (1..=steps as usize)
+        .map(|i| from + (to - from) * i as f64 / steps)
+        .collect()
+}
+
+/// Zero-phase smoothing by a least-squares parabola over `half` samples to either side (Savitzky and Golay 1964); fewer
+/// towards the ends, whose last samples stay as they are.
+pub fn smoothed(signal: &[f64], half: usize) -> Vec<f64> {
+    let weights = |m: f64, k: f64| {
+        3.0 * (3.0 * m * m + 3.0 * m - 1.0 - 5.0 * k * k)
+            / ((2.0 * m + 3.0) * (2.0 * m + 1.0) * (2.0 * m - 1.0))
+    };
+    (0..signal.len())
+        .map(|i| {
+            let m = half.min(i).min(signal.len() - 1 - i);
+            if m < 2 {
+                return signal[i];
+            }
+            (0..=2 * m)
+                .map(|j| weights(m as f64, j as f64 - m as f64) * signal[i + j - m])
+                .sum()
+        })
+        .collect()
+}
+
+fn range(signal: &[f64]) -> f64 {
+    let low = signal.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = signal.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    high - low
+}
+
+/// Running mean of squares.
+#[derive(Default)]
+struct Mean {
+    sum: f64,
+    count: usize,
+}
+
+impl Mean {
+    fn add(&mut self, square: f64) {
+        self.sum += square;
+        self.count += 1;
+    }
+
+    fn root(&self) -> f64 {
+        (self.sum / self.count.max(1) as f64).sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model;
+
+    /// A sine recording of an equivalent spring, `cycles` from its mean, stepped four times finer than recorded.
+    fn recording(values: &[f64], cycles: usize, rest: bool) -> Recording {
+        let mut plant = model::find("equivalent")
+            .and_then(|m| m.plant(values, &toml::Table::new()))
+            .expect("within bounds");
+        let mut recording = Recording {
+            name: "sine".to_owned(),
+            ..Recording::default()
+        };
+        let x = |t: f64| 6.0 + 4.0 * (std::f64::consts::TAU * t).sin();
+        if !rest {
+            for i in 0..4000 {
+                plant.step(x(f64::from(i) / 4000.0), 0.25e-3);
+            }
+        }
+        for i in 0..cycles * 4000 {
+            let t = i as f64 / 4000.0;
+            let force_n = plant.step(x(t), 0.25e-3);
+            if i % 4 == 0 {
+                recording.time_s.push(t);
+                recording.displacement_mm.push(x(t));
+                recording.force_n.push(force_n);
+            }
+        }
+        recording
+    }
+
+    const TRUTH: [f64; 4] = [60.0, 85.0, 0.14, 0.3];
+
+    fn problem(recording: Recording, options: &CurveOptions) -> CurveProblem<'static> {
+        static NOTHING: std::sync::OnceLock<toml::Table> = std::sync::OnceLock::new();
+        let model = model::find("equivalent").expect("listed");
+        CurveProblem::of_model(
+            model,
+            NOTHING.get_or_init(toml::Table::new),
+            &[recording],
+            options,
+        )
+        .expect("long enough")
+    }
+
+    fn worst(problem: &CurveProblem<'_>) -> f64 {
+        let mut out = vec![0.0; problem.count()];
+        problem.evaluate(&TRUTH, &mut out).expect("within bounds");
+        out.iter().fold(0.0, |m, r| m.max(r.abs()))
+    }
+
+    #[test]
+    fn turning_points_with_a_band() {
+        let signal = [0.0, 2.0, 1.9, 3.0, 1.0, 1.1, 0.0, 4.0];
+        assert_eq!(reversals(&signal, 0.5), vec![3, 6]);
+        assert_eq!(reversals(&signal, 0.05), vec![1, 2, 3, 4, 5, 6]);
+        assert_eq!(reversals(&[1.0; 5], 0.0), Vec::<usize>::new());
+    }
+
+    #[test]
+    fn smoothing_keeps_parabolas_and_quiets_noise() {
+        let parabola: Vec<f64> = (0..50).map(|i| 0.1 * f64::from(i * i) - f64::from(i)).collect();
+        let same = smoothed(&parabola, 6);
+        assert!(parabola.iter().zip(&same).all(|(a, b)| (a - b).abs() < 1e-9));
+        let zigzag: Vec<f64> = (0..50).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
+        assert!(smoothed(&zigzag, 6)[20..30].iter().all(|x| x.abs() < 0.25));
+    }
+
+    #[test]
+    fn initial_state_is_found_by_replaying_or_dropping() {
+        // The recorded samples are exact for the equivalent spring at any step; 0.3 mm of presliding forget 4 mm by
+        // exp(-13) and a cycle altogether.
+        let with = |initial| CurveOptions {
+            initial,
+            ..CurveOptions::default()
+        };
+        let from_rest = worst(&problem(recording(&TRUTH, 3, false), &with(Initial::FromRest)));
+        assert!(
+            from_rest < 1e-6,
+            "loading from below ends in full drag anyway: {from_rest}"
+        );
+        let late = |initial| {
+            // From the valley-bound branch: begin a quarter cycle after the peak.
+            let mut r = recording(&TRUTH, 3, false);
+            for column in [&mut r.time_s, &mut r.displacement_mm, &mut r.force_n] {
+                column.drain(..500);
+            }
+            worst(&problem(r, &with(initial)))
+        };
+        assert!(late(Initial::FromRest) > 0.01);
+        assert!(late(Initial::DropFirstHalfCycle) < 1e-6);
+        assert!(late(Initial::ReplayFirstCycle) < 1e-6);
+    }
+
+    #[test]
+    fn held_out_cycles_are_not_fitted_but_scored() {
+        let options = CurveOptions {
+            held_out: HeldOut::EveryNthCycle(2),
+            ..CurveOptions::default()
+        };
+        let mut measured = recording(&TRUTH, 4, false);
+        let reversals = reversals(&measured.displacement_mm, 0.1);
+        // Ruin the second cycle: fitted residuals must not see it, the score must.
+        for force_n in &mut measured.force_n[reversals[1]..reversals[3]] {
+            *force_n += 100.0;
+        }
+        let problem = problem(measured, &options);
+        assert!(worst(&problem) < 1e-6);
+        let score = problem.score(&TRUTH).expect("within bounds");
+        assert!(score.nrmse_train < 1e-6);
+        assert!(score.nrmse_heldout.expect("held out") > 0.05);
+    }
+
+    #[test]
+    fn flagged_samples_and_zero_weights_are_not_compared() {
+        let mut measured = recording(&TRUTH, 2, false);
+        measured.force_n[700] = 1e6;
+        let mut flags = vec![0; measured.len()];
+        flags[700] = Flags::SPIKE.0;
+        measured.flags = Some(flags);
+        // The weight is over the range, spike included: what matters is that its place is gone.
+        let mut problem = problem(measured, &CurveOptions::default());
+        assert_eq!(problem.count(), 1999);
+        let mut weights = problem.weights(0);
+        weights[..100].fill(0.0);
+        problem.set_weights(0, &weights).expect("same length");
+        assert_eq!(problem.count(), 1899);
+        assert!(problem.set_weights(0, &[1.0]).is_err());
+        assert!(problem.set_weights(1, &[1.0]).is_err());
+    }
+
+    #[test]
+    fn unusable_recordings_are_refused_by_name() {
+        let model = model::find("equivalent").expect("listed");
+        let mut broken = recording(&TRUTH, 1, true);
+        broken.force_n[3] = f64::NAN;
+        let nothing = toml::Table::new();
+        let error = CurveProblem::of_model(model, &nothing, &[broken], &CurveOptions::default())
+            .err()
+            .expect("not a number");
+        assert!(error.to_string().contains("sine"), "{error}");
+    }
+}

@@ -1,0 +1,401 @@
+//! Bounded Levenberg-Marquardt, from one start or from many.
+//!
+//! Minimises `|r(p)|^2` over `low <= p <= high` in scaled parameters. A step solves `(J'J + lambda diag(J'J)) d = -J'r` on
+//! the parameters that are free to move; one that would leave its bounds is put on it and the others are solved again.
+//! Damping after Nielsen (1999); steps that the model refuses cost infinity and only raise it.
+//! Several starts: a seeded Latin hypercube over the believed values is screened, the best go down to the end.
+
+use nalgebra::{DMatrix, DVector};
+use rand::seq::SliceRandom;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::evaluator::Evaluator;
+use super::jacobian::{scaled_jacobian, typical};
+use super::{Control, Ending, Optimum, Progress};
+
+/// When to stop, how to differentiate, where to begin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Most iterations a start (one Jacobian each).
+    pub iterations: usize,
+    /// Converged when an accepted step lowers the cost by less than this share.
+    pub cost_tolerance: f64,
+    /// Converged when a step moves every parameter by less than this share of its size.
+    pub step_tolerance: f64,
+    /// Finite-difference step as a share of a parameter's size.
+    pub relative_step: f64,
+    /// Points screened besides the given start; 0 for that alone.
+    pub screened: usize,
+    /// How many of the screened points, the start included, are followed down.
+    pub starts: usize,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings {
+            iterations: 60,
+            cost_tolerance: 1e-9,
+            step_tolerance: 1e-7,
+            relative_step: 1e-5,
+            screened: 0,
+            starts: 1,
+        }
+    }
+}
+
+/// Searches within `bounds` from `start` and, where asked for, from points spread over `belief`.
+pub fn minimise(
+    evaluator: &mut Evaluator<'_>,
+    start: &[f64],
+    bounds: &[[f64; 2]],
+    settings: &Settings,
+    seed: u64,
+    watch: &mut dyn FnMut(Progress<'_>) -> Control,
+) -> Optimum {
+    let mut points = vec![start.to_vec()];
+    if settings.screened > 0 {
+        points.extend(latin_hypercube(evaluator, bounds, settings.screened, seed));
+        let costs = evaluator.costs(&points);
+        // The given start stays first: it is somebody's knowledge. The rest by cost; the sort is stable.
+        let mut order: Vec<usize> = (1..points.len()).collect();
+        order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
+        let best = order.into_iter().take(settings.starts.saturating_sub(1));
+        points = std::iter::once(0)
+            .chain(best)
+            .map(|i| points[i].clone())
+            .collect();
+    }
+    let total = points.len();
+    let mut best: Option<Optimum> = None;
+    for (i, point) in points.into_iter().enumerate() {
+        let known = best
+            .as_ref()
+            .map_or(f64::INFINITY, |optimum: &Optimum| optimum.cost);
+        let mut descent = Descent::new(evaluator, point, bounds, settings);
+        let optimum = descent.run(known, (i, total), watch);
+        let stopped = optimum.ending == Ending::Stopped;
+        let better = best
+            .as_ref()
+            .is_none_or(|so_far| optimum.cost < so_far.cost || (stopped && !so_far.cost.is_finite()));
+        if better {
+            best = Some(optimum);
+        } else if let (true, Some(so_far)) = (stopped, best.as_mut()) {
+            so_far.ending = Ending::Stopped;
+        }
+        if stopped {
+            break;
+        }
+    }
+    best.expect("there is at least the given start")
+}
+
+/// One value in each of `count` equal slices of every parameter's believed range, slices shuffled.
+fn latin_hypercube(evaluator: &Evaluator<'_>, bounds: &[[f64; 2]], count: usize, seed: u64) -> Vec<Vec<f64>> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut points = vec![Vec::with_capacity(bounds.len()); count];
+    for (parameter, &[low, high]) in evaluator.problem().parameters().iter().zip(bounds) {
+        let low = low.max(parameter.belief[0]);
+        let high = high.min(parameter.belief[1]);
+        let mut slices: Vec<usize> = (0..count).collect();
+        slices.shuffle(&mut random);
+        for (point, slice) in points.iter_mut().zip(slices) {
+            let share = (slice as f64 + random.random::<f64>()) / count as f64;
+            // Over decades where the range is wide and positive, evenly elsewhere.
+            let value = if low > 0.0 && high / low > 30.0 {
+                low * (high / low).powf(share)
+            } else {
+                low + (high - low) * share
+            };
+            point.push(value);
+        }
+    }
+    points
+}
+
+/// One way down.
+struct Descent<'e, 'p, 'b> {
+    evaluator: &'e mut Evaluator<'p>,
+    bounds: &'b [[f64; 2]],
+    settings: Settings,
+    values: Vec<f64>,
+    residuals: Vec<f64>,
+    trial: Vec<f64>,
+    cost: f64,
+    damping: f64,
+    raise: f64,
+}
+
+/// What came of an attempt to go down from one Jacobian.
+enum Attempt {
+    Lower,
+    /// The cost fell by next to nothing, or the step is too small to matter.
+    Settled,
+    /// No damping gives a lower cost.
+    Stuck,
+}
+
+impl<'e, 'p, 'b> Descent<'e, 'p, 'b> {
+    fn new(
+        evaluator: &'e mut Evaluator<'p>,
+        start: Vec<f64>,
+        bounds: &'b [[f64; 2]],
+        settings: &Settings,
+    ) -> Self {
+        let count = evaluator.problem().count();
+        let mut residuals = vec![0.0; count];
+        let cost = sum_of_squares(evaluator.residuals(&start, &mut residuals), &residuals);
+        Descent {
+            evaluator,
+            bounds,
+            settings: *settings,
+            values: start,
+            residuals,
+            trial: vec![0.0; count],
+            cost,
+            damping: 1e-3,
+            raise: 2.0,
+        }
+    }
+
+    fn run(
+        &mut self,
+        known_cost: f64,
+        (turn, turns): (usize, usize),
+        watch: &mut dyn FnMut(Progress<'_>) -> Control,
+    ) -> Optimum {
+        let mut ending = Ending::Exhausted;
+        let mut iterations = 0;
+        let mut idle = 0;
+        while iterations < self.settings.iterations {
+            let done = iterations as f64 / self.settings.iterations as f64;
+            let progress = Progress {
+                stage: "least squares",
+                iteration: iterations,
+                evaluations: self.evaluator.evaluations(),
+                best_cost: self.cost.min(known_cost),
+                best_values: &self.values,
+                share: (turn as f64 + done) / turns as f64,
+            };
+            if watch(progress) == Control::Stop {
+                ending = Ending::Stopped;
+                break;
+            }
+            if self.cost == 0.0 || !self.cost.is_finite() {
+                ending = if self.cost == 0.0 {
+                    Ending::Converged
+                } else {
+                    Ending::Exhausted
+                };
+                break;
+            }
+            iterations += 1;
+            match self.attempt() {
+                Attempt::Lower => idle = 0,
+                // Twice in a row: a single tiny step may be the damping's doing.
+                Attempt::Settled if idle == 0 => idle = 1,
+                Attempt::Settled | Attempt::Stuck => {
+                    ending = Ending::Converged;
+                    break;
+                }
+            }
+        }
+        Optimum {
+            values: self.values.clone(),
+            cost: self.cost,
+            iterations,
+            ending,
+        }
+    }
+
+    /// One Jacobian, and damping until a step goes down.
+    fn attempt(&mut self) -> Attempt {
+        let parameters = self.evaluator.problem().parameters();
+        let scale: Vec<f64> = (0..self.values.len())
+            .map(|n| typical(self.values[n], parameters[n].belief, self.bounds[n]))
+            .collect();
+        let jacobian = scaled_jacobian(
+            self.evaluator,
+            &self.values,
+            &self.residuals,
+            &scale,
+            self.settings.relative_step,
+        );
+        let normal = jacobian.tr_mul(&jacobian);
+        let gradient = jacobian.tr_mul(&DVector::from_column_slice(&self.residuals));
+        for _ in 0..12 {
+            let step = self.bounded_step(&normal, &gradient, &scale);
+            let predicted = -(2.0 * gradient.dot(&step) + step.dot(&(&normal * &step)));
+            let values: Vec<f64> = (0..scale.len())
+                .map(|n| (self.values[n] + step[n] * scale[n]).clamp(self.bounds[n][0], self.bounds[n][1]))
+                .collect();
+            let small = step.amax() <= self.settings.step_tolerance;
+            let raw = self.evaluator.residuals(&values, &mut self.trial);
+            let cost = sum_of_squares(raw, &self.trial);
+            if cost < self.cost {
+                let gain = self.cost - cost;
+                let ratio = if predicted > 0.0 { gain / predicted } else { 1.0 };
+                let nothing =
+                    gain <= self.settings.cost_tolerance * self.cost && predicted <= 10.0 * gain.abs();
+                self.damping *= (1.0 - (2.0 * ratio - 1.0).powi(3)).clamp(0.1, 2.0);
+                self.damping = self.damping.max(1e-12);
+                self.raise = 2.0;
+                self.values = values;
+                self.cost = cost;
+                std::mem::swap(&mut self.residuals, &mut self.trial);
+                return if small || nothing {
+                    Attempt::Settled
+                } else {
+                    Attempt::Lower
+                };
+            }
+            // A step bent by bounds may predict a rise: more damping straightens it.
+            if small || (0.0..=1e-14 * self.cost).contains(&predicted) {
+                return Attempt::Stuck;
+            }
+            self.damping *= self.raise;
+            self.raise *= 2.0;
+        }
+        Attempt::Stuck
+    }
+
+    /// Damped step in scaled parameters that ends within the bounds.
+    fn bounded_step(&self, normal: &DMatrix<f64>, gradient: &DVector<f64>, scale: &[f64]) -> DVector<f64> {
+        let n = scale.len();
+        let room = |i: usize| {
+            [
+                (self.bounds[i][0] - self.values[i]) / scale[i],
+                (self.bounds[i][1] - self.values[i]) / scale[i],
+            ]
+        };
+        let largest = normal.diagonal().amax();
+        let mut step = DVector::zeros(n);
+        // Standing at a bound with the way down leading out: not free.
+        let mut free: Vec<usize> = (0..n)
+            .filter(|&i| {
+                let [low, high] = room(i);
+                !(low >= 0.0 && gradient[i] > 0.0 || high <= 0.0 && gradient[i] < 0.0)
+            })
+            .collect();
+        while !free.is_empty() {
+            let m = free.len();
+            let damped = DMatrix::from_fn(m, m, |r, c| {
+                let (i, j) = (free[r], free[c]);
+                let diagonal = if r == c {
+                    self.damping * normal[(i, i)].max(1e-9 * largest)
+                } else {
+                    0.0
+                };
+                normal[(i, j)] + diagonal
+            });
+            let pushed = normal * &step;
+            let right = DVector::from_fn(m, |r, _| -gradient[free[r]] - pushed[free[r]]);
+            let Some(solution) = damped.cholesky().map(|c| c.solve(&right)) else {
+                break;
+            };
+            let outside = |r: usize| {
+                let [low, high] = room(free[r]);
+                solution[r] < low || solution[r] > high
+            };
+            if let Some(r) = (0..m).find(|&r| outside(r)) {
+                let [low, high] = room(free[r]);
+                step[free[r]] = solution[r].clamp(low, high);
+                free.remove(r);
+            } else {
+                for (r, &i) in free.iter().enumerate() {
+                    step[i] = solution[r];
+                }
+                break;
+            }
+        }
+        step
+    }
+}
+
+/// The sum of squares, whatever scalar the problem itself would report; infinite where that was.
+fn sum_of_squares(reported: f64, residuals: &[f64]) -> f64 {
+    if reported.is_finite() {
+        residuals.iter().map(|r| r * r).sum()
+    } else {
+        f64::INFINITY
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{Valley, Waves};
+    use super::*;
+
+    fn go(
+        problem: &dyn super::super::Residuals,
+        threads: usize,
+        start: &[f64],
+        bounds: &[[f64; 2]],
+        settings: &Settings,
+    ) -> (Optimum, usize) {
+        let mut evaluator = Evaluator::new(problem, threads);
+        let optimum = minimise(&mut evaluator, start, bounds, settings, 5, &mut |_| {
+            Control::Continue
+        });
+        (optimum, evaluator.evaluations())
+    }
+
+    #[test]
+    fn end_of_the_valley() {
+        let (optimum, evaluations) = go(
+            &Valley::new(),
+            1,
+            &[-1.2, 1.0],
+            &[[-5.0, 5.0]; 2],
+            &Settings::default(),
+        );
+        assert_eq!(optimum.ending, Ending::Converged);
+        // Residuals vanish there: converged quadratically, to the step tolerance or better.
+        assert!(
+            optimum.values.iter().all(|v| (v - 1.0).abs() < 1e-7),
+            "{optimum:?}"
+        );
+        assert!(evaluations < 100, "{evaluations}");
+    }
+
+    #[test]
+    fn constrained_minimum_lies_on_the_bound() {
+        // With x <= 0.5 the least of (1 - x)^2 + 100 (y - x^2)^2 is at x = 0.5, y = 0.25.
+        let bounds = [[-2.0, 0.5], [-2.0, 2.0]];
+        let (optimum, _) = go(&Valley::new(), 1, &[-1.2, 1.0], &bounds, &Settings::default());
+        assert_eq!(optimum.values[0], 0.5);
+        assert!((optimum.values[1] - 0.25).abs() < 1e-6, "{optimum:?}");
+        // And back from a start on the wrong bound.
+        let (optimum, _) = go(&Valley::new(), 1, &[-2.0, 2.0], &bounds, &Settings::default());
+        assert_eq!(optimum.values[0], 0.5);
+    }
+
+    #[test]
+    fn several_starts_find_the_deepest_of_many_minima() {
+        let bounds = [[0.0, 20.0]];
+        let (alone, _) = go(&Waves::new(), 1, &[6.9], &bounds, &Settings::default());
+        assert!((alone.values[0] - 13.0).abs() > 1.0, "a trap that traps nobody");
+        let settings = Settings {
+            screened: 30,
+            starts: 4,
+            ..Settings::default()
+        };
+        let (optimum, _) = go(&Waves::new(), 1, &[6.9], &bounds, &settings);
+        assert!((optimum.values[0] - 13.0).abs() < 1e-6, "{optimum:?}");
+        for threads in [2, 4] {
+            assert_eq!(go(&Waves::new(), threads, &[6.9], &bounds, &settings).0, optimum);
+        }
+    }
+
+    #[test]
+    fn hypercube_has_one_point_a_slice() {
+        let problem = Valley::new();
+        let evaluator = Evaluator::new(&problem, 1);
+        let points = latin_hypercube(&evaluator, &[[-2.0, 2.0]; 2], 8, 1);
+        for n in 0..2 {
+            let mut slices: Vec<usize> = points.iter().map(|p| ((p[n] + 2.0) / 0.5) as usize).collect();
+            slices.sort_unstable();
+            assert_eq!(slices, (0..8).collect::<Vec<_>>());
+        }
+    }
+}

@@ -1,0 +1,4 @@
+//! The papers' own identifications run again: plain tables of their figures beside ours, for a command line to print.
+
+pub mod second;
+pub mod third;

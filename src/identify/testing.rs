@@ -1,0 +1,126 @@
+//! Small problems with known answers, for the tests of the searches.
+
+use super::objective::Residuals;
+use crate::model::{BuildError, Parameter};
+
+const fn parameter(name: &'static str, start: f64, bounds: [f64; 2]) -> Parameter {
+    Parameter {
+        name,
+        unit: "",
+        start,
+        bounds,
+        belief: bounds,
+        what: "",
+    }
+}
+
+/// Rosenbrock's valley: residuals 10 (y - x^2) and 1 - x, least at (1, 1).
+pub struct Valley([Parameter; 2]);
+
+impl Valley {
+    pub fn new() -> Self {
+        Valley([
+            parameter("x", -1.2, [-2.0, 2.0]),
+            parameter("y", 1.0, [-2.0, 2.0]),
+        ])
+    }
+}
+
+impl Residuals for Valley {
+    fn parameters(&self) -> &[Parameter] {
+        &self.0
+    }
+    fn count(&self) -> usize {
+        2
+    }
+    fn evaluate(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
+        out[0] = 10.0 * (values[1] - values[0] * values[0]);
+        out[1] = 1.0 - values[0];
+        Ok(())
+    }
+}
+
+/// A minimum every pi, the deepest at 13.
+pub struct Waves([Parameter; 1]);
+
+impl Waves {
+    pub fn new() -> Self {
+        Waves([parameter("x", 6.9, [0.0, 20.0])])
+    }
+}
+
+impl Residuals for Waves {
+    fn parameters(&self) -> &[Parameter] {
+        &self.0
+    }
+    fn count(&self) -> usize {
+        2
+    }
+    fn evaluate(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
+        let x = values[0] - 13.0;
+        out[0] = 0.5 * x;
+        out[1] = 3.0 * x.sin();
+        Ok(())
+    }
+}
+
+/// `y = offset + slope * 0.05 i`.
+pub struct Line {
+    parameters: [Parameter; 2],
+    y: Vec<f64>,
+}
+
+impl Line {
+    pub fn new(y: Vec<f64>) -> Self {
+        let parameters = [
+            parameter("offset", 0.0, [-100.0, 100.0]),
+            parameter("slope", 1.0, [-100.0, 100.0]),
+        ];
+        Line { parameters, y }
+    }
+}
+
+impl Residuals for Line {
+    fn parameters(&self) -> &[Parameter] {
+        &self.parameters
+    }
+    fn count(&self) -> usize {
+        self.y.len()
+    }
+    fn evaluate(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
+        for (i, (place, y)) in out.iter_mut().zip(&self.y).enumerate() {
+            *place = y - values[0] - values[1] * 0.05 * i as f64;
+        }
+        Ok(())
+    }
+}
+
+/// `y = first * second * x + third`, from 6 x + 1 with a zigzag of 0.05 on it.
+pub struct ProductLine([Parameter; 3]);
+
+impl ProductLine {
+    pub fn new() -> Self {
+        ProductLine([
+            parameter("first", 1.0, [0.1, 10.0]),
+            parameter("second", 2.0, [0.1, 10.0]),
+            parameter("third", 0.5, [-5.0, 5.0]),
+        ])
+    }
+}
+
+impl Residuals for ProductLine {
+    fn parameters(&self) -> &[Parameter] {
+        &self.0
+    }
+    fn count(&self) -> usize {
+        20
+    }
+    fn evaluate(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
+        for (i, place) in out.iter_mut().enumerate() {
+            let x = 0.1 * i as f64;
+            let zigzag = if i % 2 == 0 { 0.05 } else { -0.05 };
+            *place = 6.0 * x + 1.0 + zigzag - values[0] * values[1] * x - values[2];
+        }
+        Ok(())
+    }
+}

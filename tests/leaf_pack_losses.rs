@@ -1,0 +1,271 @@
+//! Where the leaf pack's energy goes: the balance, each source of friction by itself, damping and inertia.
+
+mod leaf_pack_duty;
+
+use leaf_pack_duty::{all_sources, close, loop_j, pack, sine_row, static_loop, static_row, values};
+use leafbench::model::Plant;
+use leafbench::model::leaf_pack::{
+    Dynamics, FrictionChoice, Mounting, Source, Structure, Values, graded_path,
+};
+
+/// Work in = stored + dissipated, with every source on, in both mountings.
+#[test]
+fn energy_balances() {
+    for mounting in [Mounting::Rail, Mounting::Shackle] {
+        let structure = Structure {
+            mounting,
+            ..Structure::default()
+        };
+        let mut p = pack(&structure, &all_sources());
+        p.set_tolerance_n(1e-5);
+        let steps = 6000;
+        for k in 1..=2 * steps {
+            let there = k as f64 / steps as f64;
+            p.step(10.0 * if there <= 1.0 { there } else { 2.0 - there }, 1e-3);
+        }
+        let e = p.energy();
+        let error = (e.work_nmm - e.stored_nmm - e.lost_nmm()) / (e.work_nmm + e.stored_nmm);
+        println!(
+            "{mounting:?}: work {:.3} stored {:.3} lost {:.3} N mm, error {error:.1e}",
+            e.work_nmm,
+            e.stored_nmm,
+            e.lost_nmm()
+        );
+        // Trapezoids of 1.7 um: their error falls with the square of the step.
+        assert!(error.abs() < 1e-6);
+    }
+}
+
+/// Switches one source off: its own entry in the books goes to zero, and the loop shrinks by what that entry was.
+fn share_of(source: Source, mounting: Mounting, off: Values) {
+    let structure = Structure {
+        mounting,
+        ..Structure::default()
+    };
+    let cycle = |values: &Values| {
+        let mut p = pack(&structure, values);
+        let turns = [4.0, 12.0, 4.0, 12.0, 4.0];
+        p.static_path(&graded_path(&turns[..3], 0.25), 1.0);
+        let before = p.energy();
+        p.static_path(&graded_path(&turns[2..], 0.25), 1.0);
+        let after = p.energy();
+        let lost: Vec<f64> = after
+            .dissipated_nmm
+            .iter()
+            .zip(before.dissipated_nmm)
+            .map(|(a, b)| a - b)
+            .collect();
+        (after.work_nmm - before.work_nmm, lost)
+    };
+    let (work_on, lost_on) = cycle(&all_sources());
+    let (work_off, lost_off) = cycle(&off);
+    let share = lost_on[source as usize];
+    println!("{source:?} on {mounting:?}: loop {work_on:.1} -> {work_off:.1} N mm, its share {share:.1}");
+    assert!(share > 0.0);
+    assert_eq!(lost_off[source as usize], 0.0);
+    // What remains changes a little because the other contacts carry less: 3 % of the whole loop covers it.
+    assert!((work_on - work_off - share).abs() < 0.03 * work_on);
+    for (k, (on, off)) in lost_on.iter().zip(&lost_off).enumerate() {
+        if k != source as usize {
+            assert!(
+                (on - off).abs() <= 0.05 * on.abs() + 0.02 * work_on,
+                "source {k}: {on} -> {off}"
+            );
+        }
+    }
+}
+
+#[test]
+fn switching_off_interleaf_friction_takes_its_share() {
+    share_of(
+        Source::Interleaf,
+        Mounting::Rail,
+        Values {
+            interleaf_mu: 0.0,
+            ..all_sources()
+        },
+    );
+    share_of(
+        Source::Interleaf,
+        Mounting::Shackle,
+        Values {
+            interleaf_mu: 0.0,
+            ..all_sources()
+        },
+    );
+}
+
+#[test]
+fn switching_off_pin_friction_takes_its_share() {
+    share_of(
+        Source::Pin,
+        Mounting::Rail,
+        Values {
+            pin_mu: 0.0,
+            ..all_sources()
+        },
+    );
+    share_of(
+        Source::Pin,
+        Mounting::Shackle,
+        Values {
+            pin_mu: 0.0,
+            ..all_sources()
+        },
+    );
+}
+
+#[test]
+fn switching_off_pivot_torque_takes_its_share() {
+    share_of(
+        Source::PivotTorque,
+        Mounting::Rail,
+        Values {
+            pivot_torque_nmm: 0.0,
+            ..all_sources()
+        },
+    );
+    share_of(
+        Source::PivotTorque,
+        Mounting::Shackle,
+        Values {
+            pivot_torque_nmm: 0.0,
+            ..all_sources()
+        },
+    );
+}
+
+#[test]
+fn switching_off_rail_friction_takes_its_share() {
+    share_of(
+        Source::Rail,
+        Mounting::Rail,
+        Values {
+            rail_mu: 0.0,
+            ..all_sources()
+        },
+    );
+}
+
+#[test]
+fn switching_off_constant_rail_friction_takes_its_share() {
+    share_of(
+        Source::RailConstant,
+        Mounting::Rail,
+        Values {
+            rail_constant_n: 0.0,
+            ..all_sources()
+        },
+    );
+}
+
+#[test]
+fn switching_off_board_friction_takes_its_share() {
+    share_of(
+        Source::Board,
+        Mounting::Shackle,
+        Values {
+            board_mu: 0.0,
+            ..all_sources()
+        },
+    );
+}
+
+#[test]
+fn slow_dynamics_is_the_static_path() {
+    for mounting in [Mounting::Rail, Mounting::Shackle] {
+        let still = Structure {
+            mounting,
+            ..Structure::default()
+        };
+        let moving = Structure {
+            dynamics: Dynamics::Full,
+            ..still.clone()
+        };
+        let (f, e) = static_row(&mut pack(&still, &values()), 1.0);
+        let (f_slow, e_slow) = static_row(&mut pack(&moving, &values()), 1.0);
+        close(&format!("{mounting:?}: slow peak, N"), f_slow, f, 1e-4);
+        close(&format!("{mounting:?}: slow loop, J"), e_slow, e, 1e-3);
+    }
+}
+
+/// At 2.5 Hz the moving mass shows: at the upper turning point the force falls by mass times acceleration.
+#[test]
+fn inertia_lowers_the_peak_by_mass_times_acceleration() {
+    let still = Structure {
+        clamp_mass_kg: 20.0,
+        ..Structure::default()
+    };
+    let moving = Structure {
+        dynamics: Dynamics::Full,
+        ..still.clone()
+    };
+    let v = Values {
+        preload_mm: 3.0,
+        ..Values::frictionless()
+    };
+    let w = 2.5 * std::f64::consts::TAU;
+    let top = |structure: &Structure| {
+        let mut p = pack(structure, &v);
+        let forces: Vec<f64> = (1..=2000)
+            .map(|k| p.step(3.0 - 3.0 * (w * f64::from(k) * 5e-4).cos(), 5e-4))
+            .collect();
+        // Tops at 0.2 s and then every 0.4 s: the mean keeps what rings from the start small.
+        [399, 1199, 1999].iter().map(|k| forces[*k]).sum::<f64>() / 3.0
+    };
+    let drop = top(&still) - top(&moving);
+    let clamp_alone = 20.0 * w * w * 3.0 * 1e-3;
+    println!("peak falls by {drop:.2} N; the clamp's mass alone gives {clamp_alone:.2} N");
+    // The leaves (7 kg, most of it moving less than the clamp) add to it.
+    assert!(drop > clamp_alone && drop < 1.35 * clamp_alone);
+}
+
+/// Eq. (4): damping forces in proportion to speed, so the loop of a frictionless pack grows with frequency, from nothing.
+#[test]
+fn structural_damping_is_viscous() {
+    let damped = Structure {
+        structural_damping_s: 1e-4,
+        ..Structure::default()
+    };
+    let lost = |frequency_hz: f64| {
+        let mut p = pack(
+            &damped,
+            &Values {
+                preload_mm: 2.0,
+                ..Values::frictionless()
+            },
+        );
+        let points: Vec<(f64, f64)> = (0..=2000)
+            .map(|k| {
+                let t_s = f64::from(k) * 1e-3 / frequency_hz;
+                let d = 3.0 - 3.0 * (t_s * frequency_hz * std::f64::consts::TAU).cos();
+                (d, p.step(d, 1e-3 / frequency_hz))
+            })
+            .collect();
+        loop_j(&points[1000..])
+    };
+    let (slow, fast) = (lost(0.1), lost(1.0));
+    println!("loop at 0.1 Hz {slow:.3e} J, at 1 Hz {fast:.3e} J");
+    assert!(slow > 0.0);
+    close("ratio of the loops", fast / slow, 10.0, 0.02);
+}
+
+/// The reference's rows at clamp 88 mm: presliding keeps 1.021 J of the 120 s loop, tanh with 1 mm/s 0.0085 J, and 0.052 J
+/// at 1 Hz. Its static stroke is not given: 24.5 mm is the one that gives its presliding loop.
+#[test]
+fn the_tanh_law_loses_the_slow_loop() {
+    let tanh = Structure {
+        friction_law: FrictionChoice::Tanh,
+        ..Structure::default()
+    };
+    let v = Values {
+        clamp_length_mm: 88.0,
+        ..values()
+    };
+    let (_, e) = static_loop(&mut pack(&Structure::default(), &v), 24.5, 0.5);
+    close("static loop, presliding, J", e, 1.021, 0.02);
+    let (_, e) = static_loop(&mut pack(&tanh, &v), 24.5, 0.5);
+    close("static loop with 1 mm/s transition, J", e, 0.0085, 0.05);
+    let (_, e) = sine_row(&mut pack(&tanh, &v), 1000);
+    close("1 Hz loop with 1 mm/s transition, J", e, 0.052, 0.03);
+}

@@ -1,0 +1,283 @@
+//! The leaf pack as plant and as a fit's model: no motion breaks it, every believable pack converges, its files run.
+
+mod leaf_pack_duty;
+
+use leaf_pack_duty::{all_sources, close, loop_j, pack, sine_row, static_row, values};
+use leafbench::model::leaf_pack::{LeafPack, Mounting, PARAMETERS, Structure, Values};
+use leafbench::model::{self, Plant};
+
+#[test]
+fn a_pusher_that_lifts_off_feels_nothing() {
+    for mounting in [Mounting::Rail, Mounting::Shackle] {
+        let mut p = pack(
+            &Structure {
+                mounting,
+                ..Structure::default()
+            },
+            &all_sources(),
+        );
+        assert!(p.step(6.0, 0.1) > 300.0);
+        assert_eq!(p.step(-3.0, 0.1), 0.0);
+        assert_eq!(p.step(-3.1, 0.1), 0.0);
+        let again = p.step(6.0, 0.1);
+        assert!(again > 300.0, "{again}");
+        assert_eq!(p.unconverged(), 0);
+    }
+}
+
+/// Jumps, noise and nonsense: a finite force always, and the same bits from the same input.
+#[test]
+fn no_motion_breaks_it() {
+    for mounting in [Mounting::Rail, Mounting::Shackle] {
+        let drive = || {
+            let mut p = pack(
+                &Structure {
+                    mounting,
+                    ..Structure::default()
+                },
+                &all_sources(),
+            );
+            let mut seed = 7u64;
+            let mut random = || {
+                seed = seed
+                    .wrapping_mul(6364136223846793005)
+                    .wrapping_add(1442695040888963407);
+                (seed >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+            };
+            let mut forces = Vec::new();
+            for k in 0..2000 {
+                let noise = 4e-3 * random();
+                let jump = if k % 100 == 99 { 30.0 * random() } else { 0.0 };
+                forces.push(p.step(8.0 + jump + noise, 1e-3));
+            }
+            for odd in [f64::NAN, f64::INFINITY, -500.0, 0.0, 60.0, 5.0] {
+                forces.push(p.step(odd, 1e-3));
+            }
+            (forces, p.unconverged())
+        };
+        let (forces, unconverged) = drive();
+        println!("{mounting:?}: {unconverged} steps not converged");
+        assert!(forces.iter().all(|f| f.is_finite() && *f >= 0.0));
+        assert_eq!(unconverged, 0);
+        assert!(
+            drive()
+                .0
+                .iter()
+                .zip(&forces)
+                .all(|(a, b)| a.to_bits() == b.to_bits())
+        );
+    }
+}
+
+/// Far beyond what a rig can do: flat, through, and past its own length. What it answers is finite, and it comes back.
+#[test]
+fn absurd_displacements_are_survived() {
+    for mounting in [Mounting::Rail, Mounting::Shackle] {
+        let structure = Structure {
+            mounting,
+            ..Structure::default()
+        };
+        let fresh = pack(&structure, &all_sources()).step(5.0, 1e-3);
+        for far_mm in [100.0, 150.0, 300.0, 2000.0] {
+            let mut p = pack(&structure, &all_sources());
+            let force = p.step(far_mm, 1e-3);
+            let missed = p.unconverged();
+            p.step(-10.0, 1e-3);
+            let back = p.step(5.0, 1e-3);
+            println!(
+                "{mounting:?} {far_mm} mm: {force:.0} N ({missed} not converged), back at 5 mm {back:.1} N, fresh {fresh:.1} N"
+            );
+            assert!(force.is_finite() && back.is_finite());
+            // A loop's width of friction apart, no more.
+            assert!((back / fresh - 1.0).abs() < 0.05);
+        }
+    }
+}
+
+/// The drawing: four leaves of both sides, the load flattens them, no leaf runs through another.
+#[test]
+fn the_shape_flattens_under_load() {
+    let mut p = pack(&Structure::default(), &values());
+    let camber = |p: &LeafPack| {
+        let shape = p.shape();
+        assert_eq!(shape.leaves.len(), 4);
+        assert_eq!(
+            shape.leaves.iter().map(|l| l.stations.len() - 2).sum::<usize>(),
+            p.segments()
+        );
+        assert!(
+            shape
+                .leaves
+                .iter()
+                .all(|l| l.stations.windows(2).all(|w| w[1].x_mm > w[0].x_mm))
+        );
+        assert!(shape.contacts.iter().all(|c| c.normal_n >= 0.0));
+        shape.eyes_mm[1][1] - shape.clamp_mm[0]
+    };
+    let before = camber(&p);
+    p.step(20.0, 1.0);
+    let after = camber(&p);
+    println!("camber {before:.3} -> {after:.3} mm");
+    // The supports give by 1600 N in 1e6 N/mm.
+    assert!((before - after - 20.0).abs() < 5e-3);
+}
+
+/// What an identification asks for: every pack within the bounds can be clamped and loaded.
+#[test]
+fn every_plausible_pack_assembles() {
+    let mut count = 0;
+    for thickness_correction_mm in (-20..=20).map(|k| 0.05 * f64::from(k)) {
+        for clamp_length_mm in [0.0, 37.0, 60.0, 88.0, 100.0, 119.0, 200.0] {
+            let v = Values {
+                thickness_correction_mm,
+                clamp_length_mm,
+                ..values()
+            };
+            let mut p = pack(&Structure::default(), &v);
+            assert!(p.step(1.0, 1.0) > 20.0);
+            assert_eq!(p.unconverged(), 0);
+            count += 1;
+        }
+    }
+    let hard = Structure {
+        contact_stiffness_n_per_mm: 1e7,
+        ..Structure::default()
+    };
+    assert!(pack(&hard, &values()).step(1.0, 1.0) > 20.0);
+    for segments in [0, 22, 44, 172, 344, 688] {
+        let structure = Structure {
+            segments,
+            ..Structure::default()
+        };
+        assert!(pack(&structure, &values()).step(1.0, 1.0) > 20.0);
+    }
+    let mut cut = Structure::default();
+    cut.leaves[1].length_mm = 870.0;
+    assert!(pack(&cut, &values()).step(1.0, 1.0) > 20.0);
+    println!("{count} packs");
+}
+
+/// Values anywhere within belief (friction up to its bound of belief, twice over), both mountings, a row and a sine.
+#[test]
+fn any_believable_pack_converges() {
+    let mut seed = 11u64;
+    let mut random = |[low, high]: [f64; 2]| {
+        seed = seed
+            .wrapping_mul(6364136223846793005)
+            .wrapping_add(1442695040888963407);
+        low + (high - low) * (seed >> 11) as f64 / (1u64 << 53) as f64
+    };
+    let (mut steps, mut unconverged) = (0, 0);
+    for k in 0..60 {
+        let mounting = if k % 2 == 0 {
+            Mounting::Rail
+        } else {
+            Mounting::Shackle
+        };
+        let drawn: Vec<f64> = PARAMETERS
+            .iter()
+            .map(|p| random(p.belief) * if p.name.ends_with("_mu") { 2.0 } else { 1.0 })
+            .collect();
+        let v = Values::from_slice(&drawn).expect("one a parameter");
+        let eye_offset_mm = random([-20.0, 20.0]);
+        let structure = Structure {
+            mounting,
+            eye_offset_mm,
+            ..Structure::default()
+        };
+        let mut p = pack(&structure, &v);
+        let (force, _) = static_row(&mut p, 1.0);
+        assert!(force > 500.0);
+        let row = p.unconverged();
+        p.reset();
+        sine_row(&mut p, 100);
+        steps += 69 + 200;
+        unconverged += row + p.unconverged();
+        if row + p.unconverged() > 0 {
+            println!("{mounting:?}: {row} and {} steps of {v:?}", p.unconverged());
+        }
+    }
+    println!("{unconverged} of {steps} steps did not converge");
+    assert_eq!(unconverged, 0);
+}
+
+#[test]
+fn it_is_in_the_list_of_models() {
+    let m = model::find("leaf-pack").expect("listed");
+    let mut values = m.start_values();
+    values[m.parameter_index("preload_mm").expect("parameter")] = 4.0;
+    let table: toml::Table = "mounting = \"rail\"\nsegments = 44".parse().expect("toml");
+    let mut plant = m.plant(&values, &table).expect("builds");
+    let preloaded = plant.step(0.0, 1e-3);
+    println!("force at a reading of zero with 4 mm preload: {preloaded:.1} N");
+    assert!(preloaded > 250.0);
+    plant.step(3.0, 1e-3);
+    plant.reset();
+    assert_eq!(plant.step(0.0, 1e-3).to_bits(), preloaded.to_bits());
+    assert!(m.plant(&values, &"segmnts = 3".parse().expect("toml")).is_err());
+}
+
+/// Table 2 and 3 of the paper, as the comment of each specimen file claims.
+#[test]
+fn specimen_files_do_what_they_say() {
+    let rail = include_str!("../bench-configs/specimens/samurai-leaf-pack-rail.toml");
+    let shackle = include_str!("../bench-configs/specimens/samurai-leaf-pack-shackle.toml");
+    let rows = [
+        (
+            rail,
+            1.6,
+            (2_000.0, 6.047, 0.06),
+            [(6.0, 688.0, 0.665), (10.0, 1028.0, 1.609), (15.0, 1439.0, 3.316)],
+            0.04,
+            0.2,
+        ),
+        (
+            shackle,
+            1.0,
+            (2_003.0, 8.907, 0.02),
+            [(6.0, 1029.0, 2.425), (10.0, 1479.0, 4.915), (15.0, 1954.0, 8.489)],
+            0.02,
+            0.11,
+        ),
+    ];
+    for (text, trough_mm, (peak_n, energy_j, within), sines, force_within, loop_within) in rows {
+        let file: toml::Table = text.parse().expect("toml");
+        let m = model::find(file["model"]["name"].as_str().expect("name")).expect("model");
+        let mut values = m.start_values();
+        for (name, value) in file["model"]["parameters"].as_table().expect("parameters") {
+            values[m.parameter_index(name).expect("parameter")] = value.as_float().expect("number");
+        }
+        let mut p = m
+            .plant(&values, file["model"]["structure"].as_table().expect("structure"))
+            .expect("builds");
+        let mut points = vec![(0.0, 0.0)];
+        let (mut d, mut sense) = (0.0, 0.1);
+        while d > -0.05 && points.len() < 1000 {
+            d += sense;
+            let f = p.step(d, 0.1);
+            points.push((d, f));
+            if f > peak_n {
+                sense = -0.1;
+            }
+        }
+        close("static loop, J", loop_j(&points), energy_j, within);
+        for (stroke_mm, force_n, loop_energy_j) in sines {
+            p.reset();
+            let points: Vec<(f64, f64)> = (0..=400)
+                .map(|k| {
+                    let d = trough_mm
+                        + 0.5 * stroke_mm * (1.0 - (f64::from(k) * 5e-3 * std::f64::consts::TAU).cos());
+                    (d, p.step(d, 5e-3))
+                })
+                .collect();
+            let peak = points.iter().fold(0.0f64, |m, p| m.max(p.1));
+            close(&format!("peak of {stroke_mm} mm, N"), peak, force_n, force_within);
+            close(
+                &format!("loop of {stroke_mm} mm, J"),
+                loop_j(&points[200..]),
+                loop_energy_j,
+                loop_within,
+            );
+        }
+    }
+}
