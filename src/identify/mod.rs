@@ -14,6 +14,7 @@ pub mod least_squares;
 pub mod nelder_mead;
 pub mod objective;
 pub mod papers;
+pub mod path;
 pub mod profile_likelihood;
 pub mod targets;
 #[cfg(test)]
