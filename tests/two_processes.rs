@@ -1,0 +1,195 @@
+//! Daemon and mock rig as two processes over a real link, in real time: the shortened static ramp and ten cycles of the
+//! 2.5 Hz sine, over a pseudo-terminal pair and over vcan0 with candump beside.
+//!
+//! Functional: the daemon must lose nothing and trip on nothing. Exact times are asserted in virtual time elsewhere, so
+//! the bench here bears a machine that stalls for a moment.
+
+#[expect(dead_code, reason = "each test takes its part")]
+mod support;
+#[path = "support/wire.rs"]
+mod wire;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use leafbench::protocol::frame::Frame;
+use leafbench::protocol::message::FromRig;
+use leafbench::recording::run_file::{EXTENSION, RunFile};
+use leafbench::recording::{Flags, Sample};
+use support::{Daemon, Process, config, json, leafbench};
+
+const PROFILES: [(&str, u32, usize); 2] = [("static-ramp-12s", 0, 12_001), ("sine-6mm-2.5hz-10", 10, 17_000)];
+/// A shared machine may stop a process for longer than any bench bears; then once more.
+const ATTEMPTS: usize = 4;
+
+/// The shipped bench with the patience of a machine that is shared: 200 ms of lease, silence and queue.
+fn patient_bench(name: &str, folder: &Path) -> PathBuf {
+    let shipped = std::fs::read_to_string(config(&format!("benches/{name}.toml"))).expect("is shipped");
+    let specimens = config("specimens");
+    let text = shipped
+        .replace(
+            "file = \"../specimens",
+            &format!("file = \"{}", specimens.display()),
+        )
+        .replace("lease_ms = 50", "lease_ms = 200")
+        .replace("node = 1\n", "node = 1\nqueue_lead_ms = 200\nsilence_ms = 200\n");
+    assert!(
+        text.contains("lease_ms = 200") && text.contains("silence_ms = 200"),
+        "{text}"
+    );
+    let path = folder.join(format!("{name}.toml"));
+    std::fs::write(&path, text).expect("written");
+    path
+}
+
+/// Runs one profile to its end; the run's samples. A trip on a silent link may be repeated, nothing else.
+fn run_profile(daemon: &Daemon, profile: &str, cycles: u32, samples_at_least: usize) -> Vec<Sample> {
+    for _ in 0..ATTEMPTS {
+        let (ended, code) = json(&daemon.data, &["run", profile]);
+        let id = ended["run_id"]
+            .as_str()
+            .unwrap_or_else(|| panic!("{ended}"))
+            .to_owned();
+        let file = daemon.data.join(format!("{id}.{EXTENSION}"));
+        let run = RunFile::open(&file).expect("the run's file opens");
+        let outcome = run.outcome().expect("the run ended").clone();
+        if code != 0 {
+            eprintln!("{profile} again: {}", outcome.cause);
+            daemon.back_to_ready();
+            continue;
+        }
+        let samples: Vec<Sample> = run.samples().collect();
+        println!(
+            "{profile}: {} samples, {} lost, {} cycles",
+            samples.len(),
+            outcome.lost,
+            outcome.cycles_completed
+        );
+        assert_eq!((outcome.lost, outcome.cycles_completed), (0, cycles));
+        assert!(samples.len() >= samples_at_least, "{} samples", samples.len());
+        assert!(
+            samples.windows(2).all(|w| w[1].tick == w[0].tick + 1),
+            "no tick is missing"
+        );
+        assert!(samples.iter().all(|s| !s.flags.has(Flags::AFTER_GAP)));
+        let with_twin = samples.iter().filter(|s| s.twin_force_n.is_some()).count();
+        println!("{profile}: twin beside {with_twin} of {} samples", samples.len());
+        assert!(with_twin > 0, "the twin ran beside");
+        return samples;
+    }
+    panic!("{profile} was disturbed {ATTEMPTS} times");
+}
+
+fn start(name: &str, folder: &Path, rig_link: &str, host_link: &str) -> (Process, Daemon) {
+    let bench = patient_bench(name, folder);
+    let bench = bench.to_str().expect("UTF-8");
+    let rig = leafbench(&["mock-rig", "--bench", bench, "--link", rig_link])
+        .stdout(Stdio::null())
+        .spawn();
+    let rig = Process(rig.expect("leafbench starts"));
+    let daemon = Daemon::ready(&folder.join("data"), &["--bench", bench, "--link", host_link]);
+    (rig, daemon)
+}
+
+#[test]
+fn over_a_pseudo_terminal_pair() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let wire = wire::Wire::new();
+    let [rig_port, host_port] = wire.ports.clone().map(|port| format!("serial:{port}"));
+    let (_rig, daemon) = start("mock-serial", folder.path(), &rig_port, &host_port);
+    for (profile, cycles, samples) in PROFILES {
+        run_profile(&daemon, profile, cycles, samples);
+    }
+}
+
+#[test]
+fn over_vcan_with_candump_beside() {
+    if !vcan0_is_there() {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let log = folder.path().join("candump.log");
+    let out = std::fs::File::create(&log).expect("created");
+    let candump = Command::new("candump")
+        .args(["-L", "-r", "8388608", "vcan0"])
+        .stdout(out)
+        .spawn();
+    let candump = Process(candump.expect("candump is installed: apt-get install can-utils"));
+    let (rig, daemon) = start("mock-vcan", folder.path(), "can:vcan0", "can:vcan0");
+    let runs: Vec<Vec<Sample>> = PROFILES
+        .iter()
+        .map(|&(profile, cycles, samples)| run_profile(&daemon, profile, cycles, samples))
+        .collect();
+    drop((daemon, rig));
+    drop(candump);
+    let seen = sample_frames(&std::fs::read_to_string(&log).expect("candump's log"));
+    for ((profile, ..), run) in PROFILES.iter().zip(&runs) {
+        let (first, last) = (run[0].tick, run[run.len() - 1].tick);
+        let of_run: BTreeMap<u64, (i32, i32)> = seen.range(first..=last).map(|(t, c)| (*t, *c)).collect();
+        println!(
+            "{profile}: candump saw {} sample frames, the run file has {}",
+            of_run.len(),
+            run.len()
+        );
+        let recorded: BTreeMap<u64, (i32, i32)> = run
+            .iter()
+            .map(|s| (s.tick, (s.force_counts, s.displacement_counts)))
+            .collect();
+        for (tick, counts) in &of_run {
+            assert_eq!(
+                recorded.get(tick),
+                Some(counts),
+                "frame of tick {tick} is not in the run file as it was sent"
+            );
+        }
+        assert_eq!(of_run.len(), run.len(), "candump saw the whole run");
+    }
+}
+
+fn vcan0_is_there() -> bool {
+    if Path::new("/sys/class/net/vcan0").exists() {
+        return true;
+    }
+    let required = std::env::var("LEAFBENCH_REQUIRE_VCAN").is_ok_and(|value| value == "1");
+    assert!(
+        !required,
+        "no vcan0, and LEAFBENCH_REQUIRE_VCAN=1 forbids to skip"
+    );
+    eprintln!("SKIPPED: no vcan0 here; .ci/uml-run with this test's binary runs it");
+    false
+}
+
+/// Counts by unfolded tick of all sample frames in a candump log. The first tick seen is taken as it stands on the wire,
+/// as the daemon does, which connects within the first 65 s.
+fn sample_frames(log: &str) -> BTreeMap<u64, (i32, i32)> {
+    let mut frames = BTreeMap::new();
+    let mut newest: Option<u64> = None;
+    for line in log.lines() {
+        let Some((id, data)) = line.split_whitespace().nth(2).and_then(|f| f.split_once('#')) else {
+            continue;
+        };
+        let bytes: Vec<u8> = (0..data.len() / 2)
+            .filter_map(|i| u8::from_str_radix(&data[2 * i..2 * i + 2], 16).ok())
+            .collect();
+        let Ok(id) = u16::from_str_radix(id, 16) else {
+            continue;
+        };
+        let Ok(FromRig::Sample {
+            tick,
+            force_counts,
+            displacement_counts,
+            ..
+        }) = FromRig::decode(&Frame::new(id, &bytes), 1)
+        else {
+            continue;
+        };
+        let unfolded = match newest {
+            None => u64::from(tick),
+            Some(newest) => newest + u64::from(tick.wrapping_sub(newest as u16)),
+        };
+        newest = Some(unfolded);
+        frames.insert(unfolded, (force_counts, displacement_counts));
+    }
+    frames
+}
