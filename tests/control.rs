@@ -9,39 +9,11 @@ use leafbench::mockrig::{MockRig, MockRigConfig};
 use leafbench::model;
 use leafbench::profile::{Block, Level, Profile, Segment};
 use leafbench::protocol::message::{Limits, RigState};
-use leafbench::recording::{
-    ChannelScale, Ending, Event, EventKind, FirmwareIdentity, Flags, Header, Outcome, Recorder, Sample,
-};
+use leafbench::recording::recorder::Memory;
+use leafbench::recording::{ChannelScale, Ending, EventKind, FirmwareIdentity, Flags, Header};
 use leafbench::units::Mode;
 
 const MS: u64 = 1_000_000;
-
-/// Keeps everything.
-#[derive(Default)]
-struct Memory {
-    header: Option<Header>,
-    samples: Vec<Sample>,
-    events: Vec<Event>,
-    outcome: Option<Outcome>,
-}
-
-impl Recorder for Memory {
-    fn begin(&mut self, header: &Header) {
-        *self = Memory {
-            header: Some(header.clone()),
-            ..Memory::default()
-        };
-    }
-    fn sample(&mut self, sample: &Sample) {
-        self.samples.push(*sample);
-    }
-    fn event(&mut self, event: &Event) {
-        self.events.push(event.clone());
-    }
-    fn end(&mut self, outcome: &Outcome) {
-        self.outcome = Some(outcome.clone());
-    }
-}
 
 struct Bench {
     rig: Rig,

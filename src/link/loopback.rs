@@ -4,7 +4,8 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 
-use super::{Arrival, Link, LinkHealth, Outlet, RING_FRAMES};
+use super::rings::{Outlet, Rings};
+use super::{Arrival, Link, RING_FRAMES, Wire};
 
 /// Host end and rig end. All arrival times are 0: time is the rig's tick.
 pub fn pair() -> (Link, Link) {
@@ -16,13 +17,16 @@ pub fn pair() -> (Link, Link) {
 pub fn pair_with_clock(clock: Arc<AtomicU64>) -> (Link, Link) {
     let (host_out, rig_in) = rtrb::RingBuffer::<Arrival>::new(RING_FRAMES);
     let (rig_out, host_in) = rtrb::RingBuffer::<Arrival>::new(RING_FRAMES);
-    let end = |ring, inbox| Link {
-        out: Outlet { ring, waker: None },
-        urgent: None,
-        inbox,
-        clock: Some(Arc::clone(&clock)),
-        service: None,
-        health: Arc::new(LinkHealth::opened()),
+    let end = |ring, inbox| {
+        let out = Outlet { ring, waker: None };
+        let clock = Some(Arc::clone(&clock));
+        Link::over(Wire::Rings(Rings {
+            out,
+            urgent: None,
+            inbox,
+            clock,
+            service: None,
+        }))
     };
     (end(host_out, host_in), end(rig_out, rig_in))
 }

@@ -1,11 +1,12 @@
-//! Links: move frames, never look inside. A link is lock-free rings that a task on a thread of its own serves, so the
-//! control thread neither waits nor allocates.
+//! Links: move frames, never look inside. A link is a socket that never blocks, or lock-free rings that a thread of its
+//! own serves, so the control thread neither waits nor allocates.
 //!
 //! A new backend is one file and one line in [`BACKENDS`].
 
 mod can;
 pub mod loopback;
 pub mod priority;
+mod rings;
 mod serial;
 mod service;
 mod wake;
@@ -15,7 +16,6 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use crate::protocol::cob;
 use crate::protocol::frame::Frame;
-use wake::Waker;
 
 /// Frames that a ring holds: 4 s of samples, so a reader that stalls for 2 s loses nothing.
 pub const RING_FRAMES: usize = 8192;
@@ -65,79 +65,55 @@ impl LinkHealth {
 pub struct Link {
     /// Counters.
     pub health: Arc<LinkHealth>,
-    /// Towards the far end, in order.
-    out: Outlet,
-    /// Overtakes `out`, where there is a queue to overtake.
-    urgent: Option<Outlet>,
-    inbox: rtrb::Consumer<Arrival>,
-    /// Virtual clock that stamps what we send; in memory only.
-    clock: Option<Arc<AtomicU64>>,
-    /// The thread that serves the rings; none in memory.
-    service: Option<std::thread::JoinHandle<()>>,
+    wire: Wire,
 }
 
-/// A ring towards the far end, and what wakes the task that empties it (none in memory).
-struct Outlet {
-    /// `at_ns` means something in memory only.
-    ring: rtrb::Producer<Arrival>,
-    waker: Option<Waker>,
+/// What a link is made of.
+enum Wire {
+    /// In memory, or a port that a thread of its own serves.
+    Rings(rings::Rings),
+    /// A CAN interface, by the kernel's own queues.
+    Can(can::Port),
 }
 
 impl Link {
-    /// Queues `frame`. False, and counted, where the ring is full or the far end gone.
+    fn over(wire: Wire) -> Self {
+        Link {
+            health: Arc::new(LinkHealth::opened()),
+            wire,
+        }
+    }
+
+    /// Queues `frame`. False, and counted, where the queue is full or the far end gone.
     pub fn send(&mut self, frame: Frame) -> bool {
-        let at_ns = self.stamp();
-        self.out.push(Arrival { frame, at_ns }, &self.health)
+        match &mut self.wire {
+            Wire::Rings(rings) => rings.send(frame, false, &self.health),
+            Wire::Can(port) => port.send(frame, false, &self.health),
+        }
     }
 
     /// Queues `frame` before all others: the abort.
     pub fn send_urgent(&mut self, frame: Frame) -> bool {
-        let at_ns = self.stamp();
-        let outlet = self.urgent.as_mut().unwrap_or(&mut self.out);
-        outlet.push(Arrival { frame, at_ns }, &self.health)
+        match &mut self.wire {
+            Wire::Rings(rings) => rings.send(frame, true, &self.health),
+            Wire::Can(port) => port.send(frame, true, &self.health),
+        }
     }
 
     /// The next frame that arrived.
     pub fn receive(&mut self) -> Option<Arrival> {
-        // Asked before the pop: what the far end sent before it went is still delivered.
-        let abandoned = self.inbox.is_abandoned();
-        let arrival = self.inbox.pop().ok();
-        if arrival.is_none() && abandoned {
-            self.health.open.store(false, Ordering::Relaxed);
+        match &mut self.wire {
+            Wire::Rings(rings) => rings.receive(&self.health),
+            Wire::Can(port) => port.receive(&self.health),
         }
-        arrival
     }
 
     /// Waits until what was queued is sent and the port is free again. A link that is just dropped does the same, but
     /// nobody waits for it. Not for the control thread.
     pub fn close(self) {
-        let Link {
-            service, out, urgent, ..
-        } = self;
-        drop((out, urgent));
-        if let Some(service) = service {
-            // A panic there has been reported by the panic hook; there is nothing left to close.
-            let _ = service.join();
+        if let Wire::Rings(rings) = self.wire {
+            rings.close();
         }
-    }
-
-    fn stamp(&self) -> u64 {
-        self.clock
-            .as_ref()
-            .map_or(0, |clock| clock.load(Ordering::Relaxed))
-    }
-}
-
-impl Outlet {
-    fn push(&mut self, arrival: Arrival, health: &LinkHealth) -> bool {
-        let sent = !self.ring.is_abandoned() && self.ring.push(arrival).is_ok();
-        if !sent {
-            health.send_failures.fetch_add(1, Ordering::Relaxed);
-        }
-        if let Some(waker) = &self.waker {
-            waker.wake();
-        }
-        sent
     }
 }
 
@@ -177,8 +153,8 @@ pub struct Backend {
     pub scheme: &'static str,
     /// One sentence.
     pub what: &'static str,
-    /// Opens the address after the scheme, or says what is wrong and what to do, and starts the thread that serves the rings; it ends when the [`Link`] is
-    /// dropped or the far end is gone. Needs no runtime around it. `side` tells which frames are for us.
+    /// Opens the address after the scheme, or says what is wrong and what to do. A thread that serves it ends when the
+    /// [`Link`] is dropped or the far end is gone. Needs no runtime around it. `side` tells which frames are for us.
     pub open: fn(address: &str, side: Side) -> Result<Link, String>,
 }
 

@@ -7,8 +7,9 @@ use std::sync::atomic::Ordering;
 
 use tokio::runtime::Runtime;
 
+use super::rings::{Outlet, Rings};
 use super::wake::{self, Sleep, Wakeup};
-use super::{Arrival, Link, LinkHealth, Outlet, RING_FRAMES, now_ns};
+use super::{Arrival, Link, LinkHealth, RING_FRAMES, Wire, now_ns};
 use crate::protocol::frame::Frame;
 
 /// The task's ends of a link's rings.
@@ -68,13 +69,16 @@ where
         let _ = super::priority::raise_this_thread();
         runtime.block_on(serve(ends));
     })?;
+    let urgent = Some(urgent);
     Ok(Link {
         health,
-        out,
-        urgent: Some(urgent),
-        inbox,
-        clock: None,
-        service: Some(service),
+        wire: Wire::Rings(Rings {
+            out,
+            urgent,
+            inbox,
+            clock: None,
+            service: Some(service),
+        }),
     })
 }
 
@@ -122,19 +126,6 @@ impl Lane {
 }
 
 impl Inlet {
-    /// One without a thread, and the ring that it delivers to.
-    #[cfg(test)]
-    pub(super) fn for_tests() -> (Self, rtrb::Consumer<Arrival>) {
-        let (ring, inbox) = rtrb::RingBuffer::new(16);
-        (
-            Inlet {
-                ring,
-                health: Arc::new(LinkHealth::opened()),
-            },
-            inbox,
-        )
-    }
-
     /// Hands `frame` to the control thread, stamped now.
     pub(super) fn deliver(&mut self, frame: Frame) {
         if self
