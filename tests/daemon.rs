@@ -1,4 +1,4 @@
-//! The daemon as a process: kills, signals, forged requests, and a mock rig in another process over a pseudo-terminal pair.
+//! The daemon as a process: kills, signals, forged requests.
 
 #[expect(dead_code, reason = "each test takes its part")]
 mod support;
@@ -261,88 +261,4 @@ fn the_live_view_sends_status_and_samples_with_the_twin() {
             other => panic!("{other:?}"),
         }
     }
-}
-
-/// Two pseudo-terminals joined back to back: the wire between two processes.
-struct Wire {
-    ports: [String; 2],
-    _pump: std::thread::JoinHandle<()>,
-}
-
-impl Wire {
-    fn new() -> Wire {
-        let open = || nix::pty::openpty(None, None).expect("a pseudo-terminal");
-        let (a, b) = (open(), open());
-        let ports = [&a, &b].map(|end| {
-            let mut settings = nix::sys::termios::tcgetattr(&end.slave).expect("a terminal");
-            nix::sys::termios::cfmakeraw(&mut settings);
-            nix::sys::termios::tcsetattr(&end.slave, nix::sys::termios::SetArg::TCSANOW, &settings)
-                .expect("set");
-            nix::unistd::ttyname(&end.slave)
-                .expect("a name")
-                .display()
-                .to_string()
-        });
-        let pump = std::thread::spawn(move || {
-            let copy = |from: std::os::fd::OwnedFd, to: std::os::fd::OwnedFd| {
-                std::thread::spawn(move || {
-                    // The wire is no program: it does not wait for its turn, where that is allowed.
-                    let _ = leafbench::link::priority::raise_this_thread();
-                    let (mut from, mut to) = (std::fs::File::from(from), std::fs::File::from(to));
-                    // Ends with the processes at the ends.
-                    let _ = std::io::copy(&mut from, &mut to);
-                })
-            };
-            let twice = |fd: &std::os::fd::OwnedFd| fd.try_clone().expect("a handle");
-            let there = copy(twice(&a.master), twice(&b.master));
-            let back = copy(twice(&b.master), twice(&a.master));
-            // The far ends stay open until here, so that a port can be opened, closed and opened again.
-            let _held = (a.slave.as_raw_fd(), b.slave.as_raw_fd());
-            let _ = (there.join(), back.join());
-            drop((a, b));
-        });
-        Wire { ports, _pump: pump }
-    }
-}
-
-#[test]
-fn over_a_serial_line_with_the_mock_rig_in_another_process() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let wire = Wire::new();
-    let [rig_port, host_port] = wire.ports.clone().map(|port| format!("serial:{port}"));
-    let bench = config("benches/mock-serial.toml");
-    let bench = bench.to_str().expect("UTF-8");
-    let rig = leafbench(&["mock-rig", "--bench", bench, "--link", &rig_port])
-        .stdout(Stdio::null())
-        .spawn();
-    let _rig = Process(rig.expect("starts"));
-    let daemon = Daemon::ready(folder.path(), &["--bench", bench, "--link", &host_port]);
-    let profile = "name = \"short\"\ncontrol = \"force\"\n[[block]]\n[[block.segment]]\nkind = \"ramp\"\nto_n = 600.0\n\
-                   duration_s = 2.0\n[[block.segment]]\nkind = \"ramp\"\nto_n = 0.0\nduration_s = 2.0\n";
-    let path = folder.path().join("short.toml");
-    std::fs::write(&path, profile).expect("written");
-    // A machine that stops a process for 20 ms trips the bench, rightly: then once more. Nothing else may go wrong.
-    let run = (0..ATTEMPTS).find_map(|_| {
-        let (ended, code) = json(folder.path(), &["run", path.to_str().expect("UTF-8")]);
-        let run = run_of(
-            folder.path(),
-            ended["run_id"].as_str().unwrap_or_else(|| panic!("{ended}")),
-        );
-        if code == 0 {
-            return Some(run);
-        }
-        assert!(
-            run["cause"].as_str().is_some_and(|c| c.contains("no sample for")),
-            "{run}"
-        );
-        daemon.back_to_ready();
-        None
-    });
-    let run = run.expect("one undisturbed run");
-    assert_eq!(
-        (run["ending"].as_str(), run["lost"].as_u64()),
-        (Some("completed"), Some(0))
-    );
-    assert!(run["samples"].as_u64().expect("a number") >= 4000);
-    drop(daemon);
 }

@@ -21,7 +21,7 @@ use support::{Daemon, Process, config, json, leafbench};
 
 const PROFILES: [(&str, u32, usize); 2] = [("static-ramp-12s", 0, 12_001), ("sine-6mm-2.5hz-10", 10, 17_000)];
 /// A shared machine may stop a process for longer than any bench bears; then once more.
-const ATTEMPTS: usize = 4;
+const ATTEMPTS: usize = 6;
 
 /// The shipped bench with the patience of a machine that is shared: 200 ms of lease, silence and queue.
 fn patient_bench(name: &str, folder: &Path) -> PathBuf {

@@ -33,11 +33,17 @@ impl Default for DetectorLimits {
     }
 }
 
+/// Longest pause between two polls that counts as looking at the stream.
+const LOOK_MS: u64 = 5;
+
 /// State of the detectors over one connection.
 #[derive(Debug)]
 pub struct Detectors {
     limits: DetectorLimits,
     last_sample_ns: Option<u64>,
+    /// How long polls have looked and found no sample.
+    looked_in_vain_ns: u64,
+    last_look_ns: Option<u64>,
     lost_window: (u64, u32),
     short_cycles: u32,
 }
@@ -48,6 +54,8 @@ impl Detectors {
         Detectors {
             limits,
             last_sample_ns: None,
+            looked_in_vain_ns: 0,
+            last_look_ns: None,
             lost_window: (0, 0),
             short_cycles: 0,
         }
@@ -62,6 +70,7 @@ impl Detectors {
     /// A sample came at `now_ns` after `lost` missing ones.
     pub fn on_sample(&mut self, now_ns: u64, lost: u64) -> Option<Action> {
         self.last_sample_ns = Some(now_ns);
+        self.looked_in_vain_ns = 0;
         if lost == 0 {
             return None;
         }
@@ -85,12 +94,16 @@ impl Detectors {
         self.last_sample_ns.map(|at| now_ns.saturating_sub(at) / MS)
     }
 
-    /// The stream is silent for too long.
-    pub fn silence(&self, now_ns: u64) -> Option<Action> {
-        let age_ms = self.age_ms(now_ns)?;
-        (age_ms > self.limits.silence_ms).then(|| {
+    /// The stream is silent for too long; asked once a poll. A host that was itself stopped cannot judge the stream: a
+    /// pause between two looks counts as [`LOOK_MS`] at most, and the firmware's lease covers the rest.
+    pub fn silence(&mut self, now_ns: u64) -> Option<Action> {
+        let since_look_ns = now_ns.saturating_sub(self.last_look_ns.replace(now_ns)?);
+        self.last_sample_ns?;
+        self.looked_in_vain_ns += since_look_ns.min(LOOK_MS * MS);
+        (self.looked_in_vain_ns > self.limits.silence_ms * MS).then(|| {
             Action::Abort(format!(
-                "no sample for {age_ms} ms (limit {} ms): the rig unloads by itself; check link and rig",
+                "no sample for {} ms (limit {} ms): the rig unloads by itself; check link and rig",
+                self.age_ms(now_ns).unwrap_or(0),
                 self.limits.silence_ms
             ))
         })
@@ -119,10 +132,23 @@ mod tests {
     #[test]
     fn silence_is_seen_after_its_limit_and_not_before() {
         let mut d = Detectors::new(DetectorLimits::default());
-        assert_eq!(d.silence(10_000 * MS), None, "nothing heard yet is not silence");
-        d.on_sample(100 * MS, 0);
-        assert_eq!(d.silence(120 * MS), None);
-        assert!(matches!(d.silence(121 * MS), Some(Action::Abort(_))));
+        assert!(
+            (0..1000).all(|ms| d.silence(ms * MS).is_none()),
+            "nothing heard yet is not silence"
+        );
+        d.on_sample(1000 * MS, 0);
+        assert!((1000..=1019).all(|ms| d.silence(ms * MS).is_none()));
+        assert!((1020..=1022).any(|ms| matches!(d.silence(ms * MS), Some(Action::Abort(_)))));
+    }
+
+    #[test]
+    fn a_host_that_was_stopped_itself_looks_again_before_it_judges() {
+        let mut d = Detectors::new(DetectorLimits::default());
+        d.silence(0);
+        d.on_sample(0, 0);
+        assert_eq!(d.silence(500 * MS), None);
+        d.on_sample(501 * MS, 0);
+        assert_eq!(d.silence(502 * MS), None);
     }
 
     #[test]
