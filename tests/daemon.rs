@@ -5,13 +5,11 @@ mod support;
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
-use std::os::fd::AsRawFd;
 use std::path::Path;
-use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use nix::sys::signal::Signal;
-use support::{Daemon, PATIENCE, Process, config, json, leafbench, until};
+use support::{Daemon, PATIENCE, json, until};
 
 /// Long enough to be interrupted.
 const LONG: &str = "name = \"long\"\ncontrol = \"displacement\"\n[[block]]\n[[block.segment]]\nkind = \"ramp\"\n\
@@ -55,9 +53,6 @@ fn start(daemon: &Daemon, profile: &str) -> String {
     let started: serde_json::Value = serde_json::from_str(&body).expect("JSON");
     started["run_id"].as_str().expect("an id").to_owned()
 }
-
-/// Real-time runs of a few seconds that a loaded machine may spoil.
-const ATTEMPTS: usize = 10;
 
 fn run_of(data: &Path, run_id: &str) -> serde_json::Value {
     let (runs, _) = json(data, &["runs"]);

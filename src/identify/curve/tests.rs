@@ -1,0 +1,124 @@
+use super::*;
+use crate::model;
+
+/// A sine recording of an equivalent spring, `cycles` from its mean, stepped four times finer than recorded.
+fn recording(values: &[f64], cycles: usize, rest: bool) -> Recording {
+    let mut plant = model::find("equivalent")
+        .and_then(|m| m.plant(values, &toml::Table::new()))
+        .expect("within bounds");
+    let mut recording = Recording {
+        name: "sine".to_owned(),
+        ..Recording::default()
+    };
+    let x = |t: f64| 6.0 + 4.0 * (std::f64::consts::TAU * t).sin();
+    if !rest {
+        for i in 0..4000 {
+            plant.step(x(f64::from(i) / 4000.0), 0.25e-3);
+        }
+    }
+    for i in 0..cycles * 4000 {
+        let t = i as f64 / 4000.0;
+        let force_n = plant.step(x(t), 0.25e-3);
+        if i % 4 == 0 {
+            recording.time_s.push(t);
+            recording.displacement_mm.push(x(t));
+            recording.force_n.push(force_n);
+        }
+    }
+    recording
+}
+
+const TRUTH: [f64; 4] = [60.0, 85.0, 0.14, 0.3];
+
+fn problem(recording: Recording, options: &CurveOptions) -> CurveProblem<'static> {
+    static NOTHING: std::sync::OnceLock<toml::Table> = std::sync::OnceLock::new();
+    let model = model::find("equivalent").expect("listed");
+    CurveProblem::of_model(
+        model,
+        NOTHING.get_or_init(toml::Table::new),
+        &[recording],
+        options,
+    )
+    .expect("long enough")
+}
+
+fn worst(problem: &CurveProblem<'_>) -> f64 {
+    let mut out = vec![0.0; problem.count()];
+    problem.evaluate(&TRUTH, &mut out).expect("within bounds");
+    out.iter().fold(0.0, |m, r| m.max(r.abs()))
+}
+
+#[test]
+fn initial_state_is_found_by_replaying_or_dropping() {
+    // The recorded samples are exact for the equivalent spring at any step; 0.3 mm of presliding forget 4 mm by
+    // exp(-13) and a cycle altogether.
+    let with = |initial| CurveOptions {
+        initial,
+        ..CurveOptions::default()
+    };
+    let from_rest = worst(&problem(recording(&TRUTH, 3, false), &with(Initial::FromRest)));
+    assert!(
+        from_rest < 1e-6,
+        "loading from below ends in full drag anyway: {from_rest}"
+    );
+    let late = |initial| {
+        // From the valley-bound branch: begin a quarter cycle after the peak.
+        let mut r = recording(&TRUTH, 3, false);
+        for column in [&mut r.time_s, &mut r.displacement_mm, &mut r.force_n] {
+            column.drain(..500);
+        }
+        worst(&problem(r, &with(initial)))
+    };
+    assert!(late(Initial::FromRest) > 0.01);
+    assert!(late(Initial::DropFirstHalfCycle) < 1e-6);
+    assert!(late(Initial::ReplayFirstCycle) < 1e-6);
+}
+
+#[test]
+fn held_out_cycles_are_not_fitted_but_scored() {
+    let options = CurveOptions {
+        held_out: HeldOut::EveryNthCycle(2),
+        ..CurveOptions::default()
+    };
+    let mut measured = recording(&TRUTH, 4, false);
+    let reversals = reversals(&measured.displacement_mm, 0.1);
+    // Ruin the second cycle: fitted residuals must not see it, the score must.
+    for force_n in &mut measured.force_n[reversals[1]..reversals[3]] {
+        *force_n += 100.0;
+    }
+    let problem = problem(measured, &options);
+    assert!(worst(&problem) < 1e-6);
+    let score = problem.score(&TRUTH).expect("within bounds");
+    assert!(score.nrmse_train < 1e-6);
+    assert!(score.nrmse_heldout.expect("held out") > 0.05);
+}
+
+#[test]
+fn flagged_samples_and_zero_weights_are_not_compared() {
+    let mut measured = recording(&TRUTH, 2, false);
+    measured.force_n[700] = 1e6;
+    let mut flags = vec![0; measured.len()];
+    flags[700] = Flags::SPIKE.0;
+    measured.flags = Some(flags);
+    // The weight is over the range, spike included: what matters is that its place is gone.
+    let mut problem = problem(measured, &CurveOptions::default());
+    assert_eq!(problem.count(), 1999);
+    let mut weights = problem.weights(0);
+    weights[..100].fill(0.0);
+    problem.set_weights(0, &weights).expect("same length");
+    assert_eq!(problem.count(), 1899);
+    assert!(problem.set_weights(0, &[1.0]).is_err());
+    assert!(problem.set_weights(1, &[1.0]).is_err());
+}
+
+#[test]
+fn unusable_recordings_are_refused_by_name() {
+    let model = model::find("equivalent").expect("listed");
+    let mut broken = recording(&TRUTH, 1, true);
+    broken.force_n[3] = f64::NAN;
+    let nothing = toml::Table::new();
+    let error = CurveProblem::of_model(model, &nothing, &[broken], &CurveOptions::default())
+        .err()
+        .expect("not a number");
+    assert!(error.to_string().contains("sine"), "{error}");
+}
