@@ -119,10 +119,14 @@ function duration(seconds) {
   return minutes ? `${minutes} min ${String(s % 60).padStart(2, "0")} s` : `${s} s`;
 }
 
+let everConnected = false;
+
 function show() {
   const rig = status && status.rig, phase = rig ? rig.phase : "offline";
   $("lamp").dataset.phase = phase;
-  const [state, detail] = PHASES[phase] || ["No daemon", "The connection to the daemon is lost. The rig unloads by itself if it has ended."];
+  const [state, detail] = PHASES[phase] || (everConnected
+    ? ["No daemon", "The connection to the daemon is lost. The rig unloads by itself if it has ended."]
+    : ["Connecting", "Waiting for the daemon's first word."]);
   $("state").textContent = state;
   $("state-detail").textContent = rig && rig.notice && phase !== "running" ? rig.notice : detail;
   $("force").textContent = number(rig && rig.force_n, 1);
@@ -270,6 +274,7 @@ $("window").addEventListener("change", () => { dirty = true; });
 function connect() {
   const socket = new WebSocket(`ws://${location.host}/api/live`);
   socket.onopen = () => {
+    everConnected = true;
     loadProfiles().catch(error => say(error.message));
     loadRuns().catch(error => say(error.message));
   };
