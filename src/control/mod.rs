@@ -57,7 +57,7 @@ pub struct RigConfig {
     pub calibration_hash: u32,
     /// Commands are queued this far ahead.
     pub queue_lead_ms: u64,
-    /// Most commands sent in one poll: bounds the bus load while the queue fills.
+    /// Most commands sent a tick: bounds the bus load while the queue fills.
     pub commands_per_poll: u32,
     /// A request that is not acknowledged by then is sent once more, then given up.
     pub ack_timeout_ms: u64,
@@ -107,6 +107,8 @@ pub struct Rig {
     boot: Option<u8>,
     queue_ms: u8,
     reading: Option<Reading>,
+    /// Tick at which commands were sent last.
+    fed_at_tick: u64,
     command_counter: u8,
     lease_counter: u8,
     lease_sent_ns: Option<u64>,
@@ -142,6 +144,7 @@ impl Rig {
             boot: None,
             queue_ms: 0,
             reading: None,
+            fed_at_tick: 0,
             command_counter: 0,
             lease_counter: 0,
             lease_sent_ns: None,

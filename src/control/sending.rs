@@ -80,7 +80,12 @@ impl Rig {
         let Activity::Running(run) = &mut self.activity else {
             return;
         };
-        for _ in 0..self.config.commands_per_poll {
+        // A poll that comes late has as many ticks to make up for; the load of the bus is the same over time.
+        let passed = newest
+            .saturating_sub(self.fed_at_tick)
+            .clamp(1, self.config.queue_lead_ms);
+        self.fed_at_tick = newest;
+        for _ in 0..u64::from(self.config.commands_per_poll) * passed {
             let Some((tick, slot)) = run.next_command(newest + self.config.queue_lead_ms) else {
                 return;
             };

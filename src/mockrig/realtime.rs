@@ -27,7 +27,7 @@ pub struct Punctuality {
 
 /// Lateness that is caught up tick by tick. A process that was stopped for longer goes on where it was: a burst of ticks
 /// would leave the host no time to answer them, as no rig of iron does.
-const CATCH_UP_NS: i64 = 10 * TICK_NS;
+const CATCH_UP_NS: i64 = 3 * TICK_NS;
 
 impl MockRig {
     /// Ticks by the clock until `stop` or until the far end is gone. Each tick has its own absolute deadline; a tick is
