@@ -122,7 +122,7 @@ fn over_vcan_with_candump_beside() {
         .map(|&(profile, cycles, samples)| run_profile(&daemon, profile, cycles, samples))
         .collect();
     drop((daemon, rig));
-    drop(candump);
+    end_candump(candump, &log);
     let seen = sample_frames(&std::fs::read_to_string(&log).expect("candump's log"));
     for ((profile, ..), run) in PROFILES.iter().zip(&runs) {
         let (first, last) = (run[0].tick, run[run.len() - 1].tick);
@@ -149,6 +149,21 @@ fn over_vcan_with_candump_beside() {
             "candump saw less than half of the run: nothing is proven"
         );
     }
+}
+
+/// Lets candump write what still waits for it, then ends it so that it writes its buffer too.
+fn end_candump(mut candump: Process, log: &Path) {
+    let mut size = 0;
+    let mut quiet = 0;
+    support::until("candump to catch up", || {
+        let now = std::fs::metadata(log).map_or(0, |m| m.len());
+        quiet = if now == size { quiet + 1 } else { 0 };
+        size = now;
+        (quiet > 100).then_some(())
+    });
+    let pid = nix::unistd::Pid::from_raw(candump.0.id() as i32);
+    nix::sys::signal::kill(pid, nix::sys::signal::Signal::SIGINT).expect("candump is there");
+    let _ = candump.0.wait();
 }
 
 fn vcan0_is_there() -> bool {
