@@ -1,1 +1,1 @@
-//! Says which physics a model left out, and proves it on data that no parameter was fitted on.
+//! Will say which physics a model left out, proven on data that no parameter was fitted on. Nothing is here yet.
