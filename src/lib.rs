@@ -10,11 +10,11 @@
 //! |---|---|
 //! | 0 | units |
 //! | 1 | recording, profile, protocol |
-//! | 2 | model, link |
+//! | 2 | model, link, truth |
 //! | 3 | effect, control |
 //! | 4 | identify, mockrig, twin |
 //! | 5 | diagnose, config |
-//! | 6 | report, daemon |
+//! | 6 | report, daemon, blind |
 //! | 7 | cli |
 //!
 //! # The walk of a sample
@@ -24,6 +24,7 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+pub mod blind;
 pub mod cli;
 pub mod config;
 pub mod control;
@@ -38,5 +39,6 @@ pub mod profile;
 pub mod protocol;
 pub mod recording;
 pub mod report;
+pub mod truth;
 pub mod twin;
 pub mod units;

@@ -131,6 +131,7 @@ fn physics_knows_no_clock_no_tokio_no_files() {
         "effect",
         "identify",
         "diagnose",
+        "truth",
     ];
     let forbidden = [
         "std::time::Instant",
@@ -170,6 +171,24 @@ fn physics_knows_no_clock_no_tokio_no_files() {
         );
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// A proof in which truth and diagnosis share code proves nothing.
+#[test]
+fn the_truth_of_sealed_cases_shares_nothing_with_what_it_tests() {
+    let mut files = Vec::new();
+    rust_files(&root().join("src/truth"), &mut files);
+    assert!(files.len() > 4, "src/truth was not found");
+    for file in files {
+        let text = fs::read_to_string(&file).expect("source file is readable");
+        for used in uses(&text) {
+            assert!(
+                ["recording", "truth", "units"].contains(&used.as_str()),
+                "{} uses {used}: only recording and units are common ground",
+                file.display()
+            );
+        }
+    }
 }
 
 #[test]

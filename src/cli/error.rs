@@ -6,10 +6,13 @@ use crate::config::ConfigError;
 use crate::control::Refusal;
 use crate::daemon::DaemonError;
 use crate::daemon::library::LibraryError;
+use crate::diagnose::DiagnoseError;
+use crate::identify::IdentifyError;
 use crate::link::LinkError;
 use crate::mockrig::MockRigError;
 use crate::model::BuildError;
 use crate::profile::ProfileError;
+use crate::recording::csv::CsvError;
 use crate::recording::export::ExportError;
 use crate::recording::run_file::RunFileError;
 
@@ -64,6 +67,12 @@ pub enum CliError {
     /// The model.
     #[error("the model cannot be built")]
     Model(#[from] BuildError),
+    /// A fit that cannot be put.
+    #[error(transparent)]
+    Identify(#[from] IdentifyError),
+    /// A recording.
+    #[error(transparent)]
+    Csv(#[from] CsvError),
     /// The mock rig.
     #[error(transparent)]
     MockRig(#[from] MockRigError),
@@ -76,6 +85,9 @@ pub enum CliError {
     /// Control, in virtual time.
     #[error("the rig refused")]
     Control(#[from] Refusal),
+    /// Recordings or a baseline that cannot be diagnosed.
+    #[error(transparent)]
+    Diagnose(#[from] DiagnoseError),
     /// Our own fault.
     #[error("{0}: this is a defect of leafbench, please report it")]
     Internal(String),

@@ -1,13 +1,17 @@
 //! The command line: the only part that knows all others. One file a command; a new one is a file and a line in [`COMMANDS`].
 
+mod blind;
 mod client;
 mod daemon;
 mod demo;
+mod diagnose;
 mod error;
 mod export;
 mod hold;
+mod identify;
 mod local;
 mod mock_rig;
+mod papers;
 mod plan;
 mod progress;
 mod reset;
@@ -53,7 +57,11 @@ pub static COMMANDS: &[Command] = &[
     export::COMMAND,
     plan::COMMAND,
     simulate::COMMAND,
+    identify::COMMAND,
+    papers::COMMAND,
     mock_rig::COMMAND,
+    diagnose::COMMAND,
+    blind::COMMAND,
     demo::COMMAND,
 ];
 

@@ -1,19 +1,26 @@
 //! `leafbench simulate`.
 
 use std::io::{BufWriter, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Arg, ArgMatches};
 
 use super::plan::profile_argument;
 use super::{CliError, Command, Done, Output, local};
+use crate::config::ModelConfig;
+use crate::model::leaf_pack::{self, LeafPack, Structure, Values};
+use crate::model::{BuildError, Plant};
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::recording::csv::{CsvFormat, CsvWriter};
 use crate::recording::{Flags, Sample};
+use crate::report::pack as pack_drawing;
 use crate::twin::{Predicted, dry_run_with};
 
 /// Millimetres and newtons of a model have no counts: digits that no comparison misses.
 const DECIMALS: u32 = 6;
+/// Pictures of an animation, about, and how long it takes.
+const FRAMES: usize = 60;
+const SHOWN_S: f64 = 6.0;
 
 /// See [`super::COMMANDS`].
 pub const COMMAND: Command = Command {
@@ -30,6 +37,13 @@ pub const COMMAND: Command = Command {
                     .value_name("FILE")
                     .value_parser(clap::value_parser!(PathBuf))
                     .help("CSV to write [default: PROFILE.simulated.csv here]"),
+            )
+            .arg(
+                Arg::new("draw")
+                    .long("draw")
+                    .value_name("NAME")
+                    .value_parser(clap::value_parser!(PathBuf))
+                    .help("Also draw the leaf pack: NAME.svg at the greatest force, NAME-moving.svg as it deforms"),
             )
     },
     run,
@@ -67,6 +81,9 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
     let mut sink = BufWriter::new(file);
     let mut csv = CsvWriter::new(&mut sink, format).map_err(failed())?;
     let plant = bench.model.plant()?;
+    let draw = matches.get_one::<PathBuf>("draw");
+    let pack = draw.map(|_| drawn_pack(&bench.model)).transpose()?;
+    let mut path_mm = Vec::new();
     let rate_hz = f64::from(SAMPLE_RATE_HZ);
     let mut tick = 0;
     let mut fault = None;
@@ -77,6 +94,7 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
         rate_hz,
         &mut |p| {
             tick += 1;
+            path_mm.push(p.displacement_mm);
             if fault.is_none() {
                 fault = csv.sample(&sample(tick, rate_hz, p)).err();
             }
@@ -85,6 +103,9 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
     fault.map_or(Ok(()), Err).map_err(failed())?;
     let rows = csv.rows();
     sink.flush().map_err(failed())?;
+    if let (Some(name), Some(pack)) = (draw, pack) {
+        draw_pack(pack, &path_mm, name)?;
+    }
     let simulated = Simulated {
         csv: path,
         rows,
@@ -104,6 +125,76 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
         )
     })?;
     Ok(Done::Well)
+}
+
+/// The bench's leaf pack, whose state can be drawn.
+fn drawn_pack(model: &ModelConfig) -> Result<LeafPack, CliError> {
+    if model.name != leaf_pack::MODEL.name {
+        return Err(CliError::Input(format!(
+            "--draw knows model leaf-pack, this bench has {}: take a bench with a leaf pack",
+            model.name
+        )));
+    }
+    let refused = |reason| {
+        CliError::Model(BuildError::Structure {
+            model: leaf_pack::MODEL.name,
+            reason,
+        })
+    };
+    let structure = Structure::from_table(&model.structure).map_err(refused)?;
+    let values = Values::from_slice(&model.values()?)
+        .ok_or_else(|| CliError::Internal("a leaf pack's values are incomplete".to_owned()))?;
+    LeafPack::new(&structure, &values).map_err(refused)
+}
+
+/// Pictures along the way from the start to the third turning point: one loading, one whole cycle.
+fn draw_pack(mut pack: LeafPack, path_mm: &[f64], name: &Path) -> Result<(), CliError> {
+    let end = turning_points(path_mm).get(2).copied().unwrap_or(path_mm.len());
+    let every = (end / FRAMES).max(1);
+    let mut shapes = Vec::new();
+    // Between pictures at least this finely: friction remembers the way.
+    let stride = (every / 10).max(1);
+    for (k, &displacement_mm) in path_mm[..end].iter().enumerate() {
+        if k % stride == 0 {
+            pack.step(displacement_mm, stride as f64 / f64::from(SAMPLE_RATE_HZ));
+        }
+        if k % every == 0 {
+            shapes.push(pack.shape());
+        }
+    }
+    let Some(peak) = shapes.iter().max_by(|a, b| a.pusher[1].total_cmp(&b.pusher[1])) else {
+        return Ok(());
+    };
+    let stem = name.with_extension("");
+    let file = |end: &str| PathBuf::from(format!("{}{end}.svg", stem.display()));
+    for (path, svg) in [
+        (file(""), pack_drawing::picture(peak)),
+        (file("-moving"), pack_drawing::animation(&shapes, SHOWN_S)),
+    ] {
+        std::fs::write(&path, svg).map_err(CliError::file(&path, "writing"))?;
+    }
+    Ok(())
+}
+
+/// Places where the path turns by more than a fiftieth of its range.
+fn turning_points(path_mm: &[f64]) -> Vec<usize> {
+    let (low, high) = path_mm
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &d| {
+            (low.min(d), high.max(d))
+        });
+    let band = 0.02 * (high - low);
+    let (mut points, mut best, mut sense) = (Vec::new(), 0, 1.0);
+    for (k, &d) in path_mm.iter().enumerate() {
+        let ahead = sense * (d - path_mm[best]);
+        if ahead >= 0.0 {
+            best = k;
+        } else if ahead < -band {
+            points.push(best);
+            (best, sense) = (k, -sense);
+        }
+    }
+    points
 }
 
 fn sample(tick: u64, rate_hz: f64, p: &Predicted) -> Sample {

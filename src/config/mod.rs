@@ -12,6 +12,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use crate::effect::{self, Effect, EffectError};
 use crate::model::{self, BuildError, Plant};
 use crate::profile::ProfileLimits;
 use crate::protocol::message::Limits;
@@ -249,9 +250,52 @@ impl ModelConfig {
         Ok(values)
     }
 
-    /// The model ready to step, without effects: those are attached by who knows `effect`.
+    /// The model ready to step, its effects attached; an effect's start where a value is missing.
     pub fn plant(&self) -> Result<Box<dyn Plant>, BuildError> {
-        model::find(&self.name)?.plant(&self.values()?, &self.structure)
+        let model = model::find(&self.name)?;
+        let plant = model.plant(&self.values()?, &self.structure)?;
+        let refused = |e: EffectError| match e {
+            EffectError::Value(e) => e,
+            other => BuildError::Structure {
+                model: model.name,
+                reason: other.to_string(),
+            },
+        };
+        let effects = self
+            .effects
+            .iter()
+            .map(EffectConfig::resolved)
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(refused)?;
+        effect::attach_all(&effects, plant).map_err(refused)
+    }
+}
+
+impl EffectConfig {
+    /// The effect with one value a parameter.
+    fn resolved(&self) -> Result<(&'static Effect, Vec<f64>), EffectError> {
+        let found = effect::find(&self.code)?;
+        let known = || {
+            found
+                .parameters
+                .iter()
+                .map(|p| p.name)
+                .collect::<Vec<_>>()
+                .join(", ")
+        };
+        if let Some(name) = self
+            .parameters
+            .keys()
+            .find(|name| found.parameters.iter().all(|p| p.name != name.as_str()))
+        {
+            return Err(EffectError::Value(BuildError::UnknownParameter {
+                model: found.code,
+                name: name.clone(),
+                known: known(),
+            }));
+        }
+        let value = |p: &model::Parameter| self.parameters.get(p.name).copied().unwrap_or(p.start);
+        Ok((found, found.parameters.iter().map(value).collect()))
     }
 }
 

@@ -1,1 +1,139 @@
-//! Will say which physics a model left out, proven on data that no parameter was fitted on. Nothing is here yet.
+//! Says which physics a model left out, and proves it on data that no parameter was fitted on.
+//!
+//! The steps, one file each: `condition` the recordings, `baseline` with what it is said to know, `problem` (structure against
+//! data), `score` every candidate from one simulation, `select` by a search judged on held-out cycles, `residual` (where, and
+//! what nothing explains), `next_test`, `verdict`. Files, configs and pages are for others; `Diagnosis` has all they need.
+
+mod baseline;
+mod condition;
+pub mod diagnosis;
+mod next_test;
+mod problem;
+mod residual;
+mod score;
+mod select;
+mod smoothing;
+mod tables;
+mod verdict;
+
+pub use baseline::{Baseline, BaselineError};
+pub use condition::{ConditionError, Part, Track, condition};
+pub use diagnosis::{Diagnosis, ImprovedModel, Verdict};
+
+use crate::effect::Span;
+use crate::recording::Recording;
+
+/// Why there is no diagnosis. Physics gives verdicts, not errors: these are about the input.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum DiagnoseError {
+    /// Nothing to judge.
+    #[error("no recording was given: name at least one")]
+    NoRecording,
+    /// A recording cannot be judged.
+    #[error(transparent)]
+    Condition(#[from] ConditionError),
+    /// The baseline cannot be used.
+    #[error(transparent)]
+    Baseline(#[from] BaselineError),
+    /// The baseline has no finite force on these displacements.
+    #[error("the baseline cannot follow the recordings: check the sign and the zero of the displacement")]
+    OutOfDomain,
+}
+
+/// How to diagnose.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// Points that a recording is thinned to.
+    pub points: usize,
+    /// Cores; 0 for all. The result does not depend on it.
+    pub threads: usize,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options {
+            points: 3000,
+            threads: 0,
+        }
+    }
+}
+
+/// Diagnoses recordings of one specimen. `progress` hears the share done, 0 to 1, and the step in words.
+pub fn diagnose(
+    recordings: &[Recording],
+    baseline: &Baseline,
+    options: &Options,
+    progress: &mut dyn FnMut(f64, &str),
+) -> Result<Diagnosis, DiagnoseError> {
+    if recordings.is_empty() {
+        return Err(DiagnoseError::NoRecording);
+    }
+    let setup = baseline::Setup::new(baseline)?;
+    progress(0.0, "conditioning the recordings");
+    let mut tracks = recordings
+        .iter()
+        .map(|r| condition(r, options.points))
+        .collect::<Result<Vec<_>, _>>()?;
+    condition::share_out(&mut tracks);
+    let mut data = problem::Data::new(tracks);
+    let span = span(&data);
+    let threads = match options.threads {
+        0 => std::thread::available_parallelism().map_or(1, usize::from),
+        n => n,
+    };
+    progress(0.05, "refitting the baseline");
+    let mut first = bench(&setup, &data, span, threads)
+        .baseline()
+        .ok_or(DiagnoseError::OutOfDomain)?;
+    let mut model_n = vec![0.0; data.len()];
+    problem::Structure::new(&setup, &data, first.attached.clone())
+        .predict(&first.values, &mut model_n)
+        .map_err(BaselineError::from)?;
+    data.rescale(&mut first.residuals, &model_n);
+    let bench = bench(&setup, &data, span, threads);
+    let nominal = problem::Structure::new(&setup, &data, setup.extras.clone());
+    let nominal = nominal.residuals(&bench.start());
+    let base = bench
+        .fit(first.attached, &first.values, 40, 0)
+        .ok_or(DiagnoseError::OutOfDomain)?;
+    progress(0.15, "comparing candidates");
+    let search = select::search(&bench, base, &mut |share| {
+        progress(0.15 + 0.65 * share, "comparing candidates");
+    });
+    progress(0.8, "looking for look-alikes and the next test");
+    let diagnosis = verdict::conclude(&bench, search, nominal);
+    progress(1.0, "done");
+    Ok(diagnosis)
+}
+
+fn bench<'a>(
+    setup: &'a baseline::Setup,
+    data: &'a problem::Data,
+    span: Span,
+    threads: usize,
+) -> select::Bench<'a> {
+    select::Bench {
+        setup,
+        data,
+        span,
+        threads,
+    }
+}
+
+/// What the data cover.
+fn span(data: &problem::Data) -> Span {
+    let fold = |f: fn(&Track) -> &Vec<f64>| {
+        let values = data.tracks.iter().flat_map(|t| f(t).iter().copied());
+        values.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| {
+            [l.min(v), h.max(v)]
+        })
+    };
+    let most = |f: &dyn Fn(&Track) -> f64, least: f64| data.tracks.iter().map(f).fold(least, f64::max);
+    Span {
+        displacement_mm: fold(|t| &t.displacement_mm),
+        force_n: fold(|t| &t.force_n),
+        speed_mm_s: fold(|t| &t.speed_mm_s)[1],
+        duration_s: most(&|t| t.time_s[t.len() - 1], 0.0),
+        cycles: most(&|t| f64::from(t.cycles), 1.0),
+    }
+}

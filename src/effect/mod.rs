@@ -1,1 +1,395 @@
-//! Physics that a model may leave out: one file a code of contracts, attached around a plant. Nothing is here yet.
+//! Physics that a model may leave out: one file a code of contracts.md, attached around a plant.
+//!
+//! The same file serves fit, diagnosis, twin, simulator and mock rig. Which effect is missing is judged in `diagnose`.
+//! A new effect is one file and one line in [`EFFECTS`]; a new code also gets its row in contracts.md.
+
+use crate::model::{BuildError, Parameter, Plant};
+
+pub mod backlash;
+pub mod channel_delay;
+pub mod coulomb_friction;
+pub mod friction_form;
+pub mod geometric_stiffness;
+pub mod inertia;
+pub mod lift_off;
+pub mod load_dependent_friction;
+pub mod motion;
+pub mod presliding;
+pub mod progressive_stiffness;
+pub mod rate_independent_friction;
+pub mod relaxation;
+pub mod run_in;
+pub mod sensor_drift;
+pub mod sensor_saturation;
+pub mod series_compliance;
+pub mod stribeck;
+#[cfg(test)]
+pub(crate) mod testing;
+pub mod viscous_damping;
+
+/// Where on the way from the specimen to the recorded number an effect sits. Effects are attached in this order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stage {
+    /// The leaves themselves.
+    Specimen,
+    /// Contacts between leaves.
+    Interleaf,
+    /// Eyes, shackle, seat.
+    Mounting,
+    /// Pusher and board.
+    Pusher,
+    /// Load frame and fixture.
+    Frame,
+    /// Load cell, LVDT and their channels.
+    Sensor,
+}
+
+/// Axis that a difference between model and recording is located on; names as in contracts.md.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Axis {
+    /// Displacement.
+    DisplacementMm,
+    /// Measured force.
+    ForceN,
+    /// Magnitude of the speed.
+    VelocityMmS,
+    /// Magnitude of the acceleration.
+    #[serde(rename = "acceleration_mm_s2")]
+    AccelerationMmS2,
+    /// Time since the recording's start.
+    TimeS,
+    /// Cycle, from 1.
+    Cycle,
+    /// Travel since the last reversal.
+    DistanceFromReversalMm,
+    /// Cycles a second of the motion.
+    FrequencyHz,
+}
+
+/// Branch of the loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Branch {
+    /// Displacement rises.
+    Loading,
+    /// Displacement falls.
+    Unloading,
+    /// No difference.
+    Both,
+}
+
+/// The part of an axis in which an effect acts.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Place {
+    /// The axis.
+    pub axis: Axis,
+    /// From, in the axis' unit.
+    pub from: f64,
+    /// To, in the axis' unit.
+    pub to: f64,
+    /// Branch it acts on.
+    pub branch: Branch,
+}
+
+/// What the recordings cover: an effect chooses its starts by it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Span {
+    /// Least and largest displacement in mm.
+    pub displacement_mm: [f64; 2],
+    /// Least and largest force in N.
+    pub force_n: [f64; 2],
+    /// Largest speed in mm/s.
+    pub speed_mm_s: f64,
+    /// Longest recording in s.
+    pub duration_s: f64,
+    /// Most cycles in one recording.
+    pub cycles: f64,
+}
+
+impl Span {
+    /// Length of the displacement range in mm.
+    pub fn travel_mm(&self) -> f64 {
+        self.displacement_mm[1] - self.displacement_mm[0]
+    }
+
+    /// Displacement at a share of the range.
+    pub fn displacement_at(&self, share: f64) -> f64 {
+        self.displacement_mm[0] + share * self.travel_mm()
+    }
+}
+
+/// Another code that gives nearly the same recording.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rival {
+    /// Its code.
+    pub code: &'static str,
+    /// Why the two look alike.
+    pub why: &'static str,
+    /// The check that tells them apart.
+    pub test: &'static str,
+}
+
+/// Wraps the plant inside in an effect with the values given.
+pub type Attach = fn(values: &[f64], inside: Box<dyn Plant>) -> Box<dyn Plant>;
+
+/// One entry of [`EFFECTS`].
+pub struct Effect {
+    /// Code of contracts.md.
+    pub code: &'static str,
+    /// Where it is attached.
+    pub stage: Stage,
+    /// One sentence: what it is.
+    pub what: &'static str,
+    /// What a fit may move, in the order that `attach` takes.
+    pub parameters: &'static [Parameter],
+    /// Values at which the effect changes nothing.
+    pub neutral: &'static [f64],
+    /// Indices of the parameters that the force is proportional to (zero switches their part off).
+    pub amplitudes: &'static [usize],
+    /// Points that a search begins from, within what the recordings cover.
+    pub starts: fn(&Span) -> Vec<Vec<f64>>,
+    /// A sentence that a technician understands.
+    pub statement: fn(values: &[f64]) -> String,
+    /// Wraps `inside`; one checked value a parameter.
+    pub attach: Attach,
+    /// Where on the loop it acts, for effects that are local.
+    pub place: fn(values: &[f64], span: &Span) -> Option<Place>,
+    /// Look-alikes.
+    pub confusable_with: &'static [Rival],
+}
+
+/// All effects, by code.
+pub static EFFECTS: &[Effect] = &[
+    backlash::EFFECT,
+    channel_delay::EFFECT,
+    coulomb_friction::EFFECT,
+    geometric_stiffness::EFFECT,
+    inertia::EFFECT,
+    lift_off::EFFECT,
+    load_dependent_friction::EFFECT,
+    presliding::EFFECT,
+    progressive_stiffness::EFFECT,
+    rate_independent_friction::EFFECT,
+    relaxation::EFFECT,
+    run_in::EFFECT,
+    sensor_drift::EFFECT,
+    sensor_saturation::EFFECT,
+    series_compliance::EFFECT,
+    stribeck::EFFECT,
+    viscous_damping::EFFECT,
+];
+
+/// Other forms of physics that a model already has: attached like effects, never named as missing.
+pub static FORMS: &[Effect] = &[friction_form::FORM];
+
+/// Why effects could not be attached.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum EffectError {
+    /// No effect has this code.
+    #[error("no effect has the code \"{code}\": use one of {known}")]
+    UnknownCode {
+        /// As asked for.
+        code: String,
+        /// What there is.
+        known: String,
+    },
+    /// Not one value a parameter.
+    #[error("effect {code} takes {wanted} values, {given} were given: give one each of {names}")]
+    Count {
+        /// The effect.
+        code: &'static str,
+        /// Parameters that it has.
+        wanted: usize,
+        /// Values given.
+        given: usize,
+        /// The parameters' names.
+        names: String,
+    },
+    /// A value is not finite or out of its bounds.
+    #[error(transparent)]
+    Value(#[from] BuildError),
+}
+
+/// The effect or form with this code.
+pub fn find(code: &str) -> Result<&'static Effect, EffectError> {
+    EFFECTS
+        .iter()
+        .chain(FORMS)
+        .find(|e| e.code == code)
+        .ok_or_else(|| EffectError::UnknownCode {
+            code: code.to_owned(),
+            known: EFFECTS.iter().map(|e| e.code).collect::<Vec<_>>().join(", "),
+        })
+}
+
+impl Effect {
+    /// Attaches after checking that there is one finite value a parameter, within its bounds.
+    pub fn attached(&self, values: &[f64], inside: Box<dyn Plant>) -> Result<Box<dyn Plant>, EffectError> {
+        if values.len() != self.parameters.len() {
+            return Err(EffectError::Count {
+                code: self.code,
+                wanted: self.parameters.len(),
+                given: values.len(),
+                names: self
+                    .parameters
+                    .iter()
+                    .map(|p| p.name)
+                    .collect::<Vec<_>>()
+                    .join(", "),
+            });
+        }
+        for (p, &value) in self.parameters.iter().zip(values) {
+            let [low, high] = p.bounds;
+            if !(value >= low && value <= high) {
+                return Err(EffectError::Value(BuildError::OutOfBounds {
+                    model: self.code,
+                    name: p.name.to_owned(),
+                    value,
+                    low,
+                    high,
+                }));
+            }
+        }
+        Ok((self.attach)(values, inside))
+    }
+}
+
+/// Attaches several effects in the order of their stages (of one stage: by code), whatever order they are given in.
+pub fn attach_all(
+    effects: &[(&'static Effect, Vec<f64>)],
+    plant: Box<dyn Plant>,
+) -> Result<Box<dyn Plant>, EffectError> {
+    let mut order: Vec<&(&'static Effect, Vec<f64>)> = effects.iter().collect();
+    order.sort_by_key(|(effect, _)| (effect.stage, effect.code));
+    order
+        .into_iter()
+        .try_fold(plant, |inside, (effect, values)| effect.attached(values, inside))
+}
+
+/// What an effect does in one step, around the plant inside.
+pub(crate) trait Wrap: Clone + Send + 'static {
+    /// Back to the virgin state.
+    fn reset(&mut self);
+    /// Steps the plant inside and returns the force.
+    fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64;
+}
+
+/// A plant with an effect around it.
+#[derive(Clone)]
+struct Wrapped<W: Wrap> {
+    wrap: W,
+    inside: Box<dyn Plant>,
+}
+
+impl<W: Wrap> Plant for Wrapped<W> {
+    fn reset(&mut self) {
+        self.wrap.reset();
+        self.inside.reset();
+    }
+
+    fn step(&mut self, displacement_mm: f64, dt_s: f64) -> f64 {
+        self.wrap.step(&mut self.inside, displacement_mm, dt_s)
+    }
+
+    fn boxed_clone(&self) -> Box<dyn Plant> {
+        Box::new(self.clone())
+    }
+}
+
+/// Puts `wrap` around `inside`.
+pub(crate) fn wrapped<W: Wrap>(wrap: W, inside: Box<dyn Plant>) -> Box<dyn Plant> {
+    Box::new(Wrapped { wrap, inside })
+}
+
+/// For effects that act everywhere on the loop.
+pub(crate) fn everywhere(_values: &[f64], _span: &Span) -> Option<Place> {
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_list_is_sorted_complete_and_consistent() {
+        assert!(EFFECTS.windows(2).all(|w| w[0].code < w[1].code));
+        let span = testing::span();
+        for effect in EFFECTS {
+            let n = effect.parameters.len();
+            assert_eq!(effect.neutral.len(), n, "{}", effect.code);
+            assert!(
+                effect
+                    .amplitudes
+                    .iter()
+                    .all(|&a| a < n && effect.neutral[a] == 0.0)
+            );
+            assert!(!(effect.starts)(&span).is_empty());
+            for start in (effect.starts)(&span) {
+                for (p, v) in effect.parameters.iter().zip(&start) {
+                    assert!(
+                        *v >= p.bounds[0] && *v <= p.bounds[1],
+                        "{} {}: {v}",
+                        effect.code,
+                        p.name
+                    );
+                }
+                assert!((effect.statement)(&start).ends_with('.'), "{}", effect.code);
+            }
+            for rival in effect.confusable_with {
+                assert!(
+                    find(rival.code).is_ok() && rival.code != effect.code,
+                    "{}",
+                    effect.code
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn every_effect_stays_finite_and_repeats_bit_for_bit_after_a_reset() {
+        for effect in EFFECTS {
+            for start in (effect.starts)(&testing::span()) {
+                let mut plant = effect
+                    .attached(&start, testing::spring())
+                    .expect("starts are valid");
+                let first = testing::drive(&mut plant);
+                assert!(first.iter().all(|f| f.is_finite()), "{}", effect.code);
+                plant.reset();
+                assert_eq!(first, testing::drive(&mut plant), "{}", effect.code);
+            }
+        }
+    }
+
+    #[test]
+    fn refusals_say_what_and_where() {
+        let error = |code: &str, values: &[f64]| {
+            find(code)
+                .and_then(|e| e.attached(values, testing::spring()).map(|_| ()))
+                .expect_err("refused")
+                .to_string()
+        };
+        assert!(error("magnetism", &[]).contains("magnetism"));
+        assert!(error("inertia", &[]).contains("mass_kg"));
+        assert!(error("inertia", &[f64::NAN]).contains("mass_kg = NaN"));
+    }
+
+    #[test]
+    fn order_of_attachment_follows_the_stage_not_the_caller() {
+        let pair = |swap: bool| {
+            let mut effects = vec![
+                (find("sensor_saturation").expect("listed"), vec![400.0]),
+                (find("coulomb_friction").expect("listed"), vec![50.0, 0.05]),
+            ];
+            if swap {
+                effects.reverse();
+            }
+            let mut plant = attach_all(&effects, testing::spring()).expect("valid");
+            testing::drive(&mut plant)
+        };
+        assert_eq!(pair(false), pair(true));
+        // Friction is inside the load cell's range: nothing above the limit comes out.
+        assert!(pair(false).iter().all(|&f| f <= 400.0));
+    }
+}

@@ -8,6 +8,9 @@
 //! The friction is a ratio of the carried load, as the loop energies of Kadziela et al. (2015, Tables 2 and 3) demand:
 //! measured loss grows with the square of the peak force. Over a closed cycle of stroke S inside the contact,
 //! `loop energy = 2 * friction_ratio * E_mean * (S - 2 * presliding * tanh(S / (2 * presliding)))`.
+//! The structure's `friction` limits it, so that a baseline may lack what a diagnosis is to find: `"presliding"` (default),
+//! `"sharp"` (turns round within 5 um), `"tanh"` (`r = tanh(v / v_t)`, the law of Kadziela et al. that fades in a slow
+//! ramp; `transition_velocity_mm_s`, default 5) and `"none"`.
 //! The force is never tensile: below the displacement where E reaches zero the pusher has left the spring.
 
 use super::friction::dahl::drag;
@@ -57,10 +60,39 @@ pub const MODEL: Model = Model {
         "presliding",
     ],
     build: |values, structure| {
-        let [datum_mm] = structure_numbers("equivalent", structure, [("datum_mm", 0.0)])?;
-        Equivalent::new(values, datum_mm).map(|plant| Box::new(plant) as Box<dyn Plant>)
+        let mut numbers = structure.clone();
+        let friction = numbers.remove("friction");
+        let keys = [("datum_mm", 0.0), ("transition_velocity_mm_s", 5.0)];
+        let [datum_mm, transition_mm_s] = structure_numbers("equivalent", &numbers, keys)?;
+        let mut plant = Equivalent::new(values, datum_mm)?;
+        plant.friction = match friction.as_ref().map(toml::Value::as_str) {
+            None | Some(Some("presliding")) => Friction::Presliding,
+            Some(Some("sharp")) => Friction::Sharp,
+            Some(Some("tanh")) if transition_mm_s > 0.0 => Friction::Tanh { transition_mm_s },
+            Some(Some("none")) => Friction::None,
+            _ => {
+                return Err(BuildError::Structure {
+                    model: "equivalent",
+                    reason: "friction is not one of \"presliding\", \"sharp\", \"tanh\" (with a transition velocity above 0), \"none\": use one"
+                        .to_owned(),
+                });
+            }
+        };
+        Ok(Box::new(plant))
     },
 };
+
+/// What the structure leaves of the friction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Friction {
+    Presliding,
+    Sharp,
+    Tanh { transition_mm_s: f64 },
+    None,
+}
+
+/// Travel over which sharp friction turns round, mm: below any LVDT's noise.
+const SHARP_MM: f64 = 0.005;
 
 /// The model ready to step.
 #[derive(Debug, Clone, PartialEq)]
@@ -70,6 +102,7 @@ pub struct Equivalent {
     friction_ratio: f64,
     presliding_mm: f64,
     datum_mm: f64,
+    friction: Friction,
     displacement_mm: f64,
     drag: f64,
 }
@@ -89,6 +122,7 @@ impl Equivalent {
             friction_ratio,
             presliding_mm,
             datum_mm,
+            friction: Friction::Presliding,
             displacement_mm: 0.0,
             drag: 0.0,
         })
@@ -101,10 +135,15 @@ impl Plant for Equivalent {
         self.drag = 0.0;
     }
 
-    fn step(&mut self, displacement_mm: f64, _dt_s: f64) -> f64 {
+    fn step(&mut self, displacement_mm: f64, dt_s: f64) -> f64 {
         let slip_mm = displacement_mm - self.displacement_mm;
         self.displacement_mm = displacement_mm;
-        self.drag = drag(self.drag, slip_mm / self.presliding_mm);
+        self.drag = match self.friction {
+            Friction::Presliding => drag(self.drag, slip_mm / self.presliding_mm),
+            Friction::Sharp => drag(self.drag, slip_mm / SHARP_MM),
+            Friction::Tanh { transition_mm_s } if dt_s > 0.0 => (slip_mm / (dt_s * transition_mm_s)).tanh(),
+            Friction::Tanh { .. } | Friction::None => 0.0,
+        };
         let carried_n = (self.preload_n + self.rate_n_per_mm * (displacement_mm - self.datum_mm)).max(0.0);
         carried_n * (1.0 + self.friction_ratio * self.drag)
     }
@@ -154,6 +193,22 @@ mod tests {
         // E(5) = 50 + 400 = 450 N; virgin drag after 5 mm = 1 - exp(-12.5); 450 * 1.12 to within that remainder.
         let force_n = spring().step(5.0, 1e-3);
         assert!((force_n - 450.0 * (1.0 + 0.12 * (1.0 - (-12.5f64).exp()))).abs() < 1e-9);
+    }
+
+    #[test]
+    fn friction_is_limited_by_the_structure() {
+        let force_n = |friction: &str, dt_s: f64| {
+            let structure = toml::Table::from_iter([("friction".to_owned(), friction.into())]);
+            let mut plant = MODEL.plant(&[50.0, 80.0, 0.12, 0.4], &structure)?;
+            plant.step(4.9, dt_s);
+            Ok::<f64, BuildError>(plant.step(5.0, dt_s))
+        };
+        assert_eq!(force_n("none", 0.1), Ok(450.0));
+        // 20 and more lengths after the start: sliding to 1e-8.
+        assert!((force_n("sharp", 0.1).expect("built") - 504.0).abs() < 1e-6);
+        assert!((force_n("tanh", 0.1).expect("built") - 450.0 * (1.0 + 0.12 * 0.2f64.tanh())).abs() < 1e-9);
+        assert!((force_n("presliding", 0.1).expect("built") - 504.0).abs() < 1e-3);
+        assert!(force_n("magnetic", 0.1).is_err());
     }
 
     #[test]

@@ -20,13 +20,23 @@ pub enum Ink {
     Measured,
     /// What the model says.
     Twin,
+    /// What an improved model says.
+    Improved,
+    /// The branch on which the displacement rises.
+    Loading,
+    /// The branch on which it falls.
+    Unloading,
+    /// What was before, behind what matters.
+    Faint,
 }
 
 impl Ink {
     fn colour(self) -> RGBColor {
         match self {
-            Ink::Measured => RGBColor(28, 113, 196),
-            Ink::Twin => RGBColor(222, 117, 26),
+            Ink::Measured | Ink::Loading => RGBColor(28, 113, 196),
+            Ink::Twin | Ink::Unloading => RGBColor(222, 117, 26),
+            Ink::Improved => RGBColor(22, 138, 84),
+            Ink::Faint => QUIET,
         }
     }
 
@@ -34,7 +44,8 @@ impl Ink {
     fn width(self) -> u32 {
         match self {
             Ink::Measured => 5,
-            Ink::Twin => 2,
+            Ink::Loading | Ink::Unloading => 3,
+            Ink::Twin | Ink::Improved | Ink::Faint => 2,
         }
     }
 
@@ -65,66 +76,107 @@ impl Curve {
     }
 }
 
-const SIZE: (u32, u32) = (860, 560);
+/// Width and height of a plot that stands alone.
+pub const LARGE: (u32, u32) = (860, 560);
+/// Of one of two that stand side by side.
+pub const HALF: (u32, u32) = (560, 380);
 /// Axes and their text: the same grey reads on white and on near black.
 const QUIET: RGBColor = RGBColor(118, 128, 136);
+/// Behind what is to be looked at.
+const MARK: RGBColor = RGBColor(232, 180, 20);
 /// Free space around the curves.
 const ROOM: f64 = 0.04;
 
 /// Curves over one pair of axes. Points that are not finite are left out.
 pub fn xy_plot(x_label: &str, y_label: &str, curves: &[Curve]) -> String {
-    let mut text = String::new();
-    let drawn = draw(&mut text, x_label, y_label, curves);
-    // Drawing into a string has nothing that can fail; a defect shows in the page instead of ending the report.
-    drawn.map_or_else(
-        |error| {
-            format!(
-                "<p>This plot could not be drawn: {}</p>",
-                super::html::escape(&error)
-            )
-        },
-        |()| text,
-    )
+    let plot = Plot {
+        x_label,
+        y_label,
+        curves,
+        bands: &[],
+        size: LARGE,
+    };
+    plot.render()
 }
 
-fn draw(text: &mut String, x_label: &str, y_label: &str, curves: &[Curve]) -> Result<(), String> {
-    let finite = |points: &[(f64, f64)]| -> Vec<(f64, f64)> {
-        points
-            .iter()
-            .copied()
-            .filter(|(x, y)| x.is_finite() && y.is_finite())
-            .collect()
-    };
-    let curves: Vec<_> = curves.iter().map(|c| (c.ink, finite(&c.points))).collect();
-    let all = || curves.iter().flat_map(|(_, points)| points);
-    let (x, y) = (range(all().map(|p| p.0)), range(all().map(|p| p.1)));
-    let root = SVGBackend::with_string(text, SIZE).into_drawing_area();
-    let failed = |e: DrawingAreaErrorKind<_>| format!("{e:?}");
-    let mut chart = ChartBuilder::on(&root)
-        .margin(12)
-        .x_label_area_size(48)
-        .y_label_area_size(72)
-        .build_cartesian_2d(x, y)
-        .map_err(failed)?;
-    chart
-        .configure_mesh()
-        .light_line_style(TRANSPARENT)
-        .bold_line_style(QUIET.mix(0.3))
-        .axis_style(QUIET)
-        .label_style(("sans-serif", 16, &QUIET))
-        .axis_desc_style(("sans-serif", 17, &QUIET))
-        .x_desc(x_label)
-        .y_desc(y_label)
-        .draw()
-        .map_err(failed)?;
-    for (ink, points) in curves {
-        let style = ink.colour().stroke_width(ink.width());
-        chart
-            .draw_series(LineSeries::new(points, style))
-            .map_err(failed)?;
+/// A plot with regions of the abscissa marked.
+#[derive(Debug, Clone, Copy)]
+pub struct Plot<'a> {
+    /// Under the abscissa.
+    pub x_label: &'a str,
+    /// Beside the ordinate.
+    pub y_label: &'a str,
+    /// What is drawn.
+    pub curves: &'a [Curve],
+    /// Regions to mark, from and to.
+    pub bands: &'a [(f64, f64)],
+    /// [`LARGE`] or [`HALF`].
+    pub size: (u32, u32),
+}
+
+impl Plot<'_> {
+    /// As SVG text.
+    pub fn render(&self) -> String {
+        let mut text = String::new();
+        let drawn = self.draw(&mut text);
+        // Drawing into a string has nothing that can fail; a defect shows in the page instead of ending the report.
+        drawn.map_or_else(
+            |error| {
+                format!(
+                    "<p>This plot could not be drawn: {}</p>",
+                    super::html::escape(&error)
+                )
+            },
+            |()| text,
+        )
     }
-    root.present().map_err(failed)?;
-    Ok(())
+
+    fn draw(&self, text: &mut String) -> Result<(), String> {
+        let finite = |points: &[(f64, f64)]| -> Vec<(f64, f64)> {
+            points
+                .iter()
+                .copied()
+                .filter(|(x, y)| x.is_finite() && y.is_finite())
+                .collect()
+        };
+        let curves: Vec<_> = self.curves.iter().map(|c| (c.ink, finite(&c.points))).collect();
+        let all = || curves.iter().flat_map(|(_, points)| points);
+        let (x, y) = (range(all().map(|p| p.0)), range(all().map(|p| p.1)));
+        let root = SVGBackend::with_string(text, self.size).into_drawing_area();
+        let failed = |e: DrawingAreaErrorKind<_>| format!("{e:?}");
+        let mut chart = ChartBuilder::on(&root)
+            .margin(12)
+            .x_label_area_size(48)
+            .y_label_area_size(72)
+            .build_cartesian_2d(x.clone(), y.clone())
+            .map_err(failed)?;
+        chart
+            .configure_mesh()
+            .light_line_style(TRANSPARENT)
+            .bold_line_style(QUIET.mix(0.3))
+            .axis_style(QUIET)
+            .label_style(("sans-serif", 16, &QUIET))
+            .axis_desc_style(("sans-serif", 17, &QUIET))
+            .x_desc(self.x_label)
+            .y_desc(self.y_label)
+            .draw()
+            .map_err(failed)?;
+        for &(from, to) in self.bands {
+            let (from, to) = (from.max(x.start), to.min(x.end));
+            if from < to {
+                let region = Rectangle::new([(from, y.start), (to, y.end)], MARK.mix(0.22).filled());
+                chart.draw_series([region]).map_err(failed)?;
+            }
+        }
+        for (ink, points) in curves {
+            let style = ink.colour().stroke_width(ink.width());
+            chart
+                .draw_series(LineSeries::new(points, style))
+                .map_err(failed)?;
+        }
+        root.present().map_err(failed)?;
+        Ok(())
+    }
 }
 
 fn range(values: impl Iterator<Item = f64>) -> std::ops::Range<f64> {

@@ -1,0 +1,117 @@
+//! Proof on concealed effects: sealed cases of `truth`, diagnosed without sight of their labels, opened and scored after.
+//!
+//! `seal` holds the labels, `score` judges one answer, `figures` puts many together, `page` prints them. Files and progress
+//! bars are for the command line.
+
+pub mod figures;
+pub mod page;
+pub mod score;
+pub mod seal;
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+use crate::diagnose::{Baseline, DiagnoseError, Diagnosis, Options, diagnose};
+use crate::model::equivalent;
+use crate::truth::{Case, Start};
+
+pub use score::{Answer, Mark};
+pub use seal::Seal;
+
+/// The run that is asked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Request {
+    /// How many cases.
+    pub cases: u64,
+    /// Seed of all of them.
+    pub seed: u64,
+    /// Strength of every effect; drawn where `None`.
+    pub strength: Option<f64>,
+    /// Cores; one case runs on one.
+    pub threads: usize,
+}
+
+/// The baseline that a case's start tells.
+pub fn baseline(start: &Start) -> Baseline {
+    let mut baseline = Baseline::of(&equivalent::MODEL);
+    baseline.known = start
+        .known
+        .as_ref()
+        .map(|codes| codes.iter().map(|c| (*c).to_owned()).collect());
+    baseline.start = start.tuned.map(|values| values.to_vec());
+    if let Some(speed) = start.smoothing_mm_s {
+        baseline.structure.insert("friction".to_owned(), "tanh".into());
+        baseline
+            .structure
+            .insert("transition_velocity_mm_s".to_owned(), speed.into());
+    }
+    baseline
+}
+
+/// Diagnoses what a case shows, and nothing of its label.
+pub fn examine(case_shown: &Case, threads: usize) -> Result<Diagnosis, DiagnoseError> {
+    let options = Options {
+        threads,
+        ..Options::default()
+    };
+    diagnose(
+        &case_shown.recordings,
+        &baseline(&case_shown.start),
+        &options,
+        &mut |_, _| {},
+    )
+}
+
+/// Draws, seals, diagnoses, opens and marks every case. `sealed` hears all seals before the first diagnosis begins;
+/// `done` hears how many cases are finished.
+pub fn run(
+    request: &Request,
+    sealed: &mut dyn FnMut(&[Seal]),
+    done: &(dyn Fn(u64) + Sync),
+) -> Result<Vec<Mark>, String> {
+    let numbers: Vec<u64> = (0..request.cases).collect();
+    let seals = side_by_side(&numbers, request.threads, &|&n| {
+        seal::Seal::of(&Case::draw(request.seed, n, request.strength).label, request.seed)
+    });
+    sealed(&seals);
+    let finished = AtomicU64::new(0);
+    let marks = side_by_side(&numbers, request.threads, &|&n| {
+        let case = Case::draw(request.seed, n, request.strength);
+        let begun = Instant::now();
+        let answer = examine(&case, 1).map(|d| Answer::of(&d));
+        let seconds = begun.elapsed().as_secs_f64();
+        let opened = seals[n as usize].open(&case.label);
+        done(finished.fetch_add(1, Ordering::Relaxed) + 1);
+        opened.then(|| Mark::new(case.label, answer, seconds))
+    });
+    marks
+        .into_iter()
+        .enumerate()
+        .map(|(n, mark)| mark.ok_or_else(|| format!("case {n}: the label is not the one that was sealed")))
+        .collect()
+}
+
+/// Results in the order of `list`, computed on several cores.
+fn side_by_side<T: Sync, R: Send>(list: &[T], threads: usize, f: &(dyn Fn(&T) -> R + Sync)) -> Vec<R> {
+    let next = AtomicU64::new(0);
+    let results = Mutex::new(Vec::with_capacity(list.len()));
+    std::thread::scope(|scope| {
+        for _ in 0..threads.max(1) {
+            scope.spawn(|| {
+                while let Some((i, item)) = {
+                    let i = next.fetch_add(1, Ordering::Relaxed) as usize;
+                    list.get(i).map(|item| (i, item))
+                } {
+                    let result = f(item);
+                    if let Ok(mut results) = results.lock() {
+                        results.push((i, result));
+                    }
+                }
+            });
+        }
+    });
+    let mut results = results.into_inner().unwrap_or_default();
+    results.sort_by_key(|(i, _)| *i);
+    results.into_iter().map(|(_, r)| r).collect()
+}

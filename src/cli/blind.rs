@@ -1,0 +1,171 @@
+//! `leafbench blind`.
+
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::time::Instant;
+
+use clap::{Arg, ArgMatches};
+
+use super::progress::{Mark as Progressed, Progress};
+use super::{CliError, Command, Done, Output};
+use crate::blind::figures::{Bin, Figure, figures, reliability};
+use crate::blind::{Mark, Request, page, run as run_cases, seal};
+use crate::truth::{Case, sensors};
+
+/// See [`super::COMMANDS`].
+pub const COMMAND: Command = Command {
+    name: "blind",
+    what: "Test the diagnosis on sealed cases with concealed effects and print how often it was right",
+    arguments,
+    run,
+};
+
+fn arguments(command: clap::Command) -> clap::Command {
+    command
+        .arg(
+            Arg::new("cases")
+                .long("cases")
+                .value_name("N")
+                .value_parser(clap::value_parser!(u64).range(1..))
+                .default_value("400")
+                .help("Number of cases; under 200 is an anecdote"),
+        )
+        .arg(
+            Arg::new("seed")
+                .long("seed")
+                .value_name("S")
+                .value_parser(clap::value_parser!(u64))
+                .default_value("1")
+                .help("The same seed gives the same cases"),
+        )
+        .arg(
+            Arg::new("strength")
+                .long("strength")
+                .value_name("LIMITS")
+                .value_parser(clap::value_parser!(f64))
+                .help("Strength of every effect in detection limits [default: drawn from 1, 2, 5, 10]"),
+        )
+        .arg(
+            Arg::new("out")
+                .long("out")
+                .value_name("DIR")
+                .value_parser(clap::value_parser!(PathBuf))
+                .help(
+                    "Folder for blind.md, the page with the confusion matrix, and blind.json with every case",
+                ),
+        )
+        .arg(
+            Arg::new("export")
+                .long("export")
+                .value_name("CASE")
+                .value_parser(clap::value_parser!(u64))
+                .help("Only write the recordings of one case as CSV to --out, with its label beside them"),
+        )
+}
+
+#[derive(serde::Serialize)]
+struct Summary {
+    cases: u64,
+    seed: u64,
+    sealed_sha256: String,
+    figures: Vec<Figure>,
+    reliability: Vec<Bin>,
+}
+
+fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
+    let number = |name: &str| matches.get_one::<u64>(name).copied();
+    let strength = matches.get_one::<f64>("strength").copied();
+    if let Some(s) = strength
+        && !(s > 0.0 && s <= 1000.0)
+    {
+        return Err(CliError::Input(format!(
+            "--strength {s}: enter detection limits above 0 and up to 1000"
+        )));
+    }
+    let request = Request {
+        cases: number("cases").unwrap_or(400),
+        seed: number("seed").unwrap_or(1),
+        strength,
+        threads: std::thread::available_parallelism().map_or(1, usize::from),
+    };
+    let out = matches.get_one::<PathBuf>("out");
+    if let Some(case) = number("export") {
+        return export(
+            &request,
+            case,
+            out.map_or(Path::new("."), PathBuf::as_path),
+            output,
+        );
+    }
+    let mut sealed = String::new();
+    let begun = Instant::now();
+    let progress = Mutex::new(Progress::new("blind", output.json));
+    let marks = run_cases(
+        &request,
+        &mut |seals| {
+            sealed = seal::of_all(seals);
+            if !output.json {
+                eprintln!("{} labels sealed, SHA-256 over all: {sealed}", seals.len());
+            }
+        },
+        &|done| {
+            let elapsed_s = begun.elapsed().as_secs_f64();
+            if let Ok(mut bar) = progress.lock() {
+                bar.show(Progressed {
+                    elapsed_s,
+                    remaining_s: elapsed_s * (request.cases - done) as f64 / done as f64,
+                    cycles: 0,
+                    cycles_total: 0,
+                });
+            }
+        },
+    )
+    .map_err(CliError::Internal)?;
+    if let Ok(bar) = progress.into_inner() {
+        bar.finish();
+    }
+    if let Some(folder) = out {
+        write_results(folder, &request, &sealed, &marks)?;
+    }
+    let result = Summary {
+        cases: request.cases,
+        seed: request.seed,
+        sealed_sha256: sealed,
+        figures: figures(&marks),
+        reliability: reliability(&marks),
+    };
+    output.result(&result, || page::text(&marks))?;
+    Ok(Done::Well)
+}
+
+fn write_results(folder: &Path, request: &Request, sealed: &str, marks: &[Mark]) -> Result<(), CliError> {
+    std::fs::create_dir_all(folder).map_err(CliError::file(folder, "making the folder"))?;
+    write(&folder.join("blind.md"), &page::markdown(request, sealed, marks))?;
+    let json = serde_json::to_string(marks).map_err(|e| CliError::Internal(e.to_string()))?;
+    write(&folder.join("blind.json"), &json)
+}
+
+fn write(path: &Path, text: &str) -> Result<(), CliError> {
+    std::fs::write(path, text).map_err(CliError::file(path, "writing"))
+}
+
+/// One case as files, so that it can be diagnosed by hand.
+fn export(request: &Request, number: u64, folder: &Path, output: &Output) -> Result<Done, CliError> {
+    let case = Case::draw(request.seed, number, request.strength);
+    std::fs::create_dir_all(folder).map_err(CliError::file(folder, "making the folder"))?;
+    let mut written = Vec::new();
+    for recording in &case.recordings {
+        let path = folder.join(&recording.name);
+        write(&path, &sensors::csv(recording))?;
+        written.push(path);
+    }
+    let label = serde_json::json!({ "label": case.label, "told": case.start });
+    let path = folder.join(format!("case-{number:04}-label.json"));
+    write(&path, &format!("{label:#}\n"))?;
+    written.push(path);
+    output.result(&written, || {
+        let names: Vec<String> = written.iter().map(|p| p.display().to_string()).collect();
+        names.join("\n")
+    })?;
+    Ok(Done::Well)
+}

@@ -1,0 +1,225 @@
+//! `leafbench diagnose`.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::{Arg, ArgAction, ArgMatches};
+
+use super::progress::{Mark, Progress};
+use super::{CliError, Command, Done, Output, local};
+use crate::config::{Bench, EffectConfig, ModelConfig};
+use crate::diagnose::diagnosis::{Diagnosis, ImprovedModel};
+use crate::diagnose::{Baseline, Options, Verdict, diagnose};
+use crate::model;
+use crate::recording::{Recording, csv};
+use crate::report::diagnosis::{Context, page};
+
+/// See [`super::COMMANDS`].
+pub const COMMAND: Command = Command {
+    name: "diagnose",
+    what: "Say which physics the baseline model leaves out of recordings, and write the model with it added",
+    arguments,
+    run,
+};
+
+fn arguments(command: clap::Command) -> clap::Command {
+    command
+        .arg(
+            Arg::new("recordings")
+                .value_name("RECORDING.csv")
+                .required(true)
+                .num_args(1..)
+                .action(ArgAction::Append)
+                .value_parser(clap::value_parser!(PathBuf))
+                .help("Recordings of one specimen on one rig: CSV with time_s, displacement_mm, force_n"),
+        )
+        .arg(local::bench_argument())
+        .arg(Arg::new("baseline").long("baseline").value_name("MODEL").help(
+            "Model to start from: equivalent, five-link, finite-segment or leaf-pack [default: the bench's]",
+        ))
+        .arg(
+            Arg::new("known")
+                .long("known")
+                .value_name("CODE,CODE")
+                .value_delimiter(',')
+                .num_args(0..)
+                .help(
+                    "Physics that the baseline has already (\"\" for none) [default: the bench's list and the model's own]",
+                ),
+        )
+        .arg(
+            Arg::new("out")
+                .long("out")
+                .value_name("DIR")
+                .value_parser(clap::value_parser!(PathBuf))
+                .default_value("diagnosis")
+                .help("Folder for diagnosis.json, report.html and improved.toml"),
+        )
+}
+
+fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
+    let bench = local::bench(matches)?;
+    let baseline = baseline(matches, &bench.model)?;
+    let paths: Vec<&PathBuf> = matches
+        .get_many::<PathBuf>("recordings")
+        .map(Iterator::collect)
+        .unwrap_or_default();
+    let recordings = paths
+        .iter()
+        .map(|path| csv::read_file(path))
+        .collect::<Result<Vec<_>, _>>()?;
+    let diagnosis = with_progress(&recordings, &baseline, output)?;
+    let folder = matches
+        .get_one::<PathBuf>("out")
+        .cloned()
+        .unwrap_or_else(|| PathBuf::from("diagnosis"));
+    let improved = improved_bench(&bench, &diagnosis.improved);
+    write_all(&folder, &diagnosis, &bench, &baseline, &recordings, &improved)?;
+    output.result(&diagnosis, || text(&diagnosis, &folder))?;
+    Ok(Done::Well)
+}
+
+/// What the diagnosis starts from: the bench's model, or the one named; its known physics, or what `--known` says.
+fn baseline(matches: &ArgMatches, config: &ModelConfig) -> Result<Baseline, CliError> {
+    let name = matches.get_one::<String>("baseline").unwrap_or(&config.name);
+    let mut baseline = Baseline::of(model::find(name)?);
+    if *name == config.name {
+        baseline.structure = config.structure.clone();
+        baseline.start = Some(config.values()?);
+    }
+    let told = matches.get_many::<String>("known").map(|codes| {
+        let codes = codes.map(|c| c.trim().to_owned());
+        codes.filter(|c| !c.is_empty()).collect::<Vec<String>>()
+    });
+    let beside: Vec<String> = config
+        .known
+        .iter()
+        .cloned()
+        .chain(config.effects.iter().map(|e| e.code.clone()))
+        .collect();
+    baseline.known = match told {
+        Some(codes) => Some(codes),
+        None if beside.is_empty() => None,
+        None => {
+            let own = baseline.model.physics.iter().map(|c| (*c).to_owned());
+            let mut codes: Vec<String> = own.chain(beside).collect();
+            codes.sort_unstable();
+            codes.dedup();
+            Some(codes)
+        }
+    };
+    Ok(baseline)
+}
+
+fn with_progress(
+    recordings: &[Recording],
+    baseline: &Baseline,
+    output: &Output,
+) -> Result<Diagnosis, CliError> {
+    let mut bar = Progress::new("diagnose", output.json);
+    let begun = Instant::now();
+    let diagnosis = diagnose(recordings, baseline, &Options::default(), &mut |share, _| {
+        let elapsed_s = begun.elapsed().as_secs_f64();
+        if share > 0.0 {
+            bar.show(Mark {
+                elapsed_s,
+                remaining_s: elapsed_s * (1.0 - share) / share,
+                cycles: 0,
+                cycles_total: 0,
+            });
+        }
+    });
+    bar.finish();
+    Ok(diagnosis?)
+}
+
+/// The bench with the improved model in its specimen and its twin, so that twin, simulator and mock rig run it.
+fn improved_bench(bench: &Bench, improved: &ImprovedModel) -> Bench {
+    let model = ModelConfig {
+        name: improved.model.clone(),
+        known: Vec::new(),
+        parameters: improved.parameters.iter().cloned().collect(),
+        structure: improved.structure.clone(),
+        effects: improved
+            .effects
+            .iter()
+            .map(|e| EffectConfig {
+                code: e.code.clone(),
+                parameters: e.parameters.iter().cloned().collect(),
+            })
+            .collect(),
+    };
+    let mut bench = bench.clone();
+    bench.specimen.model = model.clone();
+    bench.model = model;
+    bench
+}
+
+fn write_all(
+    folder: &Path,
+    diagnosis: &Diagnosis,
+    bench: &Bench,
+    baseline: &Baseline,
+    recordings: &[Recording],
+    improved: &Bench,
+) -> Result<(), CliError> {
+    std::fs::create_dir_all(folder).map_err(CliError::file(folder, "making the folder"))?;
+    let json = serde_json::to_string_pretty(diagnosis).map_err(|e| CliError::Internal(e.to_string()))?;
+    let context = Context {
+        specimen: &bench.specimen.name,
+        baseline: baseline.model.name,
+        recordings: recordings.iter().map(|r| r.name.clone()).collect(),
+    };
+    let mut files = vec![
+        ("diagnosis.json", json),
+        ("report.html", page(diagnosis, &context)),
+        ("improved.toml", improved.to_toml()),
+    ];
+    if let Some(next) = &diagnosis.next_test {
+        files.push(("next-test.toml", next.profile_toml.clone()));
+    }
+    for (name, text) in files {
+        let path = folder.join(name);
+        std::fs::write(&path, text).map_err(CliError::file(&path, "writing"))?;
+    }
+    Ok(())
+}
+
+/// What a person reads in the terminal.
+fn text(d: &Diagnosis, folder: &Path) -> String {
+    let word = match d.verdict {
+        Verdict::Adequate => "ADEQUATE",
+        Verdict::MissingPhysics => "MISSING PHYSICS",
+        Verdict::Unexplained => "UNEXPLAINED",
+    };
+    let mut lines = vec![format!("{word}: {}", d.summary)];
+    for e in &d.effects {
+        lines.push(format!(
+            "  {} ({:.0} % sure): {}",
+            e.code,
+            100.0 * e.confidence,
+            e.statement
+        ));
+    }
+    for a in &d.alternatives {
+        lines.push(format!("  or {} instead of {}: {}", a.code, a.instead_of, a.why));
+    }
+    for l in &d.location {
+        lines.push(format!("  where: {}", l.words));
+    }
+    let (before, after) = (d.fit.baseline.nrmse_heldout, d.fit.improved.nrmse_heldout);
+    lines.push(format!(
+        "  error on held-out cycles: {:.3} % before, {:.3} % after, noise floor {:.3} %",
+        100.0 * before,
+        100.0 * after,
+        100.0 * d.fit.noise_floor_nrmse
+    ));
+    if let Some(next) = &d.next_test {
+        lines.push(format!("  next test: {}", next.why));
+    }
+    lines.push(format!(
+        "  {}: report.html, diagnosis.json, improved.toml",
+        folder.display()
+    ));
+    lines.join("\n")
+}

@@ -1,0 +1,229 @@
+//! The baseline: a model with the physics it is said to have, and what is left as candidates.
+//!
+//! Codes that are known but not built into the model are attached as effects and fitted with the baseline's own
+//! parameters; friction of `equivalent` that is not known is switched off by its structure option.
+
+use crate::effect::{self, EFFECTS, Effect, EffectError};
+use crate::model::{BuildError, Model, Parameter, Plant};
+
+/// What the diagnosis starts from.
+#[derive(Clone)]
+pub struct Baseline {
+    /// The model.
+    pub model: &'static Model,
+    /// Its structure table.
+    pub structure: toml::Table,
+    /// Its parameters; the model's starts where `None`.
+    pub start: Option<Vec<f64>>,
+    /// Codes of the physics that it has; the model's own list where `None`.
+    pub known: Option<Vec<String>>,
+}
+
+impl Baseline {
+    /// A model as it is, with an empty structure.
+    pub fn of(model: &'static Model) -> Baseline {
+        Baseline {
+            model,
+            structure: toml::Table::new(),
+            start: None,
+            known: None,
+        }
+    }
+}
+
+/// Why a baseline cannot be used.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum BaselineError {
+    /// The model refuses its structure or start.
+    #[error("the baseline cannot be built: {0}")]
+    Build(#[from] BuildError),
+    /// A known code is not one of contracts.md.
+    #[error("known physics: {0}")]
+    Known(#[from] EffectError),
+}
+
+/// One effect in a structure, with the bounds that hold for it here.
+#[derive(Clone)]
+pub(super) struct Attached {
+    pub effect: &'static Effect,
+    pub parameters: Vec<Parameter>,
+    /// Part of the baseline: its own known physics in another form, never named as missing.
+    pub own: bool,
+}
+
+impl Attached {
+    pub fn candidate(effect: &'static Effect) -> Attached {
+        Attached {
+            effect,
+            parameters: effect.parameters.to_vec(),
+            own: false,
+        }
+    }
+}
+
+/// The baseline ready to be fitted.
+#[derive(Clone)]
+pub(super) struct Setup {
+    pub model: &'static Model,
+    pub structure: toml::Table,
+    pub start: Vec<f64>,
+    /// Known physics that had to be attached.
+    pub extras: Vec<Attached>,
+    /// What may be missing, and the baseline's own friction in another form.
+    pub candidates: Vec<Attached>,
+}
+
+impl Setup {
+    pub fn new(baseline: &Baseline) -> Result<Setup, BaselineError> {
+        let model = baseline.model;
+        let built_in = |code: &str| model.physics.contains(&code);
+        let known: Vec<String> = match &baseline.known {
+            Some(codes) => codes.clone(),
+            None => model.physics.iter().map(|c| (*c).to_owned()).collect(),
+        };
+        for code in &known {
+            if code != "unknown" {
+                effect::find(code)?;
+            }
+        }
+        let knows = |code: &str| known.iter().any(|k| k == code);
+        let mut structure = baseline.structure.clone();
+        if model.name == "equivalent" && baseline.known.is_some() && !structure.contains_key("friction") {
+            structure.insert("friction".to_owned(), equivalent_friction(&knows).into());
+        }
+        let start = baseline.start.clone().unwrap_or_else(|| model.start_values());
+        model.plant(&start, &structure)?;
+        // What an attached law would have to do for these is done by the friction option or by the model.
+        let shaping = ["rate_independent_friction", "presliding"];
+        let extras = EFFECTS
+            .iter()
+            .filter(|e| knows(e.code) && !built_in(e.code) && !shaping.contains(&e.code))
+            .map(|effect| {
+                let mut attached = Attached::candidate(effect);
+                attached.own = true;
+                if effect.code == "coulomb_friction" && !knows("presliding") {
+                    // A gradual turn-round is not known, so it must not be had for nothing.
+                    attached.parameters[1].bounds = [1e-3, 0.06];
+                }
+                attached
+            })
+            .collect();
+        let mut candidates: Vec<Attached> = EFFECTS
+            .iter()
+            .filter(|e| !knows(e.code))
+            .map(Attached::candidate)
+            .collect();
+        if knows("load_dependent_friction") && knows("presliding") {
+            let mut other_form = Attached::candidate(effect::find("friction_form")?);
+            other_form.own = true;
+            candidates.push(other_form);
+        }
+        Ok(Setup {
+            model,
+            structure,
+            start,
+            extras,
+            candidates,
+        })
+    }
+}
+
+/// Friction option of `equivalent` for the friction that is known.
+fn equivalent_friction(knows: &dyn Fn(&str) -> bool) -> &'static str {
+    let load = knows("load_dependent_friction");
+    let any = load || knows("presliding") || knows("rate_independent_friction");
+    if !any || (!load && knows("coulomb_friction")) {
+        "none"
+    } else if !knows("rate_independent_friction") && !knows("presliding") {
+        "tanh"
+    } else if knows("presliding") {
+        "presliding"
+    } else {
+        "sharp"
+    }
+}
+
+/// Builds the baseline with `attached` around it; `values` are the model's, then one group an effect in the order given.
+pub(super) fn build(
+    setup: &Setup,
+    attached: &[Attached],
+    values: &[f64],
+) -> Result<Box<dyn Plant>, BuildError> {
+    let own = setup.model.parameters.len();
+    let plant = setup.model.plant(&values[..own], &setup.structure)?;
+    let mut at = own;
+    let mut placed: Vec<(&'static Effect, &[f64])> = Vec::with_capacity(attached.len());
+    for a in attached {
+        let n = a.parameters.len();
+        placed.push((a.effect, &values[at..at + n]));
+        at += n;
+    }
+    placed.sort_by_key(|(e, _)| (e.stage, e.code));
+    Ok(placed
+        .into_iter()
+        .fold(plant, |inside, (effect, values)| (effect.attach)(values, inside)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn setup(known: Option<&[&str]>) -> Setup {
+        let mut baseline = Baseline::of(crate::model::find("equivalent").expect("listed"));
+        baseline.known = known.map(|k| k.iter().map(|c| (*c).to_owned()).collect());
+        Setup::new(&baseline).expect("valid")
+    }
+
+    fn friction(setup: &Setup) -> Option<&str> {
+        setup.structure.get("friction").and_then(toml::Value::as_str)
+    }
+
+    #[test]
+    fn what_is_known_is_no_candidate() {
+        let setup = setup(None);
+        assert_eq!(friction(&setup), None);
+        for code in setup.model.physics {
+            assert!(
+                setup.candidates.iter().all(|c| c.own || c.effect.code != *code),
+                "{code}"
+            );
+        }
+        assert_eq!(setup.candidates.iter().filter(|c| c.own).count(), 1);
+    }
+
+    #[test]
+    fn friction_follows_what_is_known() {
+        for (known, option, extras) in [
+            (&["viscous_damping"][..], "none", 1),
+            (&["coulomb_friction"], "none", 1),
+            (&["load_dependent_friction"], "tanh", 0),
+            (
+                &["load_dependent_friction", "rate_independent_friction"],
+                "sharp",
+                0,
+            ),
+            (
+                &[
+                    "load_dependent_friction",
+                    "coulomb_friction",
+                    "presliding",
+                    "rate_independent_friction",
+                ],
+                "presliding",
+                1,
+            ),
+        ] {
+            let setup = setup(Some(known));
+            assert_eq!(friction(&setup), Some(option), "{known:?}");
+            assert_eq!(setup.extras.len(), extras, "{known:?}");
+        }
+    }
+
+    #[test]
+    fn an_unknown_code_is_refused_by_name() {
+        let mut baseline = Baseline::of(crate::model::find("equivalent").expect("listed"));
+        baseline.known = Some(vec!["magnetism".to_owned()]);
+        let error = Setup::new(&baseline).err().expect("refused");
+        assert!(error.to_string().contains("magnetism"));
+    }
+}

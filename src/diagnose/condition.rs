@@ -1,0 +1,623 @@
+//! Conditions a recording: smooth monotone travel between reversals, noise, bins that keep reversals sharp, branches,
+//! cycles, what is masked and why. It knows no model.
+//!
+//! The plant is stepped over every point of a [`Track`]; only points with a weight count. Between reversals the
+//! displacement is made monotone (pool adjacent violators), so that noise is no travel for a friction law.
+
+pub(super) use super::smoothing::noise;
+use super::smoothing::{median, monotone, sharpened, smoothed, vertices};
+use crate::recording::{Flags, Recording, cycles};
+
+/// Fewer samples than this are no recording.
+const LEAST_SAMPLES: usize = 20;
+/// Averaging never counts for more than this factor in noise: hum and drift do not average out.
+const LARGEST_AVERAGING: f64 = 4.0;
+
+/// Why a recording cannot be judged.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum ConditionError {
+    /// Too short, or nothing left after masking.
+    #[error("{name}: {have} usable samples, at least {LEAST_SAMPLES} are needed: record longer")]
+    TooShort {
+        /// The recording.
+        name: String,
+        /// Usable samples.
+        have: usize,
+    },
+    /// Columns of different length, values not finite, or time that does not rise.
+    #[error("{name}, row {row}: {reason}")]
+    Malformed {
+        /// The recording.
+        name: String,
+        /// From 1, the header not counted.
+        row: usize,
+        /// What is wrong and what to do.
+        reason: &'static str,
+    },
+    /// A channel that never moves.
+    #[error("{name}: the {channel} does not change: check the channel and its sign")]
+    Flat {
+        /// The recording.
+        name: String,
+        /// `displacement` or `force`.
+        channel: &'static str,
+    },
+}
+
+/// What a block of samples is used for; no parameter is ever fitted on `Select` or `Report`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// Parameters are fitted here.
+    Fit,
+    /// Candidates are compared here.
+    Select,
+    /// Errors are quoted from here.
+    Report,
+}
+
+/// A conditioned recording: columns of equal length.
+#[derive(Debug, Clone)]
+pub struct Track {
+    /// Name of the recording.
+    pub name: String,
+    /// Time in s from the recording's first sample.
+    pub time_s: Vec<f64>,
+    /// Displacement in mm, monotone between reversals.
+    pub displacement_mm: Vec<f64>,
+    /// Force in N, mean of the samples in the bin.
+    pub force_n: Vec<f64>,
+    /// 1 / standard deviation in 1/N; 0 where masked.
+    pub weight: Vec<f64>,
+    /// Direction of travel: 1 loading, -1 unloading.
+    pub direction: Vec<f64>,
+    /// Travel since the last reversal in mm.
+    pub since_reversal_mm: Vec<f64>,
+    /// Magnitude of the speed in mm/s.
+    pub speed_mm_s: Vec<f64>,
+    /// Cycle from 1.
+    pub cycle: Vec<u32>,
+    /// What the sample's cycle is used for.
+    pub part: Vec<Part>,
+    /// Frequency of the motion in Hz; 0 where there are not two reversals.
+    pub frequency_hz: f64,
+    /// Noise of one raw force sample in N, from the signal itself.
+    pub noise_n: f64,
+    /// Noise of one raw displacement sample in mm.
+    pub noise_mm: f64,
+    /// Whole cycles.
+    pub cycles: u32,
+    /// What was masked or noticed, one sentence each.
+    pub remarks: Vec<String>,
+}
+
+impl Track {
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.time_s.len()
+    }
+
+    /// True where there is none.
+    pub fn is_empty(&self) -> bool {
+        self.time_s.is_empty()
+    }
+
+    /// Time since the point before, in s.
+    pub fn dt_s(&self, i: usize) -> f64 {
+        if i == 0 {
+            0.0
+        } else {
+            self.time_s[i] - self.time_s[i - 1]
+        }
+    }
+}
+
+/// Conditions one recording into at most about `budget` points.
+pub fn condition(recording: &Recording, budget: usize) -> Result<Track, ConditionError> {
+    check(recording)?;
+    let mut remarks = Vec::new();
+    let kept = usable(recording, &mut remarks);
+    if kept.len() < LEAST_SAMPLES {
+        return Err(ConditionError::TooShort {
+            name: recording.name.clone(),
+            have: kept.len(),
+        });
+    }
+    let column = |values: &[f64]| kept.iter().map(|&i| values[i]).collect::<Vec<f64>>();
+    let start_s = recording.time_s[kept[0]];
+    let time_s: Vec<f64> = kept.iter().map(|&i| recording.time_s[i] - start_s).collect();
+    let (raw_mm, force_n) = (column(&recording.displacement_mm), column(&recording.force_n));
+    let stroke_mm = range(&raw_mm);
+    let force_range_n = range(&force_n);
+    for (span, channel) in [(stroke_mm, "displacement"), (force_range_n, "force")] {
+        if span <= 0.0 {
+            return Err(ConditionError::Flat {
+                name: recording.name.clone(),
+                channel,
+            });
+        }
+    }
+    let (noise_mm, noise_n) = (noise(&raw_mm), noise(&force_n));
+    let (smooth_mm, half) = smoothed(&raw_mm, noise_mm);
+    let band_mm = (8.0 * noise_mm).max(0.01 * stroke_mm);
+    let turns: Vec<usize> = cycles::reversals(&smooth_mm, band_mm)
+        .iter()
+        .map(|r| r.index)
+        .collect();
+    let steady_mm = monotone(&sharpened(&raw_mm, smooth_mm, half, &turns), &turns);
+    let motion = Motion::new(&steady_mm, &turns);
+    let cycle: Vec<u32> = match &recording.cycle {
+        Some(counted) if kept.iter().any(|&i| counted[i] > 0) => kept.iter().map(|&i| counted[i]).collect(),
+        _ => motion.half.iter().map(|&h| h / 2 + 1).collect(),
+    };
+    let clipped = clipped(&raw_mm, &force_n, noise_mm, &mut remarks);
+    let vertices = vertices(&time_s, &steady_mm, &turns, noise_mm);
+    let bins = bins(&time_s, &steady_mm, &motion, stroke_mm, budget);
+    let rate = force_range_n / stroke_mm;
+    let sigma_n = noise_n.hypot(rate * noise_mm).max(1e-5 * force_range_n);
+    let mut track = Track {
+        name: recording.name.clone(),
+        time_s: Vec::new(),
+        displacement_mm: Vec::new(),
+        force_n: Vec::new(),
+        weight: Vec::new(),
+        direction: Vec::new(),
+        since_reversal_mm: Vec::new(),
+        speed_mm_s: Vec::new(),
+        cycle: Vec::new(),
+        part: Vec::new(),
+        frequency_hz: motion.frequency_hz(&time_s),
+        noise_n,
+        noise_mm,
+        cycles: 0,
+        remarks,
+    };
+    let settled = settled_from(&steady_mm, &force_n, &turns, stroke_mm);
+    for bin in bins {
+        let n = bin.len() as f64;
+        let mean = |v: &[f64]| v[bin.clone()].iter().sum::<f64>() / n;
+        let last = bin.end - 1;
+        track.time_s.push(mean(&time_s));
+        track.displacement_mm.push(mean(&steady_mm));
+        track.force_n.push(mean(&force_n));
+        let masked = bin.start < settled || bin.clone().any(|i| clipped[i]);
+        let averaging = n.sqrt().min(LARGEST_AVERAGING);
+        track.weight.push(if masked { 0.0 } else { averaging / sigma_n });
+        track.direction.push(motion.direction[last]);
+        track.since_reversal_mm.push(motion.since_mm[last]);
+        track.cycle.push(cycle[last]);
+        // The turning point itself lies between samples: the plant goes there, nothing is compared.
+        if let Some(&(_, time, mm)) = vertices.iter().find(|v| v.0 == last) {
+            track.time_s.push(time);
+            track.displacement_mm.push(mm);
+            track.force_n.push(force_n[last]);
+            track.weight.push(0.0);
+            track.direction.push(motion.direction[last]);
+            track.since_reversal_mm.push(motion.since_mm[last]);
+            track.cycle.push(cycle[last]);
+        }
+    }
+    let n = track.len();
+    debug_assert!(track.time_s.windows(2).all(|w| w[1] > w[0]));
+    track.speed_mm_s = (0..n)
+        .map(|i| {
+            let (a, b) = (i.saturating_sub(1), (i + 1).min(n - 1));
+            let dt_s = track.time_s[b] - track.time_s[a];
+            ((track.displacement_mm[b] - track.displacement_mm[a]) / dt_s.max(1e-9)).abs()
+        })
+        .collect();
+    track.part = vec![Part::Fit; n];
+    track.cycles = track.cycle.iter().copied().max().unwrap_or(0);
+    Ok(track)
+}
+
+fn check(recording: &Recording) -> Result<(), ConditionError> {
+    let malformed = |row: usize, reason: &'static str| ConditionError::Malformed {
+        name: recording.name.clone(),
+        row,
+        reason,
+    };
+    let n = recording.len();
+    if recording.displacement_mm.len() != n || recording.force_n.len() != n {
+        return Err(malformed(
+            n,
+            "columns have different lengths: give one value a row in each",
+        ));
+    }
+    for i in 0..n {
+        let finite = recording.time_s[i].is_finite()
+            && recording.displacement_mm[i].is_finite()
+            && recording.force_n[i].is_finite();
+        if !finite {
+            return Err(malformed(
+                i + 1,
+                "a value is not finite: remove the row or mend the value",
+            ));
+        }
+        if i > 0 && recording.time_s[i] <= recording.time_s[i - 1] {
+            return Err(malformed(
+                i + 1,
+                "time does not rise: sort the rows and remove doubles",
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Samples whose flags leave both channels believable.
+fn usable(recording: &Recording, remarks: &mut Vec<String>) -> Vec<usize> {
+    let n = recording.len();
+    let Some(flags) = recording.flags.as_ref().filter(|f| f.len() == n) else {
+        return (0..n).collect();
+    };
+    let bad = [
+        Flags::FORCE_INVALID,
+        Flags::DISPLACEMENT_INVALID,
+        Flags::STUCK,
+        Flags::SPIKE,
+    ];
+    let kept: Vec<usize> = (0..n)
+        .filter(|&i| !bad.iter().any(|&b| Flags(flags[i]).has(b)))
+        .collect();
+    if kept.len() < n {
+        remarks.push(format!(
+            "{} of {n} samples are flagged as not valid and left out",
+            n - kept.len()
+        ));
+    }
+    kept
+}
+
+pub(super) fn range(values: &[f64]) -> f64 {
+    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    high - low
+}
+
+/// Half cycle, direction and travel since the reversal of every sample.
+struct Motion {
+    half: Vec<u32>,
+    direction: Vec<f64>,
+    since_mm: Vec<f64>,
+    /// Travel to the next reversal in mm.
+    until_mm: Vec<f64>,
+    turns: Vec<usize>,
+}
+
+impl Motion {
+    fn new(x: &[f64], turns: &[usize]) -> Motion {
+        let n = x.len();
+        let mut motion = Motion {
+            half: Vec::with_capacity(n),
+            direction: Vec::with_capacity(n),
+            since_mm: Vec::with_capacity(n),
+            until_mm: Vec::with_capacity(n),
+            turns: turns.to_vec(),
+        };
+        let mut bounds = vec![0];
+        bounds.extend(turns);
+        bounds.push(n - 1);
+        let mut half = 0;
+        for i in 0..n {
+            while half + 2 < bounds.len() && i > bounds[half + 1] {
+                half += 1;
+            }
+            let sign = if x[bounds[half + 1]] >= x[bounds[half]] {
+                1.0
+            } else {
+                -1.0
+            };
+            motion.half.push(half as u32);
+            motion.direction.push(sign);
+            motion.since_mm.push((x[i] - x[bounds[half]]).abs());
+            motion.until_mm.push((x[bounds[half + 1]] - x[i]).abs());
+        }
+        motion
+    }
+
+    fn frequency_hz(&self, time_s: &[f64]) -> f64 {
+        let halves: Vec<f64> = self
+            .turns
+            .windows(2)
+            .map(|w| time_s[w[1]] - time_s[w[0]])
+            .collect();
+        if halves.is_empty() {
+            0.0
+        } else {
+            0.5 / median(halves)
+        }
+    }
+}
+
+/// First sample that is judged: the hysteresis has forgotten where it came from.
+///
+/// From rest at the unloaded end a tenth of the stroke is enough (every drag of less than that length has turned round);
+/// from anywhere else the first half cycle goes, unless there is nothing else.
+fn settled_from(x: &[f64], force_n: &[f64], turns: &[usize], stroke_mm: f64) -> usize {
+    let lowest_n = force_n.iter().copied().fold(f64::INFINITY, f64::min);
+    let low_mm = x.iter().copied().fold(f64::INFINITY, f64::min);
+    let from_rest = x[0] - low_mm < 0.03 * stroke_mm && force_n[0] - lowest_n < 0.05 * range(force_n);
+    match turns {
+        [first, _, ..] if !from_rest || turns.len() > 3 => *first,
+        _ => x
+            .iter()
+            .position(|v| (v - x[0]).abs() > 0.1 * stroke_mm)
+            .unwrap_or(0),
+    }
+}
+
+/// A displacement that stands at its extreme while the force goes on is a clipped LVDT: masked and named.
+fn clipped(x: &[f64], force_n: &[f64], noise_mm: f64, remarks: &mut Vec<String>) -> Vec<bool> {
+    let mut mask = vec![false; x.len()];
+    let high = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let low = x.iter().copied().fold(f64::INFINITY, f64::min);
+    let (stroke, force_range) = (high - low, range(force_n));
+    let tolerance = (0.5 * noise_mm).max(1e-7 * stroke);
+    for rail in [low, high] {
+        let mut i = 0;
+        while i < x.len() {
+            let start = i;
+            while i < x.len() && (x[i] - rail).abs() <= tolerance {
+                i += 1;
+            }
+            if i > start + 4 && range(&force_n[start..i]) > 0.05 * force_range {
+                mask[start..i].fill(true);
+            }
+            i += usize::from(i == start);
+        }
+    }
+    let count = mask.iter().filter(|m| **m).count();
+    if count > 0 {
+        remarks.push(format!(
+            "the displacement channel clips: {count} samples stand at {low:.2} or {high:.2} mm while the force goes on; they are masked"
+        ));
+    }
+    mask
+}
+
+/// Bins that are fine after reversals and in a few whole cycles spread over the recording, coarse elsewhere.
+fn bins(
+    time_s: &[f64],
+    x: &[f64],
+    motion: &Motion,
+    stroke_mm: f64,
+    budget: usize,
+) -> Vec<std::ops::Range<usize>> {
+    let n = time_s.len();
+    if n <= budget {
+        return (0..n).map(|i| i..i + 1).collect();
+    }
+    let halves = motion.half[n - 1] + 1;
+    let cycles = halves.div_ceil(2);
+    let fine_cycles = 9;
+    let every = cycles.div_ceil(fine_cycles).max(1);
+    let duration_s = time_s[n - 1] - time_s[0];
+    let cost: Vec<f64> = (0..n)
+        .map(|i| {
+            if i == 0 {
+                return 0.0;
+            }
+            let cycle = motion.half[i] / 2;
+            let fine = cycle.is_multiple_of(every) || cycle + 2 >= cycles || cycle <= 1;
+            let (share, slow) = if fine { (0.04, 1.0) } else { (0.3, 8.0) };
+            let resolution_mm = (stroke_mm / 600.0).max(share * motion.since_mm[i].min(motion.until_mm[i]));
+            let dt_s = time_s[i] - time_s[i - 1];
+            (x[i] - x[i - 1]).abs() / resolution_mm + 300.0 * dt_s / duration_s.min(30.0) / slow
+        })
+        .collect();
+    let mut scale = cost.iter().sum::<f64>() / budget as f64;
+    loop {
+        let mut bins = Vec::with_capacity(budget);
+        let (mut start, mut filled) = (0, 0.0);
+        for (i, cost) in cost.iter().enumerate() {
+            filled += cost / scale;
+            // A turning point, and the sample before it, stand alone: a mean would cut the travel short.
+            let turns = (1..=2).any(|k| i + k < n && motion.half[i + k] != motion.half[i])
+                || (i > 0 && motion.half[i - 1] != motion.half[i]);
+            if filled >= 1.0 || turns || i + 1 == n {
+                bins.push(start..i + 1);
+                start = i + 1;
+                filled = 0.0;
+            }
+        }
+        if bins.len() <= budget + 4 * halves as usize || scale > 1e12 {
+            return bins;
+        }
+        scale *= 1.1;
+    }
+}
+
+/// Shares whole cycles out: of four, two for fitting, one for selecting, one for reporting. Recordings of fewer cycles are
+/// fitted; where no recording has enough cycles, whole recordings are held out instead.
+pub fn share_out(tracks: &mut [Track]) {
+    let mut shared = false;
+    for track in tracks.iter_mut() {
+        let mut counted: Vec<u32> = track
+            .cycle
+            .iter()
+            .zip(&track.weight)
+            .filter(|(_, w)| **w > 0.0)
+            .map(|(c, _)| *c)
+            .collect();
+        counted.dedup();
+        counted.sort_unstable();
+        counted.dedup();
+        if counted.len() < 3 {
+            continue;
+        }
+        shared = true;
+        let order: &[Part] = if counted.len() == 3 {
+            &[Part::Fit, Part::Select, Part::Report]
+        } else {
+            &[Part::Fit, Part::Select, Part::Fit, Part::Report]
+        };
+        for (part, cycle) in track.part.iter_mut().zip(&track.cycle) {
+            let place = counted.binary_search(cycle).unwrap_or(0);
+            *part = order[place % order.len()];
+        }
+    }
+    if !shared && tracks.len() >= 3 {
+        let n = tracks.len();
+        tracks[n - 1].part.fill(Part::Report);
+        tracks[n - 2].part.fill(Part::Select);
+    } else if !shared {
+        // One or two ramps: every fourth stretch of the travel, as the least bad.
+        for track in tracks.iter_mut() {
+            let n = track.len();
+            for (i, part) in track.part.iter_mut().enumerate() {
+                *part = match i * 24 / n % 4 {
+                    1 => Part::Select,
+                    3 => Part::Report,
+                    _ => Part::Fit,
+                };
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A sine of 5 mm about 6 mm at 1 Hz with noise that repeats, force 80 N/mm.
+    fn sine(rate_hz: f64, seconds: f64, noise_mm: f64) -> Recording {
+        let n = (rate_hz * seconds) as usize;
+        let time_s: Vec<f64> = (0..n).map(|i| i as f64 / rate_hz).collect();
+        let noise =
+            |i: usize, k: f64| (((i as f64 + 1.0) * 12.9898 * k).sin() * 43758.5453).fract() * 2.0 - 1.0;
+        let clean: Vec<f64> = time_s
+            .iter()
+            .map(|t| 6.0 - 5.0 * (std::f64::consts::TAU * t).cos())
+            .collect();
+        Recording {
+            name: "sine".to_owned(),
+            force_n: clean
+                .iter()
+                .enumerate()
+                .map(|(i, x)| 80.0 * x + noise(i, 1.3))
+                .collect(),
+            displacement_mm: clean
+                .iter()
+                .enumerate()
+                .map(|(i, x)| x + noise_mm * noise(i, 1.0))
+                .collect(),
+            time_s,
+            ..Recording::default()
+        }
+    }
+
+    #[test]
+    fn travel_is_the_motions_not_the_noises() {
+        for rate_hz in [20.0, 100.0, 1000.0] {
+            let track = condition(&sine(rate_hz, 10.0, 0.005), 3000).expect("conditioned");
+            let path: f64 = track
+                .displacement_mm
+                .windows(2)
+                .map(|w| (w[1] - w[0]).abs())
+                .sum();
+            // Ten cycles of 20 mm; the last sample is one short; turning points are known to some noise.
+            assert!((path - 200.0).abs() < 0.4, "{rate_hz} Hz: {path}");
+            assert!((track.frequency_hz - 1.0).abs() < 0.03);
+            assert!(track.len() <= 3100, "{}", track.len());
+        }
+    }
+
+    #[test]
+    fn noise_is_seen_at_any_rate() {
+        for rate_hz in [20.0, 1000.0] {
+            let track = condition(&sine(rate_hz, 20.0, 0.005), 3000).expect("conditioned");
+            // Uniform within one: 1 / sqrt 3 = 0.577; at 20 samples a cycle 0.4 N of the motion stay in the differences.
+            assert!(
+                (0.4..1.2).contains(&track.noise_n),
+                "{rate_hz}: {}",
+                track.noise_n
+            );
+        }
+    }
+
+    #[test]
+    fn a_corner_stays_a_corner() {
+        // Triangle of 0 to 10 mm in 10 s, sampled so that the corner falls between two samples.
+        let time_s: Vec<f64> = (0..2000).map(|i| 0.0101 * f64::from(i)).collect();
+        let displacement_mm: Vec<f64> = time_s
+            .iter()
+            .map(|t| if *t < 10.0 { *t } else { 20.0 - t })
+            .collect();
+        let recording = Recording {
+            force_n: displacement_mm.iter().map(|x| 80.0 * x).collect(),
+            time_s,
+            displacement_mm,
+            ..Recording::default()
+        };
+        let track = condition(&recording, 3000).expect("conditioned");
+        let top = track.displacement_mm.iter().copied().fold(0.0, f64::max);
+        // A third of a sample's travel; without the corner it would be half of one, always too low.
+        assert!((top - 10.0).abs() < 0.0034, "{top}");
+    }
+
+    #[test]
+    fn clipped_displacement_is_masked_and_named() {
+        let mut recording = sine(200.0, 5.0, 0.0005);
+        recording.displacement_mm.iter_mut().for_each(|x| *x = x.min(9.0));
+        let track = condition(&recording, 3000).expect("conditioned");
+        assert!(
+            track.remarks.iter().any(|r| r.contains("clips")),
+            "{:?}",
+            track.remarks
+        );
+        assert!(
+            track
+                .weight
+                .iter()
+                .zip(&track.force_n)
+                .all(|(w, f)| *w == 0.0 || *f < 80.0 * 9.0 + 3.0)
+        );
+    }
+
+    #[test]
+    fn flagged_samples_are_left_out() {
+        let mut recording = sine(200.0, 5.0, 0.0005);
+        recording.force_n[500] = 1e7;
+        recording.flags = Some(
+            (0..recording.len())
+                .map(|i| if i == 500 { Flags::SPIKE.0 } else { 0 })
+                .collect(),
+        );
+        let track = condition(&recording, 3000).expect("conditioned");
+        assert!(track.force_n.iter().all(|f| *f < 1e3));
+        assert_eq!(track.remarks.len(), 1);
+    }
+
+    #[test]
+    fn bad_input_is_refused_with_its_row() {
+        let refuse = |change: &dyn Fn(&mut Recording)| {
+            let mut recording = sine(200.0, 5.0, 0.0005);
+            change(&mut recording);
+            condition(&recording, 3000).expect_err("refused").to_string()
+        };
+        assert!(refuse(&|r| r.force_n[7] = f64::NAN).contains("row 8"));
+        assert!(refuse(&|r| r.time_s[9] = 0.0).contains("row 10"));
+        assert!(refuse(&|r| r.displacement_mm.fill(1.0)).contains("displacement"));
+        assert!(refuse(&|r| r.force_n.truncate(3)).contains("length"));
+        assert!(
+            refuse(&|r| {
+                for column in [&mut r.time_s, &mut r.displacement_mm, &mut r.force_n] {
+                    column.truncate(10);
+                }
+            })
+            .contains("at least 20")
+        );
+    }
+
+    #[test]
+    fn whole_cycles_are_held_out() {
+        let mut tracks = vec![condition(&sine(100.0, 12.0, 0.001), 3000).expect("conditioned")];
+        share_out(&mut tracks);
+        let track = &tracks[0];
+        for i in 1..track.len() {
+            assert!(track.part[i] == track.part[i - 1] || track.cycle[i] != track.cycle[i - 1]);
+        }
+        for part in [Part::Fit, Part::Select, Part::Report] {
+            assert!(track.part.contains(&part));
+        }
+    }
+}

@@ -1,0 +1,143 @@
+use super::*;
+
+/// A sine of 5 mm about 6 mm at 1 Hz with noise that repeats, force 80 N/mm.
+fn sine(rate_hz: f64, seconds: f64, noise_mm: f64) -> Recording {
+    let n = (rate_hz * seconds) as usize;
+    let time_s: Vec<f64> = (0..n).map(|i| i as f64 / rate_hz).collect();
+    let noise = |i: usize, k: f64| (((i as f64 + 1.0) * 12.9898 * k).sin() * 43758.5453).fract() * 2.0 - 1.0;
+    let clean: Vec<f64> = time_s
+        .iter()
+        .map(|t| 6.0 - 5.0 * (std::f64::consts::TAU * t).cos())
+        .collect();
+    Recording {
+        name: "sine".to_owned(),
+        force_n: clean
+            .iter()
+            .enumerate()
+            .map(|(i, x)| 80.0 * x + noise(i, 1.3))
+            .collect(),
+        displacement_mm: clean
+            .iter()
+            .enumerate()
+            .map(|(i, x)| x + noise_mm * noise(i, 1.0))
+            .collect(),
+        time_s,
+        ..Recording::default()
+    }
+}
+
+#[test]
+fn travel_is_the_motions_not_the_noises() {
+    for rate_hz in [20.0, 100.0, 1000.0] {
+        let track = condition(&sine(rate_hz, 10.0, 0.005), 3000).expect("conditioned");
+        let path: f64 = track
+            .displacement_mm
+            .windows(2)
+            .map(|w| (w[1] - w[0]).abs())
+            .sum();
+        // Ten cycles of 20 mm; the last sample is one short; turning points are known to some noise.
+        assert!((path - 200.0).abs() < 0.4, "{rate_hz} Hz: {path}");
+        assert!((track.frequency_hz - 1.0).abs() < 0.03);
+        assert!(track.len() <= 3100, "{}", track.len());
+    }
+}
+
+#[test]
+fn noise_is_seen_at_any_rate() {
+    for rate_hz in [20.0, 1000.0] {
+        let track = condition(&sine(rate_hz, 20.0, 0.005), 3000).expect("conditioned");
+        // Uniform within one: 1 / sqrt 3 = 0.577; the median of few differences is good to a third.
+        assert!(
+            (0.4..0.8).contains(&track.noise_n),
+            "{rate_hz}: {}",
+            track.noise_n
+        );
+    }
+}
+
+#[test]
+fn a_corner_stays_a_corner() {
+    // Triangle of 0 to 10 mm in 10 s, sampled so that the corner falls between two samples.
+    let time_s: Vec<f64> = (0..2000).map(|i| 0.0101 * f64::from(i)).collect();
+    let displacement_mm: Vec<f64> = time_s
+        .iter()
+        .map(|t| if *t < 10.0 { *t } else { 20.0 - t })
+        .collect();
+    let recording = Recording {
+        force_n: displacement_mm.iter().map(|x| 80.0 * x).collect(),
+        time_s,
+        displacement_mm,
+        ..Recording::default()
+    };
+    let track = condition(&recording, 3000).expect("conditioned");
+    let top = track.displacement_mm.iter().copied().fold(0.0, f64::max);
+    // A third of a sample's travel; without the corner it would be half of one, always too low.
+    assert!((top - 10.0).abs() < 0.0034, "{top}");
+}
+
+#[test]
+fn clipped_displacement_is_masked_and_named() {
+    let mut recording = sine(200.0, 5.0, 0.0005);
+    recording.displacement_mm.iter_mut().for_each(|x| *x = x.min(9.0));
+    let track = condition(&recording, 3000).expect("conditioned");
+    assert!(
+        track.remarks.iter().any(|r| r.contains("clips")),
+        "{:?}",
+        track.remarks
+    );
+    assert!(
+        track
+            .weight
+            .iter()
+            .zip(&track.force_n)
+            .all(|(w, f)| *w == 0.0 || *f < 80.0 * 9.0 + 3.0)
+    );
+}
+
+#[test]
+fn flagged_samples_are_left_out() {
+    let mut recording = sine(200.0, 5.0, 0.0005);
+    recording.force_n[500] = 1e7;
+    recording.flags = Some(
+        (0..recording.len())
+            .map(|i| if i == 500 { Flags::SPIKE.0 } else { 0 })
+            .collect(),
+    );
+    let track = condition(&recording, 3000).expect("conditioned");
+    assert!(track.force_n.iter().all(|f| *f < 1e3));
+    assert_eq!(track.remarks.len(), 1);
+}
+
+#[test]
+fn bad_input_is_refused_with_its_row() {
+    let refuse = |change: &dyn Fn(&mut Recording)| {
+        let mut recording = sine(200.0, 5.0, 0.0005);
+        change(&mut recording);
+        condition(&recording, 3000).expect_err("refused").to_string()
+    };
+    assert!(refuse(&|r| r.force_n[7] = f64::NAN).contains("row 8"));
+    assert!(refuse(&|r| r.time_s[9] = 0.0).contains("row 10"));
+    assert!(refuse(&|r| r.displacement_mm.fill(1.0)).contains("displacement"));
+    assert!(refuse(&|r| r.force_n.truncate(3)).contains("length"));
+    assert!(
+        refuse(&|r| {
+            for column in [&mut r.time_s, &mut r.displacement_mm, &mut r.force_n] {
+                column.truncate(10);
+            }
+        })
+        .contains("at least 20")
+    );
+}
+
+#[test]
+fn whole_cycles_are_held_out() {
+    let mut tracks = vec![condition(&sine(100.0, 12.0, 0.001), 3000).expect("conditioned")];
+    share_out(&mut tracks);
+    let track = &tracks[0];
+    for i in 1..track.len() {
+        assert!(track.part[i] == track.part[i - 1] || track.cycle[i] != track.cycle[i - 1]);
+    }
+    for part in [Part::Fit, Part::Select, Part::Report] {
+        assert!(track.part.contains(&part));
+    }
+}

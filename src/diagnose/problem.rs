@@ -1,0 +1,209 @@
+//! One structure (baseline and effects) against all tracks, as a problem that `identify` can solve.
+//!
+//! Residuals of samples that are held out are zero here; a zero of the force channel is fitted within its prior, because
+//! a tare is never exact.
+
+use nalgebra::DMatrix;
+
+use super::baseline::{Attached, Setup, build};
+use super::condition::{Part, Track};
+use crate::identify::Residuals;
+use crate::model::{BuildError, Parameter};
+
+/// All tracks of a specimen, laid end to end.
+pub(super) struct Data {
+    pub tracks: Vec<Track>,
+    pub force_n: Vec<f64>,
+    pub weight: Vec<f64>,
+    pub part: Vec<Part>,
+    pub lengths: Vec<usize>,
+    /// Standard deviation of the force channel's zero in N.
+    pub zero_sigma_n: f64,
+    /// Measured range of the force in N over all tracks.
+    pub force_range_n: f64,
+}
+
+impl Data {
+    pub fn new(tracks: Vec<Track>) -> Data {
+        let chain =
+            |f: fn(&Track) -> &Vec<f64>| tracks.iter().flat_map(|t| f(t).clone()).collect::<Vec<f64>>();
+        let force_n = chain(|t| &t.force_n);
+        let force_range_n = super::condition::range(&force_n);
+        Data {
+            weight: chain(|t| &t.weight),
+            part: tracks.iter().flat_map(|t| t.part.clone()).collect(),
+            lengths: tracks.iter().map(Track::len).collect(),
+            zero_sigma_n: 2e-3 * force_range_n,
+            force_range_n,
+            force_n,
+            tracks,
+        }
+    }
+
+    pub fn len(&self) -> usize {
+        self.force_n.len()
+    }
+
+    /// Sum of squares of weighted residuals over one part.
+    pub fn sum(&self, residuals: &[f64], part: Part) -> f64 {
+        residuals
+            .iter()
+            .zip(&self.part)
+            .filter(|(_, p)| **p == part)
+            .map(|(r, _)| r * r)
+            .sum()
+    }
+
+    /// Sets the weights by what a fitted structure shows: noise of the displacement times the slope that it has there
+    /// (after a reversal it is far above the rate: errors in variables), then the white noise of the residuals, track by track.
+    pub fn rescale(&mut self, residuals: &mut [f64], model_n: &[f64]) {
+        let mut from = 0;
+        for (track, &length) in self.tracks.iter().zip(&self.lengths) {
+            let piece = from..from + length;
+            let rate =
+                super::condition::range(&track.force_n) / super::condition::range(&track.displacement_mm);
+            let plain = track.noise_n.hypot(rate * track.noise_mm);
+            let slope = |i: usize| {
+                let dx = (track.displacement_mm[i] - track.displacement_mm[i - 1]).abs();
+                let df = (model_n[from + i] - model_n[from + i - 1]).abs();
+                (df / dx.max(0.5 * track.noise_mm).max(1e-9)).min(100.0 * rate)
+            };
+            for i in 1..length {
+                let here = slope(i).max(if i + 1 < length { slope(i + 1) } else { 0.0 });
+                let steep = track.noise_n.hypot(here * track.noise_mm).max(plain);
+                if plain > 0.0 && steep > plain {
+                    self.weight[from + i] *= plain / steep;
+                    residuals[from + i] *= plain / steep;
+                }
+            }
+            let counted: Vec<f64> = piece
+                .clone()
+                .filter(|&i| self.weight[i] > 0.0)
+                .map(|i| residuals[i])
+                .collect();
+            let white = super::condition::noise(&counted);
+            if counted.len() > 20 && white > 0.0 {
+                for i in piece {
+                    self.weight[i] /= white.clamp(0.05, 20.0);
+                }
+            }
+            from += length;
+        }
+    }
+
+    /// Samples of one part that count.
+    pub fn count(&self, part: Part) -> usize {
+        self.weight
+            .iter()
+            .zip(&self.part)
+            .filter(|(w, p)| **w > 0.0 && **p == part)
+            .count()
+    }
+}
+
+/// Zero of the force channel: an instrument parameter of every structure.
+const ZERO: Parameter = Parameter {
+    name: "force_zero_n",
+    unit: "N",
+    start: 0.0,
+    bounds: [-1e6, 1e6],
+    belief: [-1e6, 1e6],
+    what: "zero of the force channel that the tare left",
+};
+
+/// A structure against the data. Values: the model's, one group an attached effect, the zero.
+pub(super) struct Structure<'a> {
+    pub setup: &'a Setup,
+    pub data: &'a Data,
+    pub attached: Vec<Attached>,
+    parameters: Vec<Parameter>,
+}
+
+impl<'a> Structure<'a> {
+    pub fn new(setup: &'a Setup, data: &'a Data, attached: Vec<Attached>) -> Self {
+        let mut parameters = setup.model.parameters.to_vec();
+        for a in &attached {
+            parameters.extend(a.parameters.iter().copied());
+        }
+        let mut zero = ZERO;
+        zero.bounds = [-0.05 * data.force_range_n, 0.05 * data.force_range_n];
+        zero.belief = [-5.0 * data.zero_sigma_n, 5.0 * data.zero_sigma_n];
+        parameters.push(zero);
+        Structure {
+            setup,
+            data,
+            attached,
+            parameters,
+        }
+    }
+
+    /// Model force at every point of every track, in N; the zero included.
+    pub fn predict(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
+        let (zero_n, values) = values.split_last().expect("every structure has a zero");
+        let mut plant = build(self.setup, &self.attached, values)?;
+        let mut k = 0;
+        for track in &self.data.tracks {
+            plant.reset();
+            for i in 0..track.len() {
+                out[k] = plant.step(track.displacement_mm[i], track.dt_s(i)) + zero_n;
+                k += 1;
+            }
+        }
+        Ok(())
+    }
+
+    /// Weighted residuals (measured less model) of every point, whatever its part.
+    pub fn residuals(&self, values: &[f64]) -> Option<Vec<f64>> {
+        let mut out = vec![0.0; self.data.len()];
+        self.predict(values, &mut out).ok()?;
+        for ((o, f), w) in out.iter_mut().zip(&self.data.force_n).zip(&self.data.weight) {
+            *o = (f - *o) * w;
+        }
+        out.iter().all(|r| r.is_finite()).then_some(out)
+    }
+
+    /// Change of the weighted model force for a move of each parameter by `scale`, held-out points zero.
+    pub fn sensitivities(&self, values: &[f64]) -> (DMatrix<f64>, Vec<f64>) {
+        let scale: Vec<f64> = values
+            .iter()
+            .zip(&self.parameters)
+            .map(|(v, p)| crate::identify::jacobian::typical(*v, p.belief, p.bounds))
+            .collect();
+        let mut evaluator = crate::identify::evaluator::Evaluator::new(self, 1);
+        let mut residuals = vec![0.0; self.count()];
+        evaluator.residuals(values, &mut residuals);
+        let jacobian =
+            crate::identify::jacobian::scaled_jacobian(&mut evaluator, values, &residuals, &scale, 1e-5);
+        (-jacobian, scale)
+    }
+}
+
+impl Residuals for Structure<'_> {
+    fn parameters(&self) -> &[Parameter] {
+        &self.parameters
+    }
+
+    fn count(&self) -> usize {
+        self.data.len() + 1
+    }
+
+    fn evaluate(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
+        let (prior, out) = out.split_last_mut().expect("count is at least one");
+        self.predict(values, out)?;
+        for (i, o) in out.iter_mut().enumerate() {
+            *o = if self.data.part[i] == Part::Fit {
+                (self.data.force_n[i] - *o) * self.data.weight[i]
+            } else {
+                0.0
+            };
+        }
+        *prior = -values[values.len() - 1] / self.data.zero_sigma_n;
+        Ok(())
+    }
+
+    fn stretches(&self) -> Vec<usize> {
+        let mut lengths = self.data.lengths.clone();
+        lengths.push(1);
+        lengths
+    }
+}

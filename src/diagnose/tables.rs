@@ -1,0 +1,227 @@
+//! The tables of a diagnosis: errors on what was fitted and what was not, candidates, parameters, curves to plot.
+
+use super::baseline::Attached;
+use super::condition::Part;
+use super::diagnosis::*;
+use super::problem::Data;
+use super::select::{Bench, Node, Search};
+use crate::identify::confidence::Confidence;
+
+/// Points of a curve in the report.
+const CURVE_POINTS: usize = 600;
+
+pub(super) fn errors(bench: &Bench<'_>, search: &Search, nominal: Option<Vec<f64>>) -> FitErrors {
+    let extras = bench.setup.extras.len();
+    let data = bench.data;
+    let before = &search.nodes[0];
+    let after = &search.nodes[search.chosen];
+    let mut ladder = Vec::new();
+    if let Some(residuals) = nominal {
+        ladder.push(Rung {
+            what: "nominal".to_owned(),
+            errors: errors_of(data, &residuals),
+        });
+    }
+    ladder.push(Rung {
+        what: "baseline refitted".to_owned(),
+        errors: errors_of(data, &before.residuals),
+    });
+    for k in extras..after.attached.len() {
+        let mut key: Vec<_> = after.attached[extras..=k]
+            .iter()
+            .map(|a| (a.own, a.effect.code))
+            .collect();
+        key.sort_unstable();
+        let step = search
+            .nodes
+            .iter()
+            .filter(|n| n.key(extras) == key)
+            .min_by(|a, b| a.fit.total_cmp(&b.fit));
+        if let Some(node) = step {
+            ladder.push(Rung {
+                what: format!("with {}", after.attached[k].effect.code),
+                errors: errors_of(data, &node.residuals),
+            });
+        }
+    }
+    let floor: Vec<f64> = data
+        .weight
+        .iter()
+        .filter(|w| **w > 0.0)
+        .map(|w| 1.0 / (w * w))
+        .collect();
+    FitErrors {
+        baseline: errors_of(data, &before.residuals),
+        improved: errors_of(data, &after.residuals),
+        noise_floor_nrmse: (floor.iter().sum::<f64>() / floor.len().max(1) as f64).sqrt()
+            / data.force_range_n,
+        ladder,
+    }
+}
+
+pub(super) fn errors_of(data: &Data, residuals: &[f64]) -> Errors {
+    let rms = |parts: &[Part]| {
+        let squares: Vec<f64> = (0..data.len())
+            .filter(|&i| data.weight[i] > 0.0 && parts.contains(&data.part[i]))
+            .map(|i| (residuals[i] / data.weight[i]).powi(2))
+            .collect();
+        (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt() / data.force_range_n
+    };
+    let (mut peak, mut energy, mut loops) = (0.0f64, 0.0, 0.0);
+    let mut from = 0;
+    for track in &data.tracks {
+        let n = track.len();
+        let model = |i: usize| {
+            if data.weight[from + i] > 0.0 {
+                data.force_n[from + i] - residuals[from + i] / data.weight[from + i]
+            } else {
+                data.force_n[from + i]
+            }
+        };
+        let top = |f: &dyn Fn(usize) -> f64| (0..n).map(f).fold(f64::NEG_INFINITY, f64::max);
+        let measured = top(&|i| data.force_n[from + i]);
+        peak = peak.max(((top(&model) - measured) / measured.abs().max(1e-9)).abs());
+        for i in 1..n {
+            let dx = track.displacement_mm[i] - track.displacement_mm[i - 1];
+            energy += 0.5 * (model(i) + model(i - 1)) * dx;
+            loops += 0.5 * (data.force_n[from + i] + data.force_n[from + i - 1]) * dx;
+        }
+        from += n;
+    }
+    Errors {
+        nrmse_train: rms(&[Part::Fit]),
+        nrmse_heldout: rms(&[Part::Report]),
+        peak_force_error: peak,
+        loop_energy_error: if loops.abs() > 1e-9 {
+            (energy - loops) / loops
+        } else {
+            0.0
+        },
+    }
+}
+
+pub(super) fn baseline_parameters(bench: &Bench<'_>, node: &Node, confidence: &Confidence) -> Vec<Value> {
+    let mut list = values_of(bench.setup.model.parameters, 0, node, confidence);
+    for (k, attached) in node.attached.iter().enumerate().filter(|(_, a)| a.own) {
+        list.extend(values_of(
+            &attached.parameters,
+            offset(bench, &node.attached, k),
+            node,
+            confidence,
+        ));
+    }
+    list
+}
+
+pub(super) fn candidates(bench: &Bench<'_>, search: &Search) -> Vec<CandidateRow> {
+    let extras = bench.setup.extras.len();
+    let base = &search.nodes[0];
+    let mut rows: Vec<CandidateRow> = search
+        .nodes
+        .iter()
+        .enumerate()
+        .skip(1)
+        .map(|(i, n)| CandidateRow {
+            codes: n.attached[extras..]
+                .iter()
+                .map(|a| a.effect.code.to_owned())
+                .collect(),
+            gain: search.worth.gain(base.cost() - n.cost()),
+            gain_heldout: search.worth.gain(base.select - n.select),
+            chosen: i == search.chosen,
+        })
+        .collect();
+    rows.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    rows
+}
+
+pub(super) fn not_testable(bench: &Bench<'_>, baseline: &Node) -> Vec<NotTestable> {
+    let lists = bench.scores(baseline);
+    let mut rows = Vec::new();
+    for (c, candidate) in bench.setup.candidates.iter().enumerate().filter(|(_, c)| !c.own) {
+        let surviving = lists
+            .iter()
+            .flatten()
+            .filter(|s| s.candidate == c)
+            .map(|s| s.surviving)
+            .fold(0.0, f64::max);
+        if surviving < 0.05 {
+            rows.push(NotTestable {
+                code: candidate.effect.code.to_owned(),
+                surviving,
+                why: "the baseline's own parameters imitate it in these recordings, or they do not excite it"
+                    .to_owned(),
+            });
+        }
+    }
+    rows
+}
+
+pub(super) fn curves(data: &Data, before: &Node, after: &Node) -> Vec<Curve> {
+    let mut from = 0;
+    data.tracks
+        .iter()
+        .map(|track| {
+            let n = track.len();
+            let model = |residuals: &[f64], i: usize| {
+                let w = data.weight[from + i];
+                if w > 0.0 {
+                    data.force_n[from + i] - residuals[from + i] / w
+                } else {
+                    f64::NAN
+                }
+            };
+            let every = n.div_ceil(CURVE_POINTS).max(1);
+            let pick: Vec<usize> = (0..n)
+                .filter(|&i| i % every == 0 && data.weight[from + i] > 0.0)
+                .collect();
+            let error = |residuals: &[f64]| {
+                let squares: Vec<f64> = (0..n)
+                    .filter(|&i| data.weight[from + i] > 0.0)
+                    .map(|i| (residuals[from + i] / data.weight[from + i]).powi(2))
+                    .collect();
+                (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt() / data.force_range_n
+            };
+            let curve = Curve {
+                name: track.name.clone(),
+                time_s: pick.iter().map(|&i| track.time_s[i]).collect(),
+                displacement_mm: pick.iter().map(|&i| track.displacement_mm[i]).collect(),
+                measured_n: pick.iter().map(|&i| track.force_n[i]).collect(),
+                baseline_n: pick.iter().map(|&i| model(&before.residuals, i)).collect(),
+                improved_n: pick.iter().map(|&i| model(&after.residuals, i)).collect(),
+                remarks: track.remarks.clone(),
+                nrmse_baseline: error(&before.residuals),
+                nrmse_improved: error(&after.residuals),
+            };
+            from += n;
+            curve
+        })
+        .collect()
+}
+
+/// Where a group of values begins.
+pub(super) fn offset(bench: &Bench<'_>, attached: &[Attached], place: usize) -> usize {
+    bench.setup.model.parameters.len()
+        + attached[..place]
+            .iter()
+            .map(|a| a.parameters.len())
+            .sum::<usize>()
+}
+
+pub(super) fn values_of(
+    parameters: &[crate::model::Parameter],
+    from: usize,
+    node: &Node,
+    confidence: &Confidence,
+) -> Vec<Value> {
+    parameters
+        .iter()
+        .enumerate()
+        .map(|(i, p)| Value {
+            name: p.name.to_owned(),
+            value: node.values[from + i],
+            unit: p.unit.to_owned(),
+            ci95: confidence.ci95[from + i],
+        })
+        .collect()
+}

@@ -1,0 +1,372 @@
+//! From a search to a diagnosis: findings with confidence, alternatives, what is unexplained, errors, the improved model.
+
+use super::condition::Part;
+use super::diagnosis::*;
+use super::next_test;
+use super::problem::Structure;
+use super::residual;
+use super::select::{Bench, Node, Search, without};
+use super::tables::{baseline_parameters, candidates, curves, errors, not_testable, offset, values_of};
+use crate::identify::confidence::{Confidence, confidence};
+use crate::identify::evaluator::Evaluator;
+
+/// Left by everything that was tried, and found again by the bank on other cycles: in mean square of the noise, as a share
+/// of what the baseline left, in log-likelihood.
+const LEFT_POWER: f64 = 0.06;
+const LEFT_SHARE: f64 = 0.15;
+const LEFT_GAIN: f64 = 10.0;
+/// Mean square on selecting cycles, in units of the noise, above which a fit is none, and the share of the baseline's that
+/// it must then be; far above it nothing is explained, whatever the share.
+const NO_FIT: f64 = 3.0;
+const NO_FIT_SHARE: f64 = 0.5;
+const FAR_OFF: f64 = 25.0;
+/// Sets within this share of the best gain are named as the nearest where nothing explains.
+const NEAREST: f64 = 0.05;
+/// Two explanations closer than this in log-likelihood, or this share of what the finding brings, are not told apart.
+const CLOSE_GAIN: f64 = 6.0;
+const CLOSE_SHARE: f64 = 0.08;
+/// A finding before it is put into words.
+struct Named {
+    place: usize,
+    loss: f64,
+    confidence: f64,
+    /// Code, node and lack of gain of what could replace it.
+    rivals: Vec<(&'static str, usize, f64)>,
+}
+
+pub(super) fn conclude(bench: &Bench<'_>, mut search: Search, nominal: Option<Vec<f64>>) -> Diagnosis {
+    let extras = bench.setup.extras.len();
+    let (data, worth) = (bench.data, search.worth);
+    let chosen = search.chosen;
+    let places: Vec<usize> = (extras..search.nodes[chosen].attached.len())
+        .filter(|&k| !search.nodes[chosen].attached[k].own)
+        .collect();
+    let named: Vec<Named> = places
+        .into_iter()
+        .map(|k| rivals(bench, &mut search, k))
+        .collect();
+    let (before, after) = (&search.nodes[0], &search.nodes[chosen]);
+    let (left, _) = residual::bank_gain(data, &after.residuals);
+    let explained = (before.select - after.select).max(0.0);
+    let unexplained_share = (left.max(0.0) / (explained + left.max(1e-9))).clamp(0.0, 1.0);
+    let counted = data.count(Part::Select).max(1) as f64;
+    let repeats = left / counted > LEFT_POWER
+        && unexplained_share > LEFT_SHARE
+        && 0.5 * left / worth.correlation > LEFT_GAIN;
+    // Something that does not repeat from cycle to cycle escapes the bank, but not the noise.
+    let (power, power_before) = (after.select / counted, before.select / counted);
+    let no_fit =
+        power > NO_FIT && worth.correlation > 4.0 && power - 1.0 > NO_FIT_SHARE * (power_before - 1.0);
+    let unexplained = repeats || no_fit || power > FAR_OFF;
+    let confidence = intervals(bench, after);
+    let alarms = alarms(bench, after, &confidence);
+    let verdict = match (unexplained, named.is_empty()) {
+        (true, _) => Verdict::Unexplained,
+        (false, false) => Verdict::MissingPhysics,
+        (false, true) => Verdict::Adequate,
+    };
+    let mut effects = Vec::new();
+    let mut alternatives = Vec::new();
+    for n in &named {
+        let finding = finding(bench, after, n, &confidence, unexplained_share);
+        for &(code, _, lack) in &n.rivals {
+            alternatives.push(alternative(bench, after, n, code, lack));
+        }
+        if !unexplained {
+            effects.push(finding);
+        }
+    }
+    if unexplained {
+        alternatives = nearest(bench, &search);
+    }
+    let next_test = named.iter().filter(|n| !n.rivals.is_empty()).find_map(|n| {
+        let (code, node, _) = n.rivals[0];
+        let names = (after.attached[n.place].effect.code, code);
+        next_test::propose(bench, after, &search.nodes[node], names)
+    });
+    let location = locations(bench, before, after, &named, unexplained);
+    let fit = errors(bench, &search, nominal);
+    let summary = summary(verdict, &effects, &location, &fit);
+    Diagnosis {
+        verdict,
+        summary,
+        alternatives,
+        location,
+        next_test,
+        baseline_parameters: baseline_parameters(bench, after, &confidence),
+        alarms,
+        candidates: candidates(bench, &search),
+        not_testable: not_testable(bench, before),
+        unexplained_share,
+        curves: curves(data, before, after),
+        maps: residual::maps(data, &before.residuals, &after.residuals),
+        improved: improved(bench, after),
+        effects,
+        fit,
+    }
+}
+
+/// Codes of the sets that come nearest where nothing explains, best set first, each with why it was refused.
+fn nearest(bench: &Bench<'_>, search: &Search) -> Vec<Alternative> {
+    let rows = candidates(bench, search);
+    let best = rows.first().map_or(0.0, |r| r.gain);
+    let mut codes: Vec<String> = Vec::new();
+    for row in rows
+        .iter()
+        .filter(|r| r.gain > 0.0 && r.gain >= (1.0 - NEAREST) * best)
+    {
+        for code in &row.codes {
+            let named = bench
+                .setup
+                .candidates
+                .iter()
+                .any(|c| !c.own && c.effect.code == code);
+            if named && !codes.contains(code) && codes.len() < 5 {
+                codes.push(code.clone());
+            }
+        }
+    }
+    let power = |n: &Node| n.select / bench.data.count(Part::Select).max(1) as f64;
+    let least = search.nodes.iter().map(power).fold(f64::INFINITY, f64::min);
+    codes
+        .into_iter()
+        .map(|code| Alternative {
+            code,
+            instead_of: "unknown".to_owned(),
+            why: format!(
+                "it is among the nearest in the library, but the best set still leaves {:.1} times the noise on cycles that it was not fitted on, and that repeats",
+                least.sqrt()
+            ),
+            test: "look at the located place on the specimen".to_owned(),
+        })
+        .collect()
+}
+
+/// What could stand in the place of one effect of the chosen set.
+fn rivals(bench: &Bench<'_>, search: &mut Search, place: usize) -> Named {
+    let extras = bench.setup.extras.len();
+    let chosen = search.chosen;
+    let code = search.nodes[chosen].attached[place].effect.code;
+    let minus = without(bench, &mut search.nodes, chosen, place);
+    let loss = search
+        .worth
+        .gain(search.nodes[minus].cost() - search.nodes[chosen].cost());
+    let seen: Vec<_> = search.nodes.iter().map(|n| n.key(extras)).collect();
+    let parent = search.nodes[minus].clone();
+    search.nodes.extend(bench.children(&parent, &seen, 5));
+    let base = parent.key(extras);
+    let mut rivals: Vec<(&'static str, usize, f64)> = Vec::new();
+    let mut doubt = 0.0;
+    for (i, node) in search.nodes.iter().enumerate() {
+        if node.attached.len() != base.len() + extras + 1 {
+            continue;
+        }
+        let mut rest = node.key(extras);
+        let mut fits = true;
+        for b in &base {
+            match rest.iter().position(|r| r == b) {
+                Some(p) => {
+                    rest.remove(p);
+                }
+                None => fits = false,
+            }
+        }
+        let Some(&(own, other)) = rest.first() else {
+            continue;
+        };
+        if !fits || other == code || rivals.iter().any(|r| r.0 == other) {
+            continue;
+        }
+        let lack = search.worth.gain(node.cost() - search.nodes[chosen].cost());
+        doubt += (-lack / (2.0 + 0.02 * loss)).exp();
+        if lack < CLOSE_GAIN.max(CLOSE_SHARE * loss) && !own {
+            rivals.push((other, i, lack));
+        }
+    }
+    rivals.sort_by(|a, b| a.2.total_cmp(&b.2));
+    Named {
+        place,
+        loss,
+        confidence: 1.0 / (1.0 + doubt),
+        rivals,
+    }
+}
+
+fn intervals(bench: &Bench<'_>, node: &Node) -> Confidence {
+    let structure = Structure::new(bench.setup, bench.data, node.attached.clone());
+    let mut evaluator = Evaluator::new(&structure, bench.threads);
+    let mut residuals = vec![0.0; bench.data.len() + 1];
+    evaluator.residuals(&node.values, &mut residuals);
+    let mut found = confidence(&mut evaluator, &node.values, &residuals, 1e-5);
+    // Zeros of held-out points pass for a perfect fit there; only what was fitted tells the variance.
+    let wider = (residuals.len() as f64 / bench.data.count(Part::Fit).max(1) as f64).sqrt();
+    for ((interval, sigma), value) in found.ci95.iter_mut().zip(&mut found.sigma).zip(&node.values) {
+        *sigma *= wider;
+        if let Some(ends) = interval {
+            *ends = ends.map(|end| value + wider * (end - value));
+        }
+    }
+    found
+}
+
+fn alarms(bench: &Bench<'_>, node: &Node, confidence: &Confidence) -> Vec<String> {
+    let own = bench.setup.model.parameters.len();
+    let names: Vec<&str> = bench.setup.model.parameters.iter().map(|p| p.name).collect();
+    let mut alarms: Vec<String> = confidence
+        .warnings
+        .iter()
+        .map(ToString::to_string)
+        .filter(|text| names.iter().any(|n| text.contains(n)))
+        .collect();
+    let zero_n = node.values[node.values.len() - 1];
+    if zero_n.abs() > 4.0 * bench.data.zero_sigma_n {
+        alarms.push(format!(
+            "the force channel's zero is off by {zero_n:.1} N: check the tare"
+        ));
+    }
+    debug_assert!(own <= node.values.len());
+    let lowest_n = bench.span.force_n[0];
+    if lowest_n < -0.05 * bench.data.force_range_n {
+        alarms.push(format!(
+            "the force goes down to {lowest_n:.0} N: a spring under a pusher cannot pull, so check sign and zero, or another device was measured"
+        ));
+    }
+    for track in &bench.data.tracks {
+        alarms.extend(track.remarks.iter().map(|r| format!("{}: {r}", track.name)));
+    }
+    alarms
+}
+
+fn finding(bench: &Bench<'_>, node: &Node, named: &Named, confidence: &Confidence, left: f64) -> Finding {
+    let attached = &node.attached[named.place];
+    let from = offset(bench, &node.attached, named.place);
+    let group = &node.values[from..from + attached.parameters.len()];
+    Finding {
+        code: attached.effect.code.to_owned(),
+        confidence: (named.confidence * (1.0 - left * left)).clamp(0.0, 0.99),
+        statement: (attached.effect.statement)(group),
+        parameters: values_of(&attached.parameters, from, node, confidence),
+        gain: named.loss,
+    }
+}
+
+fn alternative(bench: &Bench<'_>, node: &Node, named: &Named, code: &str, lack: f64) -> Alternative {
+    let effect = node.attached[named.place].effect;
+    let other = crate::effect::find(code).ok();
+    let known = effect
+        .confusable_with
+        .iter()
+        .find(|r| r.code == code)
+        .or_else(|| other.and_then(|o| o.confusable_with.iter().find(|r| r.code == effect.code)));
+    let reason = known.map_or("the recordings do not excite the difference", |r| r.why);
+    debug_assert!(bench.threads > 0);
+    Alternative {
+        code: code.to_owned(),
+        instead_of: effect.code.to_owned(),
+        why: format!(
+            "{reason}; it fits worse by only {lack:.1} of {:.0} in log-likelihood",
+            named.loss
+        ),
+        test: known
+            .map_or("a recording at another speed, mean load and amplitude", |r| {
+                r.test
+            })
+            .to_owned(),
+    }
+}
+
+fn locations(
+    bench: &Bench<'_>,
+    before: &Node,
+    after: &Node,
+    named: &[Named],
+    unexplained: bool,
+) -> Vec<Location> {
+    let jacobian = |node: &Node| {
+        let structure = Structure::new(bench.setup, bench.data, node.attached.clone());
+        structure.sensitivities(&node.values).0
+    };
+    if unexplained {
+        return residual::locate(bench.data, &after.residuals, &jacobian(after));
+    }
+    let mut list = Vec::new();
+    for n in named {
+        let attached = &after.attached[n.place];
+        let from = offset(bench, &after.attached, n.place);
+        let group = &after.values[from..from + attached.parameters.len()];
+        if let Some(place) = (attached.effect.place)(group, &bench.span) {
+            let share = residual::share_in(bench.data, &before.residuals, &place);
+            list.push(Location {
+                axis: place.axis,
+                from: place.from,
+                to: place.to,
+                direction: place.branch,
+                share,
+                words: residual::words(place.axis, place.from, place.to, place.branch, share),
+            });
+        }
+    }
+    let found = residual::locate(bench.data, &before.residuals, &jacobian(before));
+    if !named.is_empty() {
+        list.extend(
+            found
+                .into_iter()
+                .filter(|f| list.iter().all(|l: &Location| l.axis != f.axis))
+                .collect::<Vec<_>>(),
+        );
+    }
+    list
+}
+
+fn improved(bench: &Bench<'_>, node: &Node) -> ImprovedModel {
+    let model = bench.setup.model;
+    let named = |parameters: &[crate::model::Parameter], from: usize| -> Vec<(String, f64)> {
+        parameters
+            .iter()
+            .enumerate()
+            .map(|(i, p)| (p.name.to_owned(), node.values[from + i]))
+            .collect()
+    };
+    let mut order: Vec<usize> = (0..node.attached.len()).collect();
+    order.sort_by_key(|&k| (node.attached[k].effect.stage, node.attached[k].effect.code));
+    ImprovedModel {
+        model: model.name.to_owned(),
+        parameters: named(model.parameters, 0),
+        structure: bench.setup.structure.clone(),
+        effects: order
+            .into_iter()
+            .map(|k| AttachedEffect {
+                code: node.attached[k].effect.code.to_owned(),
+                parameters: named(&node.attached[k].parameters, offset(bench, &node.attached, k)),
+            })
+            .collect(),
+        force_zero_n: node.values[node.values.len() - 1],
+    }
+}
+
+fn summary(verdict: Verdict, effects: &[Finding], location: &[Location], fit: &FitErrors) -> String {
+    match verdict {
+        Verdict::Adequate => format!(
+            "The baseline explains the recordings: {:.2} % error on cycles it was not fitted on, noise {:.2} %.",
+            100.0 * fit.improved.nrmse_heldout,
+            100.0 * fit.noise_floor_nrmse
+        ),
+        Verdict::MissingPhysics => format!(
+            "Missing: {}. The error on cycles not fitted on falls from {:.2} % to {:.2} %, noise {:.2} %.",
+            effects
+                .iter()
+                .map(|e| e.code.replace('_', " "))
+                .collect::<Vec<_>>()
+                .join(" and "),
+            100.0 * fit.baseline.nrmse_heldout,
+            100.0 * fit.improved.nrmse_heldout,
+            100.0 * fit.noise_floor_nrmse
+        ),
+        Verdict::Unexplained => format!(
+            "Nothing in the library explains the difference{}.",
+            location
+                .first()
+                .map_or(String::new(), |l| format!(": {}", l.words))
+        ),
+    }
+}

@@ -1,0 +1,104 @@
+//! Stiffness that changes with the linkage's geometry: shackle angle, camber.
+//!
+//! ```text
+//! F = F_in + a x^2 / 2 + b x^3 / 6            a curvature_n_per_mm2 = dk/dx at the datum, b its own change
+//! ```
+//! The first two terms that a smooth linkage adds to a straight line (Taylor); the zeroth and first are the model's own.
+//! Source: shackle geometry, Chula thesis, eq. 5-6 (the measured branch softens by a third over the travel, Table 5-1).
+
+use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
+use crate::model::{Parameter, Plant};
+
+/// The entry of [`super::EFFECTS`].
+pub const EFFECT: Effect = Effect {
+    code: "geometric_stiffness",
+    stage: Stage::Mounting,
+    what: "stiffness that changes smoothly with deflection",
+    parameters: &[
+        Parameter {
+            name: "curvature_n_per_mm2",
+            unit: "N/mm2",
+            start: 0.1,
+            bounds: [-100.0, 100.0],
+            belief: [-10.0, 10.0],
+            what: "change of the rate with deflection, at the datum",
+        },
+        Parameter {
+            name: "cubic_n_per_mm3",
+            unit: "N/mm3",
+            start: 0.0,
+            bounds: [-20.0, 20.0],
+            belief: [-1.0, 1.0],
+            what: "change of that change",
+        },
+    ],
+    neutral: &[0.0, 0.0],
+    amplitudes: &[0, 1],
+    starts: |_| vec![vec![0.1, 0.0]],
+    statement: |v| {
+        format!(
+            "The rate changes smoothly with deflection, by {:+.2} N/mm for each mm at the datum: shackle or camber geometry.",
+            v[0]
+        )
+    },
+    attach: |v, inside| {
+        wrapped(
+            GeometricStiffness {
+                curvature_n_per_mm2: v[0],
+                cubic_n_per_mm3: v[1],
+            },
+            inside,
+        )
+    },
+    place: everywhere,
+    confusable_with: &[
+        Rival {
+            code: "progressive_stiffness",
+            why: "within a short range a knee and a smooth bend are alike",
+            test: "a slow ramp over the whole travel: a knee stays at its place, a bend goes on",
+        },
+        Rival {
+            code: "series_compliance",
+            why: "a seat that stiffens under load bends the curve as geometry does",
+            test: "a second LVDT between board and frame",
+        },
+    ],
+};
+
+#[derive(Clone)]
+struct GeometricStiffness {
+    curvature_n_per_mm2: f64,
+    cubic_n_per_mm3: f64,
+}
+
+impl Wrap for GeometricStiffness {
+    fn reset(&mut self) {}
+
+    fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
+        let x = displacement_mm;
+        inside.step(x, dt_s) + x * x * (0.5 * self.curvature_n_per_mm2 + x * self.cubic_n_per_mm3 / 6.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::*;
+    use super::EFFECT;
+
+    #[test]
+    fn neutral_values_change_nothing() {
+        neutral_changes_nothing(&EFFECT);
+    }
+
+    #[test]
+    fn force_by_hand() {
+        // 5 mm: 500 + 0.8 * 12.5 + 0.06 * 125 / 6 = 511.25 N.
+        let mut plant = (EFFECT.attach)(&[0.8, 0.06], spring());
+        assert!((plant.step(5.0, 0.1) - 511.25).abs() < 1e-9);
+    }
+
+    #[test]
+    fn parameters_come_back_from_clean_data() {
+        comes_back(&EFFECT, &[0.8, 0.03]);
+    }
+}

@@ -1,0 +1,102 @@
+//! Moving mass between load cell and specimen.
+//!
+//! ```text
+//! F = F_in + m a             m mass_kg; a acceleration of the displacement, mm/s2; 1 kg at 1000 mm/s2 is 1 N
+//! ```
+//! Source: Newton's second law. Grows with the square of the frequency; in one sine it is only a lower rate.
+
+use super::motion::Rates;
+use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
+use crate::model::{Parameter, Plant};
+use crate::units::inertia_force_n;
+
+/// The entry of [`super::EFFECTS`].
+pub const EFFECT: Effect = Effect {
+    code: "inertia",
+    stage: Stage::Pusher,
+    what: "moving mass between load cell and specimen",
+    parameters: &[Parameter {
+        name: "mass_kg",
+        unit: "kg",
+        start: 1.0,
+        bounds: [0.0, 500.0],
+        belief: [0.0, 50.0],
+        what: "mass that moves with the pusher",
+    }],
+    neutral: &[0.0],
+    amplitudes: &[0],
+    starts: |_| vec![vec![0.5]],
+    statement: |v| {
+        format!(
+            "A mass of {:.2} kg moves between load cell and specimen: its inertia is in the measured force.",
+            v[0]
+        )
+    },
+    attach: |v, inside| {
+        wrapped(
+            Inertia {
+                mass_kg: v[0],
+                rates: Rates::default(),
+            },
+            inside,
+        )
+    },
+    place: everywhere,
+    confusable_with: &[
+        Rival {
+            code: "relaxation",
+            why: "a rate that falls with frequency for the mass rises with it for the arm: with two frequencies and free rates they trade",
+            test: "a third frequency",
+        },
+        Rival {
+            code: "channel_delay",
+            why: "at one frequency a mass is a rate",
+            test: "a third frequency",
+        },
+    ],
+};
+
+#[derive(Clone)]
+struct Inertia {
+    mass_kg: f64,
+    rates: Rates,
+}
+
+impl Wrap for Inertia {
+    fn reset(&mut self) {
+        self.rates = Rates::default();
+    }
+
+    fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
+        self.rates.step(displacement_mm, dt_s);
+        inside.step(displacement_mm, dt_s) + inertia_force_n(self.mass_kg, self.rates.acceleration_mm_s2)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::*;
+    use super::EFFECT;
+
+    #[test]
+    fn neutral_values_change_nothing() {
+        neutral_changes_nothing(&EFFECT);
+    }
+
+    #[test]
+    fn force_by_hand() {
+        // x = 50 t^2 from rest: 100 mm/s2 on 20 kg are 2 N; steps long against the filter's lag.
+        let mut plant = (EFFECT.attach)(&[20.0], spring());
+        let mut extra_n = 0.0;
+        for i in 0..=10 {
+            let x = 50.0 * (0.1 * f64::from(i)).powi(2);
+            extra_n = plant.step(x, 0.1) - (100.0 + 80.0 * x);
+        }
+        assert!((extra_n - 2.0).abs() < 1e-6, "{extra_n}");
+    }
+
+    #[test]
+    fn parameters_come_back_from_clean_data() {
+        comes_back(&EFFECT, &[8.0]);
+    }
+}

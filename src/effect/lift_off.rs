@@ -1,0 +1,99 @@
+//! Contact lost: no force below a displacement.
+//!
+//! ```text
+//! F = F_in(x - c) for x > c, 0 below          c contact_mm; the spring stays as it is while the pusher is away
+//! ```
+//! The plant's zero is where the pusher meets the spring, so its preload is the force at first touch. Source: unilateral
+//! contact (Signorini). The neutral value says that contact is never lost and leaves the plant's own zero.
+
+use super::{Axis, Branch, Effect, Place, Rival, Stage, Wrap, wrapped};
+use crate::model::{Parameter, Plant};
+
+/// Stands for a contact that is never lost.
+const NEVER_MM: f64 = -1000.0;
+
+/// The entry of [`super::EFFECTS`].
+pub const EFFECT: Effect = Effect {
+    code: "lift_off",
+    stage: Stage::Pusher,
+    what: "contact lost, no force below a displacement",
+    parameters: &[Parameter {
+        name: "contact_mm",
+        unit: "mm",
+        start: NEVER_MM,
+        bounds: [NEVER_MM, 1000.0],
+        belief: [-50.0, 50.0],
+        what: "displacement below which the pusher is away",
+    }],
+    neutral: &[NEVER_MM],
+    amplitudes: &[],
+    starts: |s| {
+        [0.03, 0.08, 0.15, 0.25]
+            .map(|p| vec![s.displacement_at(p)])
+            .to_vec()
+    },
+    statement: |v| {
+        format!(
+            "Below {:.2} mm the pusher has lost contact and carries no force.",
+            v[0]
+        )
+    },
+    attach: |v, inside| wrapped(LiftOff { contact_mm: v[0] }, inside),
+    place: |v, s| {
+        (v[0] > s.displacement_mm[0]).then(|| Place {
+            axis: Axis::DisplacementMm,
+            from: s.displacement_mm[0],
+            to: v[0].min(s.displacement_mm[1]),
+            branch: Branch::Both,
+        })
+    },
+    confusable_with: &[Rival {
+        code: "geometric_stiffness",
+        why: "near zero load a lost contact bends the foot of the curve",
+        test: "a slow ramp from 1 mm above free height",
+    }],
+};
+
+#[derive(Clone)]
+struct LiftOff {
+    contact_mm: f64,
+}
+
+impl Wrap for LiftOff {
+    fn reset(&mut self) {}
+
+    fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
+        if self.contact_mm <= NEVER_MM {
+            return inside.step(displacement_mm, dt_s);
+        }
+        let force_n = inside.step((displacement_mm - self.contact_mm).max(0.0), dt_s);
+        if displacement_mm > self.contact_mm {
+            force_n
+        } else {
+            0.0
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::*;
+    use super::EFFECT;
+
+    #[test]
+    fn neutral_values_change_nothing() {
+        neutral_changes_nothing(&EFFECT);
+    }
+
+    #[test]
+    fn force_by_hand() {
+        let mut plant = (EFFECT.attach)(&[2.0], spring());
+        assert_eq!(plant.step(1.9, 0.1), 0.0);
+        assert!((plant.step(5.0, 0.1) - 340.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn parameters_come_back_from_clean_data() {
+        comes_back(&EFFECT, &[2.0]);
+    }
+}

@@ -1,0 +1,109 @@
+//! Friction in proportion to the load carried by the contact.
+//!
+//! ```text
+//! F = F_in (1 + c r(x))      c friction_ratio; r in [-1, 1]: drag of the contacts over transition_mm with a shape
+//! ```
+//! Source: loop energies of Kadziela et al. (2015, Tables 2 and 3) grow with the square of the peak force, which only
+//! a friction in proportion to the load gives. Drag: Dahl (1968) with his exponent, see `motion::Drag`.
+
+use super::motion::Drag;
+use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
+use crate::model::{Parameter, Plant};
+
+/// The entry of [`super::EFFECTS`].
+pub const EFFECT: Effect = Effect {
+    code: "load_dependent_friction",
+    stage: Stage::Interleaf,
+    what: "dry friction in proportion to the load on the contact",
+    parameters: &[
+        Parameter {
+            name: "friction_ratio",
+            unit: "",
+            start: 0.05,
+            bounds: [0.0, 0.95],
+            belief: [0.0, 0.3],
+            what: "friction force over carried force",
+        },
+        Parameter {
+            name: "transition_mm",
+            unit: "mm",
+            start: 0.3,
+            bounds: [0.001, 20.0],
+            belief: [0.01, 5.0],
+            what: "travel over which it turns round after a reversal",
+        },
+        Parameter {
+            name: "shape",
+            unit: "",
+            start: 1.0,
+            bounds: [0.0, 2.5],
+            belief: [0.0, 2.0],
+            what: "below 1 complete after a finite travel, above 1 with a long tail",
+        },
+    ],
+    neutral: &[0.0, 0.3, 1.0],
+    amplitudes: &[0],
+    starts: |_| vec![vec![0.01, 0.05, 1.0], vec![0.01, 0.5, 1.0], vec![0.01, 1.5, 0.7]],
+    statement: |v| {
+        format!(
+            "A dry friction of {:.1} % of the carried load acts against every motion: leaf on leaf, or a shackle under load.",
+            100.0 * v[0]
+        )
+    },
+    attach: |v, inside| {
+        wrapped(
+            LoadDependentFriction {
+                ratio: v[0],
+                drag: Drag::new(v[1], v[2]),
+            },
+            inside,
+        )
+    },
+    place: everywhere,
+    confusable_with: &[Rival {
+        code: "coulomb_friction",
+        why: "at one mean load and a small amplitude both widen the loop by the same force",
+        test: "a sine of the same amplitude at half the mean load: only this friction halves its width",
+    }],
+};
+
+#[derive(Clone)]
+struct LoadDependentFriction {
+    ratio: f64,
+    drag: Drag,
+}
+
+impl Wrap for LoadDependentFriction {
+    fn reset(&mut self) {
+        self.drag.reset();
+    }
+
+    fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
+        let force_n = inside.step(displacement_mm, dt_s);
+        force_n * (1.0 + self.ratio * self.drag.step(displacement_mm))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::*;
+    use super::EFFECT;
+
+    #[test]
+    fn neutral_values_change_nothing() {
+        neutral_changes_nothing(&EFFECT);
+    }
+
+    #[test]
+    fn force_by_hand() {
+        // Slid far either way: 500 N times 1.1, 420 N times 0.9.
+        let mut plant = (EFFECT.attach)(&[0.1, 0.01, 1.0], spring());
+        assert!((plant.step(5.0, 0.1) - 550.0).abs() < 1e-9);
+        assert!((plant.step(4.0, 0.1) - 378.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn parameters_come_back_from_clean_data() {
+        comes_back(&EFFECT, &[0.08, 0.4, 0.8]);
+    }
+}

@@ -1,0 +1,134 @@
+//! Friction or stiffness that changes with the number of cycles.
+//!
+//! ```text
+//! F = F_in (1 + g(n) (c r(x) + k))     g = 1 - exp(-n / n_c); n cycles since the recording's start
+//!     c friction_change, k rate_change: what is added in the end, over the load; r drag over 0.3 mm
+//! ```
+//! Source: running-in of dry contacts, exponential in the number of cycles; the count starts with each recording.
+
+use super::motion::{Drag, Reversals};
+use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
+use crate::model::{Parameter, Plant};
+
+/// The entry of [`super::EFFECTS`].
+pub const EFFECT: Effect = Effect {
+    code: "run_in",
+    stage: Stage::Interleaf,
+    what: "friction or stiffness that changes with the number of cycles",
+    parameters: &[
+        Parameter {
+            name: "friction_change",
+            unit: "",
+            start: 0.0,
+            bounds: [-0.5, 0.5],
+            belief: [-0.2, 0.2],
+            what: "friction over load that is added in the end",
+        },
+        Parameter {
+            name: "rate_change",
+            unit: "",
+            start: 0.0,
+            bounds: [-0.5, 0.5],
+            belief: [-0.1, 0.1],
+            what: "share of the force that is added in the end",
+        },
+        Parameter {
+            name: "cycles",
+            unit: "",
+            start: 10.0,
+            bounds: [0.5, 10000.0],
+            belief: [1.0, 1000.0],
+            what: "cycles after which 63 % of it have come",
+        },
+    ],
+    neutral: &[0.0, 0.0, 10.0],
+    amplitudes: &[0, 1],
+    starts: |s| {
+        [0.2, 1.0]
+            .map(|p| vec![0.01, 0.0, (p * s.cycles).clamp(0.5, 1e4)])
+            .to_vec()
+    },
+    statement: |v| {
+        format!(
+            "With the cycles the friction changes by {:+.2} % of the load and the force by {:+.2} %, over about {:.0} cycles.",
+            100.0 * v[0],
+            100.0 * v[1],
+            v[2]
+        )
+    },
+    attach: |v, inside| {
+        wrapped(
+            RunIn {
+                friction_change: v[0],
+                rate_change: v[1],
+                cycles: v[2],
+                drag: Drag::new(0.3, 1.0),
+                reversals: Reversals::default(),
+            },
+            inside,
+        )
+    },
+    place: everywhere,
+    confusable_with: &[
+        Rival {
+            code: "sensor_drift",
+            why: "a slow change with cycles is also one with time",
+            test: "a pause of some minutes between two blocks of cycles",
+        },
+        Rival {
+            code: "relaxation",
+            why: "a slow change with cycles is also one with time",
+            test: "a pause of some minutes between two blocks of cycles",
+        },
+    ],
+};
+
+#[derive(Clone)]
+struct RunIn {
+    friction_change: f64,
+    rate_change: f64,
+    cycles: f64,
+    drag: Drag,
+    reversals: Reversals,
+}
+
+impl Wrap for RunIn {
+    fn reset(&mut self) {
+        self.drag.reset();
+        self.reversals = Reversals::default();
+    }
+
+    fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
+        let force_n = inside.step(displacement_mm, dt_s);
+        self.reversals.step(displacement_mm);
+        let done = -(-self.reversals.cycles() / self.cycles).exp_m1();
+        let change = self.friction_change * self.drag.step(displacement_mm) + self.rate_change;
+        force_n * (1.0 + done * change)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::*;
+    use super::EFFECT;
+
+    #[test]
+    fn neutral_values_change_nothing() {
+        neutral_changes_nothing(&EFFECT);
+    }
+
+    #[test]
+    fn force_by_hand() {
+        // Turned at 0 (of the way 9, 0), 9 and 0: three reversals. Slid far upwards: 500 N times 1 + 0.15 g.
+        let mut plant = (EFFECT.attach)(&[0.1, 0.05, 4.0], spring());
+        let force_n = [9.0, 0.0, 9.0, 0.0, 5.0].map(|x| plant.step(x, 0.1))[4];
+        let reversals = 3.0;
+        let gain = 0.15 * (1.0 - (-0.5 * reversals / 4.0f64).exp());
+        assert!((force_n - 500.0 * (1.0 + gain)).abs() < 1e-3, "{force_n}");
+    }
+
+    #[test]
+    fn parameters_come_back_from_clean_data() {
+        comes_back(&EFFECT, &[0.05, -0.02, 3.0]);
+    }
+}

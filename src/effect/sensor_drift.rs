@@ -1,0 +1,90 @@
+//! Zero of the load cell that moves with time.
+//!
+//! ```text
+//! F = F_in + d t             d drift_n_per_min; t time since the recording's start
+//! ```
+//! Source: temperature of the amplifier; first term of any slow drift. Each recording starts from its own zero.
+
+use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
+use crate::model::{Parameter, Plant};
+
+/// The entry of [`super::EFFECTS`].
+pub const EFFECT: Effect = Effect {
+    code: "sensor_drift",
+    stage: Stage::Sensor,
+    what: "zero of the force channel that moves with time",
+    parameters: &[Parameter {
+        name: "drift_n_per_min",
+        unit: "N/min",
+        start: 0.0,
+        bounds: [-10000.0, 10000.0],
+        belief: [-100.0, 100.0],
+        what: "change of the zero",
+    }],
+    neutral: &[0.0],
+    amplitudes: &[0],
+    starts: |_| vec![vec![1.0]],
+    statement: |v| format!("The zero of the force channel moves by {:+.2} N a minute.", v[0]),
+    attach: |v, inside| {
+        wrapped(
+            SensorDrift {
+                drift_n_per_s: v[0] / 60.0,
+                time_s: 0.0,
+            },
+            inside,
+        )
+    },
+    place: everywhere,
+    confusable_with: &[
+        Rival {
+            code: "relaxation",
+            why: "within one ramp a decay and a drift are alike",
+            test: "a hold of 60 s unloaded, after a hold of 60 s loaded: a zero that drifts goes on",
+        },
+        Rival {
+            code: "run_in",
+            why: "a slow change with time is also one with cycles",
+            test: "a pause of some minutes between two blocks of cycles",
+        },
+    ],
+};
+
+#[derive(Clone)]
+struct SensorDrift {
+    drift_n_per_s: f64,
+    time_s: f64,
+}
+
+impl Wrap for SensorDrift {
+    fn reset(&mut self) {
+        self.time_s = 0.0;
+    }
+
+    fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
+        self.time_s += dt_s;
+        inside.step(displacement_mm, dt_s) + self.drift_n_per_s * self.time_s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::*;
+    use super::EFFECT;
+
+    #[test]
+    fn neutral_values_change_nothing() {
+        neutral_changes_nothing(&EFFECT);
+    }
+
+    #[test]
+    fn force_by_hand() {
+        // 30 s at 12 N a minute.
+        let mut plant = (EFFECT.attach)(&[12.0], spring());
+        assert!((plant.step(5.0, 30.0) - 506.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn parameters_come_back_from_clean_data() {
+        comes_back(&EFFECT, &[-20.0]);
+    }
+}

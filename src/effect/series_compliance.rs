@@ -1,0 +1,119 @@
+//! Frame, board or fixture that gives between specimen and displacement sensor.
+//!
+//! ```text
+//! F = F_in(x - F / K)        1/K compliance_mm_per_kn; solved in each step by a secant on copies of the plant inside
+//! ```
+//! Source: two springs in series. With a linear spring inside it is only a lower rate, and no recording shows it.
+
+use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
+use crate::model::{Parameter, Plant};
+
+/// The entry of [`super::EFFECTS`].
+pub const EFFECT: Effect = Effect {
+    code: "series_compliance",
+    stage: Stage::Frame,
+    what: "fixture that gives between specimen and displacement sensor",
+    parameters: &[Parameter {
+        name: "compliance_mm_per_kn",
+        unit: "mm/kN",
+        start: 0.1,
+        bounds: [0.0, 50.0],
+        belief: [0.0, 5.0],
+        what: "travel of the fixture for each kN",
+    }],
+    neutral: &[0.0],
+    amplitudes: &[0],
+    starts: |_| vec![vec![0.05]],
+    statement: |v| {
+        format!(
+            "Between specimen and LVDT something gives by {:.3} mm for each kN: frame, board or fixture.",
+            v[0]
+        )
+    },
+    attach: |v, inside| {
+        wrapped(
+            SeriesCompliance {
+                mm_per_n: 1e-3 * v[0],
+                force_n: 0.0,
+                specimen_mm: 0.0,
+                rate_n_per_mm: 100.0,
+            },
+            inside,
+        )
+    },
+    place: everywhere,
+    confusable_with: &[Rival {
+        code: "geometric_stiffness",
+        why: "a seat that gives bends the curve as geometry does",
+        test: "a second LVDT between board and frame",
+    }],
+};
+
+#[derive(Clone)]
+struct SeriesCompliance {
+    mm_per_n: f64,
+    force_n: f64,
+    specimen_mm: f64,
+    rate_n_per_mm: f64,
+}
+
+impl Wrap for SeriesCompliance {
+    fn reset(&mut self) {
+        self.force_n = 0.0;
+        self.specimen_mm = 0.0;
+        self.rate_n_per_mm = 100.0;
+    }
+
+    fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
+        let at = |x: f64| inside.boxed_clone().step(x, dt_s);
+        // Share of a move that reaches the specimen, from the rate seen last.
+        let share = 1.0 / (1.0 + self.mm_per_n * self.rate_n_per_mm);
+        let mut x =
+            self.specimen_mm + share * (displacement_mm - self.mm_per_n * self.force_n - self.specimen_mm);
+        if self.mm_per_n > 0.0 {
+            let mut force_n = at(x);
+            for _ in 0..8 {
+                let short_mm = displacement_mm - self.mm_per_n * force_n - x;
+                if short_mm.abs() < 1e-9 {
+                    break;
+                }
+                let next = x + short_mm / (1.0 + self.mm_per_n * self.rate_n_per_mm);
+                let next_n = at(next);
+                let rate = (next_n - force_n) / (next - x);
+                if rate.is_finite() && rate > 0.0 {
+                    self.rate_n_per_mm = rate;
+                }
+                (x, force_n) = (next, next_n);
+            }
+        } else {
+            x = displacement_mm;
+        }
+        self.force_n = inside.step(x, dt_s);
+        self.specimen_mm = x;
+        self.force_n
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::*;
+    use super::EFFECT;
+
+    #[test]
+    fn neutral_values_change_nothing() {
+        neutral_changes_nothing(&EFFECT);
+    }
+
+    #[test]
+    fn force_by_hand() {
+        // 80 N/mm behind 2 mm/kN: x_s = (5 - 0.002 * 100) / 1.16, F = 100 + 80 x_s.
+        let mut plant = (EFFECT.attach)(&[2.0], spring());
+        // The secant stops within 1e-9 mm.
+        assert!((plant.step(5.0, 0.1) - (100.0 + 80.0 * 4.8 / 1.16)).abs() < 1e-6);
+    }
+
+    #[test]
+    fn parameters_come_back_from_clean_data() {
+        comes_back(&EFFECT, &[1.3]);
+    }
+}

@@ -1,0 +1,126 @@
+//! What the tests of every effect share: a spring without friction, a motion, and the three laws.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::{Effect, Span};
+use crate::model::Plant;
+use crate::model::equivalent::Equivalent;
+
+/// 100 N at zero displacement, 80 N/mm, no friction.
+pub(crate) fn spring() -> Box<dyn Plant> {
+    Box::new(Equivalent::new(&[100.0, 80.0, 0.0, 0.5], 0.0).expect("four values"))
+}
+
+/// What [`motion`] covers.
+pub(crate) fn span() -> Span {
+    Span {
+        displacement_mm: [0.0, 12.0],
+        force_n: [0.0, 1060.0],
+        speed_mm_s: 75.0,
+        duration_s: 60.0,
+        cycles: 6.0,
+    }
+}
+
+/// Time steps and displacements: a slow ramp up, a hold and down, then sines of two amplitudes at 2 Hz.
+pub(crate) fn motion() -> Vec<(f64, f64)> {
+    let mut steps = Vec::new();
+    steps.extend((0..200).map(|i| (0.1, 0.05 * f64::from(i))));
+    steps.extend((0..100).map(|_| (0.1, 10.0)));
+    steps.extend((0..200).map(|i| (0.1, 10.0 - 0.05 * f64::from(i))));
+    for amplitude in [3.0, 6.0] {
+        steps.extend((0..750).map(|i| {
+            let angle = std::f64::consts::TAU * 2.0 * 0.002 * f64::from(i);
+            (0.002, amplitude * (1.0 - angle.cos()))
+        }));
+    }
+    steps
+}
+
+/// Forces over [`motion`].
+pub(crate) fn drive(plant: &mut Box<dyn Plant>) -> Vec<f64> {
+    motion()
+        .into_iter()
+        .map(|(dt_s, x)| plant.step(x, dt_s))
+        .collect()
+}
+
+fn forces(effect: &Effect, values: &[f64]) -> Vec<f64> {
+    drive(&mut (effect.attach)(values, spring()))
+}
+
+/// At its neutral values the effect is not there, to the last bit.
+pub(crate) fn neutral_changes_nothing(effect: &Effect) {
+    assert_eq!(
+        forces(effect, effect.neutral),
+        drive(&mut spring()),
+        "{}",
+        effect.code
+    );
+}
+
+/// Gauss-Newton with halved steps from one of the effect's own starts must end at `truth`, within a share of 1e-3.
+pub(crate) fn comes_back(effect: &Effect, truth: &[f64]) {
+    let wanted = forces(effect, truth);
+    let misfit = |values: &[f64]| -> DVector<f64> {
+        DVector::from_vec(
+            forces(effect, values)
+                .iter()
+                .zip(&wanted)
+                .map(|(a, b)| a - b)
+                .collect(),
+        )
+    };
+    let clamp = |values: &mut [f64]| {
+        for (v, p) in values.iter_mut().zip(effect.parameters) {
+            *v = v.clamp(p.bounds[0], p.bounds[1]);
+        }
+    };
+    let close = |values: &[f64]| {
+        values
+            .iter()
+            .zip(truth)
+            .all(|(v, t)| (v - t).abs() <= 1e-3 * t.abs().max(1e-3))
+    };
+    let mut ends = Vec::new();
+    for start in (effect.starts)(&span()) {
+        let mut values = start;
+        let mut damping = 1e-3;
+        for _ in 0..150 {
+            let residual = misfit(&values);
+            let columns: Vec<DVector<f64>> = (0..values.len())
+                .map(|n| {
+                    let mut moved = values.clone();
+                    let mut h = 1e-5 * moved[n].abs().max(1e-3);
+                    if moved[n] + h > effect.parameters[n].bounds[1] {
+                        h = -h;
+                    }
+                    moved[n] += h;
+                    (misfit(&moved) - &residual) / h
+                })
+                .collect();
+            let jacobian = DMatrix::from_columns(&columns);
+            let mut normal = jacobian.tr_mul(&jacobian);
+            for n in 0..values.len() {
+                normal[(n, n)] *= 1.0 + damping;
+                normal[(n, n)] += 1e-12;
+            }
+            let Some(step) = normal.lu().solve(&(-jacobian.tr_mul(&residual))) else {
+                break;
+            };
+            let mut next: Vec<f64> = values.iter().zip(step.iter()).map(|(v, s)| v + s).collect();
+            clamp(&mut next);
+            if misfit(&next).norm_squared() < residual.norm_squared() {
+                values = next;
+                damping *= 0.3;
+            } else {
+                damping *= 4.0;
+            }
+        }
+        if close(&values) {
+            return;
+        }
+        ends.push(values);
+    }
+    panic!("{}: wanted {truth:?}, ended at {ends:?}", effect.code);
+}

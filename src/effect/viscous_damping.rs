@@ -1,0 +1,91 @@
+//! Force in proportion to speed.
+//!
+//! ```text
+//! F = F_in + c v             c damping_n_s_per_mm, N s/mm; v speed, mm/s
+//! ```
+//! Source: any textbook. Nearly the same as a lag of the force channel, F(t - tau) = F - tau dF/dx v: cosine of the two
+//! signatures 0.98 for the card's profiles. Steel leaf packs have hardly any (Kadziela 2015: 2.5 Hz and 1 Hz loops alike).
+
+use super::motion::Rates;
+use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
+use crate::model::{Parameter, Plant};
+
+/// The entry of [`super::EFFECTS`].
+pub const EFFECT: Effect = Effect {
+    code: "viscous_damping",
+    stage: Stage::Specimen,
+    what: "damping force in proportion to speed",
+    parameters: &[Parameter {
+        name: "damping_n_s_per_mm",
+        unit: "N s/mm",
+        start: 0.1,
+        bounds: [0.0, 50.0],
+        belief: [0.0, 5.0],
+        what: "force over speed",
+    }],
+    neutral: &[0.0],
+    amplitudes: &[0],
+    starts: |_| vec![vec![0.01]],
+    statement: |v| {
+        format!(
+            "A damping force in proportion to speed is missing: {:.3} N for each mm/s.",
+            v[0]
+        )
+    },
+    attach: |v, inside| {
+        wrapped(
+            ViscousDamping {
+                damping_n_s_per_mm: v[0],
+                rates: Rates::default(),
+            },
+            inside,
+        )
+    },
+    place: everywhere,
+    confusable_with: &[Rival {
+        code: "channel_delay",
+        why: "a lag of the force channel adds a force in proportion to speed times rate",
+        test: "a tap on the specimen: it dates both channels; or a sync pulse on both",
+    }],
+};
+
+#[derive(Clone)]
+struct ViscousDamping {
+    damping_n_s_per_mm: f64,
+    rates: Rates,
+}
+
+impl Wrap for ViscousDamping {
+    fn reset(&mut self) {
+        self.rates = Rates::default();
+    }
+
+    fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
+        self.rates.step(displacement_mm, dt_s);
+        inside.step(displacement_mm, dt_s) + self.damping_n_s_per_mm * self.rates.velocity_mm_s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::*;
+    use super::EFFECT;
+
+    #[test]
+    fn neutral_values_change_nothing() {
+        neutral_changes_nothing(&EFFECT);
+    }
+
+    #[test]
+    fn force_by_hand() {
+        // 1 mm/s, steady, 0.5 N s/mm: half a newton over the spring.
+        let mut plant = (EFFECT.attach)(&[0.5], spring());
+        let force_n = (0..=5).map(|i| plant.step(f64::from(i), 1.0)).fold(0.0, |_, f| f);
+        assert!((force_n - 500.5).abs() < 1e-6);
+    }
+
+    #[test]
+    fn parameters_come_back_from_clean_data() {
+        comes_back(&EFFECT, &[0.4]);
+    }
+}

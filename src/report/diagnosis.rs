@@ -1,0 +1,475 @@
+//! The report of a diagnosis: one page with the verdict on top, loops before and after, residual maps with the located
+//! region marked, candidates, parameters, and what could not be tested. What it says is decided in `diagnose`.
+
+use std::fmt::Write;
+
+use super::html::escape;
+use super::svg::{Curve as Line, HALF, Ink, Plot};
+use crate::diagnose::Verdict;
+use crate::diagnose::diagnosis::{Axis, Curve, Diagnosis, Errors, Map, Value};
+
+const STYLE: &str = "
+:root { color-scheme: light dark; }
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 1180px; margin: 0 auto; padding: 24px; background: #fff; color: #16191c; }
+h1 { font-size: 26px; line-height: 1.3; margin: 0 0 8px; }
+h2 { font-size: 20px; margin: 34px 0 4px; }
+h3 { font-size: 16px; margin: 18px 0 2px; }
+p { margin: 0 0 10px; }
+.verdict { border-left: 8px solid; padding: 2px 0 2px 16px; margin: 0 0 18px; }
+.adequate { border-color: rgb(22,138,84); }
+.missing_physics { border-color: rgb(222,117,26); }
+.unexplained { border-color: rgb(160,60,160); }
+.pair { display: grid; grid-template-columns: 1fr 1fr; gap: 12px; }
+svg { width: 100%; height: auto; display: block; }
+table { border-collapse: collapse; width: 100%; margin: 6px 0 14px; font-variant-numeric: tabular-nums; }
+th, td { text-align: left; padding: 5px 14px 5px 0; border-bottom: 1px solid rgba(118,128,136,.35); vertical-align: top; }
+th { font-weight: 600; opacity: .75; }
+td.n, th.n { text-align: right; }
+tr.chosen td { font-weight: 600; }
+.quiet { opacity: .75; }
+.legend i { display: inline-block; width: 24px; height: 4px; border-radius: 2px; margin: 0 6px 4px 0; }
+.legend span { margin-right: 20px; }
+pre { font-size: 14px; line-height: 1.4; padding: 12px; border: 1px solid rgba(118,128,136,.4); overflow-x: auto; }
+@media (prefers-color-scheme: dark) { body { background: #14171a; color: #eef1f2; } }
+@media (max-width: 760px) { .pair { grid-template-columns: 1fr; } }
+@media print { body { max-width: none; padding: 0; font-size: 12px; } .block, .pair, tr { break-inside: avoid; } h2, h3 { break-after: avoid; } }
+";
+
+/// What the report tells beside the diagnosis itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Context<'a> {
+    /// The specimen's name.
+    pub specimen: &'a str,
+    /// The baseline's model.
+    pub baseline: &'a str,
+    /// Recordings, by name.
+    pub recordings: Vec<String>,
+}
+
+/// The page.
+pub fn page(diagnosis: &Diagnosis, context: &Context<'_>) -> String {
+    let mut page = String::new();
+    // Writing into a string cannot fail.
+    let _ = write_page(&mut page, diagnosis, context);
+    page
+}
+
+fn write_page(page: &mut String, d: &Diagnosis, context: &Context<'_>) -> std::fmt::Result {
+    let word = match d.verdict {
+        Verdict::Adequate => "adequate",
+        Verdict::MissingPhysics => "missing_physics",
+        Verdict::Unexplained => "unexplained",
+    };
+    write!(
+        page,
+        "<!doctype html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <title>Diagnosis of {0}</title>\n<style>{STYLE}</style></head>\n<body>\n\
+         <div class=\"verdict {word}\"><h1>{1}</h1>\n<p class=\"quiet\">Specimen {0}, baseline model {2}, {3}.</p></div>\n",
+        escape(context.specimen),
+        escape(&d.summary),
+        escape(context.baseline),
+        counted(context.recordings.len(), "recording"),
+    )?;
+    findings(page, d)?;
+    places(page, d)?;
+    errors(page, d)?;
+    loops(page, d)?;
+    maps(page, d)?;
+    candidates(page, d)?;
+    parameters(page, d)?;
+    open_ends(page, d)?;
+    next_test(page, d)?;
+    writeln!(page, "</body>\n</html>")
+}
+
+fn counted(n: usize, what: &str) -> String {
+    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
+}
+
+fn findings(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
+    if !d.effects.is_empty() {
+        writeln!(
+            page,
+            "<h2>What is missing</h2>\n<table><tr><th>Physics</th><th></th><th class=\"n\">Confidence</th></tr>"
+        )?;
+        for e in &d.effects {
+            writeln!(
+                page,
+                "<tr><td>{}</td><td>{}</td><td class=\"n\">{:.0} %</td></tr>",
+                spaced(&e.code),
+                escape(&e.statement),
+                100.0 * e.confidence
+            )?;
+        }
+        writeln!(page, "</table>")?;
+    }
+    if d.alternatives.is_empty() {
+        return Ok(());
+    }
+    writeln!(
+        page,
+        "<h3>What it could be instead</h3>\n<table><tr><th>Physics</th><th>Instead of</th><th>Why it is not told apart</th><th>What would tell</th></tr>"
+    )?;
+    for a in &d.alternatives {
+        writeln!(
+            page,
+            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            spaced(&a.code),
+            spaced(&a.instead_of),
+            escape(&a.why),
+            escape(&a.test)
+        )?;
+    }
+    writeln!(page, "</table>")
+}
+
+fn places(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
+    if d.location.is_empty() {
+        return Ok(());
+    }
+    writeln!(page, "<h2>Where the model and the recordings differ</h2>\n<ul>")?;
+    for l in &d.location {
+        writeln!(page, "<li>{}</li>", escape(&l.words))?;
+    }
+    writeln!(page, "</ul>")
+}
+
+fn errors(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
+    writeln!(
+        page,
+        "<h2>How well it fits</h2>\n<p>Error: RMS of measured minus model over the range of the measured force. Held out: whole cycles or \
+         recordings that no parameter was fitted on. Noise floor: {:.3} %.</p>\n\
+         <table><tr><th></th><th class=\"n\">fitted</th><th class=\"n\">held out</th><th class=\"n\">in noise floors</th><th class=\"n\">peak force</th><th class=\"n\">loop energy</th></tr>",
+        100.0 * d.fit.noise_floor_nrmse
+    )?;
+    for rung in &d.fit.ladder {
+        error_row(page, &spaced(&rung.what), &rung.errors, d.fit.noise_floor_nrmse)?;
+    }
+    writeln!(page, "</table>")
+}
+
+fn error_row(page: &mut String, what: &str, e: &Errors, floor: f64) -> std::fmt::Result {
+    writeln!(
+        page,
+        "<tr><td>{what}</td><td class=\"n\">{:.3} %</td><td class=\"n\">{:.3} %</td><td class=\"n\">{:.2}</td><td class=\"n\">{:+.2} %</td><td class=\"n\">{:+.2} %</td></tr>",
+        100.0 * e.nrmse_train,
+        100.0 * e.nrmse_heldout,
+        e.nrmse_heldout / floor.max(1e-12),
+        100.0 * e.peak_force_error,
+        100.0 * e.loop_energy_error
+    )
+}
+
+fn legend(page: &mut String, entries: &[(&str, Ink)]) -> std::fmt::Result {
+    write!(page, "<p class=\"legend\">")?;
+    for (name, ink) in entries {
+        write!(
+            page,
+            "<span><i style=\"background:{}\"></i>{name}</span>",
+            ink.css()
+        )?;
+    }
+    writeln!(page, "</p>")
+}
+
+fn loops(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
+    writeln!(page, "<h2>Loops</h2>")?;
+    legend(
+        page,
+        &[
+            ("measured", Ink::Measured),
+            ("baseline, refitted", Ink::Twin),
+            ("improved model", Ink::Improved),
+        ],
+    )?;
+    for curve in &d.curves {
+        writeln!(
+            page,
+            "<div class=\"block\"><h3>{}: error {:.3} % before, {:.3} % after</h3>",
+            escape(file_name(&curve.name)),
+            100.0 * curve.nrmse_baseline,
+            100.0 * curve.nrmse_improved
+        )?;
+        writeln!(
+            page,
+            "<div class=\"pair\"><div>{}</div><div>{}</div></div>",
+            loop_plot(curve, &curve.baseline_n, Ink::Twin),
+            loop_plot(curve, &curve.improved_n, Ink::Improved)
+        )?;
+        for remark in &curve.remarks {
+            writeln!(page, "<p class=\"quiet\">{}</p>", escape(remark))?;
+        }
+        writeln!(page, "</div>")?;
+    }
+    Ok(())
+}
+
+fn loop_plot(curve: &Curve, model_n: &[f64], ink: Ink) -> String {
+    let points = |force: &[f64]| -> Vec<(f64, f64)> {
+        curve
+            .displacement_mm
+            .iter()
+            .copied()
+            .zip(force.iter().copied())
+            .collect()
+    };
+    let curves = [
+        line(points(&curve.measured_n), Ink::Measured),
+        line(points(model_n), ink),
+    ];
+    Plot {
+        x_label: "displacement in mm",
+        y_label: "force in N",
+        curves: &curves,
+        bands: &[],
+        size: HALF,
+    }
+    .render()
+}
+
+fn line(points: Vec<(f64, f64)>, ink: Ink) -> Line {
+    Line {
+        name: String::new(),
+        points,
+        ink,
+    }
+}
+
+fn maps(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
+    if d.maps.is_empty() {
+        return Ok(());
+    }
+    writeln!(
+        page,
+        "<h2>Residuals</h2>\n<p>Mean of measured minus model. Marked: where the diagnosis locates the difference.</p>"
+    )?;
+    legend(
+        page,
+        &[
+            ("baseline, loading", Ink::Loading),
+            ("baseline, unloading", Ink::Unloading),
+            ("improved model, both", Ink::Improved),
+        ],
+    )?;
+    writeln!(page, "<div class=\"pair\">")?;
+    for map in &d.maps {
+        writeln!(page, "<div class=\"block\">{}</div>", map_plot(map, d))?;
+    }
+    writeln!(page, "</div>")
+}
+
+fn map_plot(map: &Map, d: &Diagnosis) -> String {
+    let points = |values: &[Option<f64>]| -> Vec<(f64, f64)> {
+        map.edges
+            .windows(2)
+            .zip(values)
+            .filter_map(|(e, v)| v.map(|v| (0.5 * (e[0] + e[1]), v)))
+            .collect()
+    };
+    let curves = [
+        line(points(&map.loading_n), Ink::Loading),
+        line(points(&map.unloading_n), Ink::Unloading),
+        line(points(&map.improved_loading_n), Ink::Improved),
+        line(points(&map.improved_unloading_n), Ink::Improved),
+    ];
+    let bands: Vec<(f64, f64)> = d
+        .location
+        .iter()
+        .filter(|l| l.axis == map.axis)
+        .map(|l| (l.from, l.to))
+        .collect();
+    Plot {
+        x_label: axis_label(map.axis),
+        y_label: "residual in N",
+        curves: &curves,
+        bands: &bands,
+        size: HALF,
+    }
+    .render()
+}
+
+fn axis_label(axis: Axis) -> &'static str {
+    match axis {
+        Axis::DisplacementMm => "displacement in mm",
+        Axis::ForceN => "force in N",
+        Axis::VelocityMmS => "speed in mm/s",
+        Axis::AccelerationMmS2 => "acceleration in mm/s\u{b2}",
+        Axis::TimeS => "time in s",
+        Axis::Cycle => "cycle",
+        Axis::DistanceFromReversalMm => "travel since the last reversal in mm",
+        Axis::FrequencyHz => "frequency in Hz",
+    }
+}
+
+fn candidates(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
+    if d.candidates.is_empty() {
+        return Ok(());
+    }
+    writeln!(
+        page,
+        "<h2>Explanations compared</h2>\n<p>Gain over the refitted baseline in log-likelihood of effective samples; held out: on cycles that no \
+         parameter was fitted on.</p>\n<table><tr><th>Added to the baseline</th><th class=\"n\">gain</th><th class=\"n\">held out</th><th></th></tr>"
+    )?;
+    for c in &d.candidates {
+        let codes: Vec<String> = c.codes.iter().map(|c| spaced(c)).collect();
+        let codes = if codes.is_empty() {
+            "nothing".to_owned()
+        } else {
+            codes.join(", ")
+        };
+        let (class, word) = if c.chosen {
+            (" class=\"chosen\"", "chosen")
+        } else {
+            ("", "")
+        };
+        writeln!(
+            page,
+            "<tr{class}><td>{codes}</td><td class=\"n\">{:.1}</td><td class=\"n\">{:.1}</td><td>{word}</td></tr>",
+            c.gain, c.gain_heldout
+        )?;
+    }
+    writeln!(page, "</table>")
+}
+
+fn parameters(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
+    writeln!(
+        page,
+        "<h2>Parameters</h2>\n<table><tr><th>Of</th><th>Parameter</th><th class=\"n\">Value</th><th>Unit</th><th>95 % interval</th></tr>"
+    )?;
+    for value in &d.baseline_parameters {
+        value_row(page, "baseline", value)?;
+    }
+    for e in &d.effects {
+        for value in &e.parameters {
+            value_row(page, &spaced(&e.code), value)?;
+        }
+    }
+    writeln!(page, "</table>")
+}
+
+fn value_row(page: &mut String, of: &str, v: &Value) -> std::fmt::Result {
+    let interval = v
+        .ci95
+        .map_or("not given by these data".to_owned(), |[low, high]| {
+            format!("{} to {}", figure(low), figure(high))
+        });
+    writeln!(
+        page,
+        "<tr><td>{of}</td><td>{}</td><td class=\"n\">{}</td><td>{}</td><td>{interval}</td></tr>",
+        escape(&v.name),
+        figure(v.value),
+        escape(&v.unit)
+    )
+}
+
+/// The last part of a path.
+fn file_name(name: &str) -> &str {
+    name.rsplit(['/', '\\']).next().unwrap_or(name)
+}
+
+/// Four figures that a person reads.
+fn figure(v: f64) -> String {
+    let size = v.abs();
+    let digits = match size {
+        _ if size == 0.0 || size >= 1000.0 => 0,
+        _ => (3 - size.log10().floor() as i32).clamp(0, 8) as usize,
+    };
+    format!("{v:.digits$}")
+}
+
+fn open_ends(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
+    if !d.alarms.is_empty() {
+        writeln!(page, "<h2>To be looked at</h2>\n<ul>")?;
+        for alarm in &d.alarms {
+            writeln!(page, "<li>{}</li>", escape(alarm))?;
+        }
+        writeln!(page, "</ul>")?;
+    }
+    if d.not_testable.is_empty() {
+        return Ok(());
+    }
+    writeln!(
+        page,
+        "<h2>What these recordings cannot show</h2>\n<table><tr><th>Physics</th><th class=\"n\">Visible share</th><th>Why</th></tr>"
+    )?;
+    for n in &d.not_testable {
+        writeln!(
+            page,
+            "<tr><td>{}</td><td class=\"n\">{:.1} %</td><td>{}</td></tr>",
+            spaced(&n.code),
+            100.0 * n.surviving,
+            escape(&n.why)
+        )?;
+    }
+    writeln!(page, "</table>")
+}
+
+fn next_test(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
+    let Some(next) = &d.next_test else { return Ok(()) };
+    writeln!(
+        page,
+        "<div class=\"block\"><h2>Next test</h2>\n<p>{} Expected difference {:.0} standard deviations of the noise in {:.0} s.</p>\n<pre>{}</pre></div>",
+        escape(&next.why),
+        next.separation_sigma,
+        next.duration_s,
+        escape(&next.profile_toml)
+    )
+}
+
+fn spaced(code: &str) -> String {
+    escape(&code.replace('_', " "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::{Baseline, Options, diagnose};
+    use crate::model::equivalent;
+    use crate::truth::Case;
+
+    #[test]
+    fn the_page_holds_everything_itself() {
+        let case = Case::single("progressive_stiffness", 1, 10.0).expect("visible");
+        let options = Options {
+            points: 400,
+            threads: 1,
+        };
+        let d = diagnose(
+            &case.recordings[..2],
+            &Baseline::of(&equivalent::MODEL),
+            &options,
+            &mut |_, _| {},
+        )
+        .expect("sound data");
+        let context = Context {
+            specimen: "a <b>",
+            baseline: "equivalent",
+            recordings: vec!["x".to_owned()],
+        };
+        let page = page(&d, &context);
+        for wanted in [
+            "<h1>",
+            "a &lt;b&gt;",
+            "Loops",
+            "Residuals",
+            "Parameters",
+            "rate_n_per_mm",
+            "1 recording.",
+        ] {
+            assert!(page.contains(wanted), "{wanted}");
+        }
+        assert!(page.matches("<svg").count() >= 2 * d.curves.len());
+        // Namespaces of the plots are names, not addresses; nothing else may point out of the page.
+        let outside = page.replace("http://www.w3.org/2000/svg", "");
+        assert!(!outside.contains("http") && !outside.contains("<script") && !outside.contains("NaN"));
+    }
+
+    #[test]
+    fn figures_as_people_write_them() {
+        assert_eq!(figure(81.23456), "81.23");
+        assert_eq!(figure(0.0123456), "0.01235");
+        assert_eq!(figure(12345.6), "12346");
+        assert_eq!(figure(0.0), "0");
+    }
+}

@@ -1,0 +1,487 @@
+//! One sealed case: recordings, what the diagnosis is told beforehand, and the label that it must not see.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::hidden::{self, PHYSICS};
+use super::limit::Meter;
+use super::sensors::Sensors;
+use super::{Form, Hidden, Motion, Specimen, between, one_of};
+use crate::recording::Recording;
+
+/// Strengths in detection limits that are drawn from.
+pub const STRENGTHS: [f64; 4] = [1.0, 2.0, 5.0, 10.0];
+/// Two effects whose traces are closer than this are no pair but a confusion.
+const LARGEST_COSINE: f64 = 0.8;
+/// Draws before a family is given up; a code that no believable size makes visible costs one.
+const TRIES: usize = 60;
+/// Codes that give nearly the same recording where the programme is poor.
+const LOOK_ALIKES: [(&str, &str); 5] = [
+    ("channel_delay", "viscous_damping"),
+    ("viscous_damping", "channel_delay"),
+    ("geometric_stiffness", "progressive_stiffness"),
+    ("stribeck", "relaxation"),
+    ("sensor_drift", "relaxation"),
+];
+
+/// What kind of case.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Family {
+    /// Nothing is hidden.
+    None,
+    /// Nothing is hidden and the sensors are ten times noisier.
+    NoneNoisy,
+    /// One effect of the library.
+    Single,
+    /// Two.
+    Pair,
+    /// One, on a programme of a ramp and one sine, with a look-alike.
+    Confounded,
+    /// One that no library has.
+    Outside,
+    /// One, behind a baseline tuned so that peak force and loop energy match.
+    Concealed,
+}
+
+/// Order in which a run goes through the families: 20 % none, 40 % single, 15 % pairs, 5 % confounded, 10 % each the others.
+const ROUND: [Family; 20] = {
+    use Family::{Concealed, Confounded, None, NoneNoisy, Outside, Pair, Single};
+    [
+        Single, None, Single, Pair, Outside, Single, Concealed, None, Single, Pair, Single, Confounded,
+        Single, NoneNoisy, Single, Outside, Pair, Single, None, Concealed,
+    ]
+};
+
+/// What the diagnosis is told: the baseline in contract terms is `equivalent`.
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
+pub struct Start {
+    /// `--known`; the model's own list where `None`.
+    pub known: Option<Vec<&'static str>>,
+    /// Speed of a smoothed friction in the baseline, mm/s.
+    pub smoothing_mm_s: Option<f64>,
+    /// Preload, rate, friction ratio, presliding that the baseline was tuned to.
+    pub tuned: Option<[f64; 4]>,
+}
+
+/// What is true, opened after the diagnosis.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Label {
+    /// Number and seed.
+    pub number: u64,
+    /// Seed of the whole run.
+    pub seed: u64,
+    /// Kind of case.
+    pub family: Family,
+    /// What is hidden.
+    pub hidden: Vec<Hidden>,
+    /// In detection limits; 0 where nothing is hidden.
+    pub strength: f64,
+    /// The look-alike of a confounded case.
+    pub look_alike: Option<&'static str>,
+    /// Largest displacement and force.
+    pub top: [f64; 2],
+    /// Noise of one sample as a displacement-driven model sees it, N.
+    pub sigma_n: f64,
+}
+
+/// A case.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Case {
+    /// What is true.
+    pub label: Label,
+    /// What is told.
+    pub start: Start,
+    /// What is measured.
+    pub recordings: Vec<Recording>,
+}
+
+impl Case {
+    /// Case `number` of the run with `seed`; `strength` fixes what is otherwise drawn. The same arguments give the same bits.
+    pub fn draw(seed: u64, number: u64, strength: Option<f64>) -> Case {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        random.set_stream(number);
+        let family = ROUND[(number % ROUND.len() as u64) as usize];
+        for _ in 0..TRIES {
+            if let Some(case) = Case::of(family, seed, number, strength, &mut random) {
+                return case;
+            }
+        }
+        // Nothing of this family is visible on this draw: an honest case of none.
+        Case::of(Family::None, seed, number, strength, &mut random).expect("nothing hidden needs no size")
+    }
+
+    /// A case with one chosen effect, for tests by hand; none where no believable size is visible.
+    pub fn single(code: &str, seed: u64, strength: f64) -> Option<Case> {
+        Some(Case::pair_of_controls(code, seed, strength)?.0)
+    }
+
+    /// A case with one effect, and the same specimen, motion and sensors with the effect removed.
+    pub fn pair_of_controls(code: &str, seed: u64, strength: f64) -> Option<(Case, Case)> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let draft = (0..TRIES).find_map(|_| Draft::new(&mut random, Family::Single, &[code], strength))?;
+        let removed = Draft {
+            family: Family::None,
+            hidden: Vec::new(),
+            strength: 0.0,
+            ..draft.clone()
+        };
+        let mut again = random.clone();
+        Some((
+            draft.finish(seed, 0, &mut random)?,
+            removed.finish(seed, 0, &mut again)?,
+        ))
+    }
+
+    fn of(
+        family: Family,
+        seed: u64,
+        number: u64,
+        strength: Option<f64>,
+        random: &mut ChaCha8Rng,
+    ) -> Option<Case> {
+        let drawn = one_of(random, &STRENGTHS);
+        let strength = strength.unwrap_or(drawn);
+        let inside: Vec<&str> = PHYSICS.iter().filter(|p| p.in_library).map(|p| p.code).collect();
+        let outside: Vec<&str> = PHYSICS.iter().filter(|p| !p.in_library).map(|p| p.code).collect();
+        let (codes, look_alike) = match family {
+            Family::None | Family::NoneNoisy => (vec![], None),
+            Family::Single | Family::Concealed => (vec![one_of(random, &inside)], None),
+            Family::Outside => (vec![one_of(random, &outside)], None),
+            Family::Pair => (vec![one_of(random, &inside), one_of(random, &inside)], None),
+            Family::Confounded => {
+                let (code, other) = one_of(random, &LOOK_ALIKES);
+                (vec![code], Some(other))
+            }
+        };
+        let reduced = |c: &&str| REDUCED.contains(c);
+        if matches!(family, Family::Pair | Family::Concealed) && codes.iter().any(reduced) {
+            return None;
+        }
+        if codes.len() == 2 && codes[0] == codes[1] {
+            return None;
+        }
+        let mut case = Draft::new(random, family, &codes, strength)?.finish(seed, number, random)?;
+        case.label.look_alike = look_alike;
+        Some(case)
+    }
+}
+
+/// Codes that `equivalent` has already: the case takes them out of the baseline.
+const REDUCED: [&str; 3] = [
+    "load_dependent_friction",
+    "presliding",
+    "rate_independent_friction",
+];
+
+/// A case before it is recorded.
+#[derive(Clone)]
+struct Draft {
+    family: Family,
+    specimen: Specimen,
+    sensors: Sensors,
+    motions: Vec<Motion>,
+    hidden: Vec<Hidden>,
+    strength: f64,
+    start: Start,
+}
+
+impl Draft {
+    fn new(random: &mut ChaCha8Rng, family: Family, codes: &[&str], strength: f64) -> Option<Draft> {
+        let mut specimen = specimen(random);
+        let mut start = Start::default();
+        let units: Vec<(&'static hidden::Physics, Hidden)> = codes
+            .iter()
+            .filter_map(|c| hidden::find(c))
+            .map(|p| (p, p.draw(random, &specimen)))
+            .collect();
+        for (physics, unit) in &units {
+            reduce(physics.code, unit, &mut specimen, &mut start);
+        }
+        let sensors = Sensors::draw(random, specimen.range_n, family == Family::NoneNoisy);
+        let motions = motions(random, &specimen, &sensors, family == Family::Confounded);
+        let programme: Vec<(Motion, Vec<f64>)> = motions
+            .iter()
+            .map(|m| (m.clone(), sensors.times_s(random, m)))
+            .collect();
+        let meter = Meter::new(&specimen, &programme, sensors.sigma_n(specimen.rate_n_per_mm));
+        let hidden: Vec<Hidden> = units
+            .iter()
+            .map(|(physics, unit)| meter.sized(physics, unit, strength))
+            .collect::<Option<_>>()?;
+        if let [a, b] = hidden.as_slice()
+            && meter.cosine(a, b).abs() > LARGEST_COSINE
+        {
+            return None;
+        }
+        if family == Family::Concealed {
+            start.tuned = Some(tuned(&specimen, &hidden, &motions)?);
+        }
+        drop(meter);
+        Some(Draft {
+            family,
+            specimen,
+            sensors,
+            motions,
+            strength: if codes.is_empty() { 0.0 } else { strength },
+            hidden,
+            start,
+        })
+    }
+
+    fn finish(self, seed: u64, number: u64, random: &mut ChaCha8Rng) -> Option<Case> {
+        let recordings: Vec<Recording> = self
+            .motions
+            .iter()
+            .enumerate()
+            .map(|(i, motion)| {
+                let name = format!("case-{number:04}-{}.csv", i + 1);
+                self.sensors
+                    .record(random, &self.specimen, &self.hidden, motion, &name)
+            })
+            .collect();
+        let largest = |f: fn(&Recording) -> &Vec<f64>| {
+            recordings
+                .iter()
+                .flat_map(|r| f(r).iter().copied())
+                .fold(f64::NEG_INFINITY, f64::max)
+        };
+        let label = Label {
+            number,
+            seed,
+            family: self.family,
+            hidden: self.hidden,
+            strength: self.strength,
+            look_alike: None,
+            top: [
+                largest(|r| &r.displacement_mm),
+                // What a clipped channel would have shown.
+                self.specimen.top_n().max(largest(|r| &r.force_n)),
+            ],
+            sigma_n: self.sensors.sigma_n(self.specimen.rate_n_per_mm),
+        };
+        Some(Case {
+            label,
+            start: self.start,
+            recordings,
+        })
+    }
+}
+
+fn specimen(random: &mut ChaCha8Rng) -> Specimen {
+    let rate_n_per_mm = between(random, 40.0, 140.0);
+    Specimen {
+        preload_n: between(random, 0.0, 150.0),
+        rate_n_per_mm,
+        friction_ratio: between(random, 0.04, 0.14),
+        presliding_mm: between(random, 0.15, 1.0),
+        power: between(random, 0.9, 1.15),
+        form: Form::Gradual,
+        bushing_n: 0.0,
+        range_n: between(random, 1500.0, 3000.0),
+    }
+}
+
+/// Takes out of the baseline what is to be found missing.
+fn reduce(code: &str, unit: &Hidden, specimen: &mut Specimen, start: &mut Start) {
+    match code {
+        // Nothing below first touch: a preload there would be a jump.
+        "lift_off" => specimen.preload_n = 0.0,
+        "load_dependent_friction" => {
+            specimen.bushing_n = specimen.friction_ratio * 0.4 * specimen.range_n;
+            specimen.friction_ratio = 0.0;
+            start.known = Some(vec![
+                "coulomb_friction",
+                "rate_independent_friction",
+                "presliding",
+            ]);
+        }
+        "presliding" => {
+            specimen.form = Form::Sharp;
+            start.known = Some(vec!["rate_independent_friction", "load_dependent_friction"]);
+        }
+        "rate_independent_friction" => {
+            specimen.form = Form::Smoothed {
+                speed_mm_s: unit.place,
+            };
+            // The true contact turns round over a tenth of its usual travel: presliding is not what is to be found.
+            specimen.presliding_mm *= 0.08;
+            specimen.friction_ratio = 0.0;
+            start.known = Some(vec!["load_dependent_friction"]);
+            start.smoothing_mm_s = Some(unit.place);
+        }
+        _ => {}
+    }
+}
+
+/// A slow ramp, and four (a poor programme: one) of sine, triangle and multi-sine.
+fn motions(random: &mut ChaCha8Rng, specimen: &Specimen, sensors: &Sensors, poor: bool) -> Vec<Motion> {
+    let top_mm = specimen.top_mm();
+    let hold_s = if random.random_bool(0.6) {
+        between(random, 3.0, 15.0)
+    } else {
+        0.0
+    };
+    let mut list = vec![Motion::Ramp {
+        top_mm,
+        branch_s: between(random, 25.0, 60.0),
+        hold_s,
+    }];
+    // A logger that is slow sees slow motions only; a fast one takes short recordings.
+    let fastest_hz = (sensors.rate_hz / 20.0).min(3.0);
+    for i in 0..if poor { 1 } else { 4 } {
+        let share = match i {
+            0 => 0.45,
+            _ => between(random, 0.1, 0.42),
+        };
+        let amplitude_mm = share * top_mm;
+        let low = between(random, 0.02, (0.98 - 2.0 * share).max(0.021));
+        let mean_mm = low * top_mm + amplitude_mm;
+        let frequency_hz = match i {
+            0 => between(random, 0.5, 1.2),
+            _ => 0.5 * 6f64.powf(between(random, 0.0, 1.0)),
+        }
+        .min(fastest_hz);
+        let length_s = (3000.0 / sensors.rate_hz).min(25.0);
+        let cycles = (length_s * frequency_hz).clamp(4.0, 25.0).floor();
+        list.push(match one_of(random, &[0, 0, 0, 1, 2]) {
+            1 if i > 0 => Motion::Triangle {
+                mean_mm,
+                amplitude_mm,
+                frequency_hz,
+                cycles,
+            },
+            2 if i > 0 && sensors.rate_hz >= 50.0 && sensors.rate_hz <= 500.0 => {
+                Motion::random(random, mean_mm, amplitude_mm, length_s.max(8.0))
+            }
+            _ => Motion::Sine {
+                mean_mm,
+                amplitude_mm,
+                frequency_hz,
+                cycles,
+            },
+        });
+    }
+    list
+}
+
+/// Preload, rate, friction ratio and presliding of a spring without the effect whose peak force and loop energy over the
+/// largest cyclic motion are those of the truth, to 1e-9.
+fn tuned(specimen: &Specimen, hidden: &[Hidden], motions: &[Motion]) -> Option<[f64; 4]> {
+    let motion = motions.get(1)?;
+    let from_s = motion.duration_s() * 0.5;
+    let times: Vec<f64> = (0..4000)
+        .map(|k| from_s + (motion.duration_s() - from_s) * f64::from(k) / 4000.0)
+        .collect();
+    let measure = |s: &Specimen, h: &[Hidden]| {
+        let forces = s.forces(h, motion, &times);
+        let peak = forces.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let energy: f64 = (1..forces.len())
+            .map(|k| {
+                0.5 * (forces[k] + forces[k - 1]) * (motion.at_mm(times[k]) - motion.at_mm(times[k - 1]))
+            })
+            .sum();
+        (peak, energy)
+    };
+    let (peak, energy) = measure(specimen, hidden);
+    let mut spring = specimen.clone();
+    for _ in 0..60 {
+        let (p, _) = measure(&spring, &[]);
+        spring.rate_n_per_mm += (peak - p) / specimen.top_mm();
+        let (p, e) = measure(&spring, &[]);
+        // Half cycles leave elastic work in the sum: only the part that friction changes is scaled.
+        let more = Specimen {
+            friction_ratio: spring.friction_ratio + 0.01,
+            ..spring.clone()
+        };
+        let slope = (measure(&more, &[]).1 - e) / 0.01;
+        spring.friction_ratio += (energy - e) / slope;
+        if ((p - peak) / peak).abs() < 1e-9 && ((e - energy) / energy).abs() < 1e-9 {
+            break;
+        }
+    }
+    let sound = (0.0..0.9).contains(&spring.friction_ratio) && spring.rate_n_per_mm > 1.0;
+    sound.then_some([
+        spring.preload_n,
+        spring.rate_n_per_mm,
+        spring.friction_ratio,
+        spring.presliding_mm,
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_same_seed_draws_the_same_bits_and_another_another() {
+        let case = Case::draw(5, 2, None);
+        assert_eq!(case, Case::draw(5, 2, None));
+        assert_ne!(case.recordings, Case::draw(6, 2, None).recordings);
+        assert_ne!(case.recordings, Case::draw(5, 5, None).recordings);
+    }
+
+    #[test]
+    fn a_round_has_every_family_in_its_share_and_sound_recordings() {
+        let count = |f: Family| ROUND.iter().filter(|r| **r == f).count();
+        assert_eq!(count(Family::None) + count(Family::NoneNoisy), 4);
+        assert_eq!(
+            (
+                count(Family::Single),
+                count(Family::Pair),
+                count(Family::Confounded)
+            ),
+            (8, 3, 1)
+        );
+        for number in 0..20 {
+            let case = Case::draw(11, number, Some(5.0));
+            assert_eq!(case.label.family, ROUND[number as usize]);
+            assert_eq!(case.label.hidden.is_empty(), case.label.strength == 0.0);
+            for r in &case.recordings {
+                assert!(
+                    r.len() >= 60 && r.time_s.windows(2).all(|w| w[1] > w[0]),
+                    "{}",
+                    r.name
+                );
+                assert!(r.force_n.iter().chain(&r.displacement_mm).all(|v| v.is_finite()));
+            }
+        }
+    }
+
+    #[test]
+    fn a_concealed_case_matches_peak_and_energy_to_the_digit() {
+        let mut random = ChaCha8Rng::seed_from_u64(2);
+        let draft = (0..TRIES)
+            .find_map(|_| Draft::new(&mut random, Family::Concealed, &["viscous_damping"], 10.0))
+            .expect("drawn");
+        let [preload_n, rate_n_per_mm, friction_ratio, presliding_mm] = draft.start.tuned.expect("tuned");
+        let spring = Specimen {
+            preload_n,
+            rate_n_per_mm,
+            friction_ratio,
+            presliding_mm,
+            ..draft.specimen.clone()
+        };
+        let motion = &draft.motions[1];
+        let half_s = 0.5 * motion.duration_s();
+        let times: Vec<f64> = (0..4000)
+            .map(|k| half_s * (1.0 + f64::from(k) / 4000.0))
+            .collect();
+        let peak = |s: &Specimen, h: &[Hidden]| s.forces(h, motion, &times).into_iter().fold(0.0, f64::max);
+        let (p, q) = (peak(&spring, &[]), peak(&draft.specimen, &draft.hidden));
+        assert!((p / q - 1.0).abs() < 1e-6, "{p} against {q}");
+        assert!(
+            (friction_ratio / draft.specimen.friction_ratio - 1.0).abs() > 1e-4,
+            "something was tuned"
+        );
+    }
+
+    #[test]
+    fn reduced_baselines_say_what_they_lack() {
+        for code in REDUCED {
+            let case = Case::single(code, 3, 5.0).expect("visible");
+            let known = case.start.known.expect("told");
+            assert!(!known.contains(&code), "{code}: {known:?}");
+        }
+    }
+}

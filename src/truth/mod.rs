@@ -1,0 +1,42 @@
+//! Recordings whose physics is known, for sealed tests of the diagnosis. It is written apart on purpose: nothing of
+//! `model`, `effect`, `identify` or `diagnose` is used here (a test holds that), so that no error is shared.
+//!
+//! Own formulation: friction is a distribution of 64 Jenkins elements moved exactly from turning point to turning point
+//! (found by bisection on the motion's formula), rates come from that formula, and the sensors are a chain of their own.
+//! How much of an effect is hidden is counted in detection limits, see [`limit`]. Judging an answer is left to `blind`.
+
+pub mod case;
+pub mod hidden;
+pub mod limit;
+pub mod motion;
+pub mod sensors;
+pub mod specimen;
+
+pub use case::{Case, Family, Label, Start};
+pub use hidden::{Hidden, PHYSICS};
+pub use motion::Motion;
+pub use specimen::{Form, Specimen};
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+/// Uniform between two numbers.
+pub(crate) fn between(random: &mut ChaCha8Rng, low: f64, high: f64) -> f64 {
+    low + (high - low) * random.random::<f64>()
+}
+
+/// One of a list.
+pub(crate) fn one_of<T: Copy>(random: &mut ChaCha8Rng, list: &[T]) -> T {
+    list[random.random_range(0..list.len())]
+}
+
+/// Standard normal, by the polar method.
+pub(crate) fn normal(random: &mut ChaCha8Rng) -> f64 {
+    loop {
+        let (u, v) = (between(random, -1.0, 1.0), between(random, -1.0, 1.0));
+        let s = u * u + v * v;
+        if s > 0.0 && s < 1.0 {
+            return u * (-2.0 * s.ln() / s).sqrt();
+        }
+    }
+}

@@ -1,0 +1,286 @@
+//! Motions as formulas in time: ramp with hold, sine, rounded triangle, random multi-sine; and when they are sampled.
+
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+use rand_chacha::ChaCha8Rng;
+
+use super::between;
+
+/// Half step of the differences that give speed and acceleration, s.
+const DIFFERENCE_S: f64 = 2e-4;
+/// How sharp the corners of a triangle are (1: not rounded at all).
+const CORNER: f64 = 0.99;
+
+/// A displacement in mm over time in s; every motion begins at rest at zero.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Motion {
+    /// Up to `top_mm`, a hold, and down again, at constant speed with rounded corners.
+    Ramp {
+        /// Displacement of the hold.
+        top_mm: f64,
+        /// Length of each branch.
+        branch_s: f64,
+        /// Length of the hold.
+        hold_s: f64,
+    },
+    /// From the valley on.
+    Sine {
+        /// Mean displacement.
+        mean_mm: f64,
+        /// Half of peak minus valley.
+        amplitude_mm: f64,
+        /// Cycles a second.
+        frequency_hz: f64,
+        /// Number of cycles.
+        cycles: f64,
+    },
+    /// From the valley on, corners rounded.
+    Triangle {
+        /// Mean displacement.
+        mean_mm: f64,
+        /// Half of peak minus valley.
+        amplitude_mm: f64,
+        /// Cycles a second.
+        frequency_hz: f64,
+        /// Number of cycles.
+        cycles: f64,
+    },
+    /// Sum of sines that never repeats within the recording.
+    MultiSine {
+        /// Mean displacement.
+        mean_mm: f64,
+        /// Amplitude in mm, frequency in Hz, phase.
+        lines: Vec<[f64; 3]>,
+        /// Length after the approach.
+        duration_s: f64,
+    },
+}
+
+impl Motion {
+    /// Time taken to go from zero to the motion's start.
+    pub fn approach_s(&self) -> f64 {
+        match *self {
+            Motion::Ramp { .. } => 0.0,
+            Motion::Sine { frequency_hz, .. } | Motion::Triangle { frequency_hz, .. } => 0.5 / frequency_hz,
+            Motion::MultiSine { .. } => 1.0,
+        }
+    }
+
+    /// Length in s.
+    pub fn duration_s(&self) -> f64 {
+        self.approach_s()
+            + match *self {
+                Motion::Ramp { branch_s, hold_s, .. } => 2.0 * branch_s + hold_s,
+                Motion::Sine {
+                    frequency_hz, cycles, ..
+                }
+                | Motion::Triangle {
+                    frequency_hz, cycles, ..
+                } => cycles / frequency_hz,
+                Motion::MultiSine { duration_s, .. } => duration_s,
+            }
+    }
+
+    /// Branches from turning point to turning point, about.
+    pub fn branches(&self) -> f64 {
+        match *self {
+            Motion::Ramp { .. } => 2.0,
+            Motion::Sine { cycles, .. } | Motion::Triangle { cycles, .. } => 2.0 * cycles,
+            Motion::MultiSine {
+                ref lines,
+                duration_s,
+                ..
+            } => {
+                let power: f64 = lines.iter().map(|l| l[0] * l[0]).sum();
+                let speed: f64 = lines.iter().map(|l| (l[0] * l[1]).powi(2)).sum();
+                2.0 * duration_s * (speed / power).sqrt()
+            }
+        }
+    }
+
+    /// Displacement at a time; still before the start and after the end.
+    pub fn at_mm(&self, time_s: f64) -> f64 {
+        let t = time_s.clamp(0.0, self.duration_s());
+        let lead = self.approach_s();
+        let after = t - lead;
+        let approached = |level: f64| level * smooth(t / lead);
+        match *self {
+            Motion::Ramp {
+                top_mm,
+                branch_s,
+                hold_s,
+            } => {
+                top_mm
+                    * if t < branch_s {
+                        rounded(t / branch_s)
+                    } else if t < branch_s + hold_s {
+                        1.0
+                    } else {
+                        rounded((2.0 * branch_s + hold_s - t) / branch_s)
+                    }
+            }
+            Motion::Sine {
+                mean_mm,
+                amplitude_mm,
+                frequency_hz,
+                ..
+            } => {
+                if after < 0.0 {
+                    approached(mean_mm - amplitude_mm)
+                } else {
+                    mean_mm - amplitude_mm * (TAU * frequency_hz * after).cos()
+                }
+            }
+            Motion::Triangle {
+                mean_mm,
+                amplitude_mm,
+                frequency_hz,
+                ..
+            } => {
+                if after < 0.0 {
+                    approached(mean_mm - amplitude_mm)
+                } else {
+                    let wave = (CORNER * (TAU * frequency_hz * after).cos()).asin() / CORNER.asin();
+                    mean_mm - amplitude_mm * wave
+                }
+            }
+            Motion::MultiSine {
+                mean_mm, ref lines, ..
+            } => {
+                let sum: f64 = lines
+                    .iter()
+                    .map(|l| l[0] * (TAU * l[1] * after + l[2]).sin())
+                    .sum();
+                approached(mean_mm) + sum * smooth(after)
+            }
+        }
+    }
+
+    /// Speed in mm/s.
+    pub fn speed_mm_s(&self, time_s: f64) -> f64 {
+        (self.at_mm(time_s + DIFFERENCE_S) - self.at_mm(time_s - DIFFERENCE_S)) / (2.0 * DIFFERENCE_S)
+    }
+
+    /// Acceleration in mm/s2.
+    pub fn acceleration_mm_s2(&self, time_s: f64) -> f64 {
+        (self.at_mm(time_s + DIFFERENCE_S) - 2.0 * self.at_mm(time_s) + self.at_mm(time_s - DIFFERENCE_S))
+            / (DIFFERENCE_S * DIFFERENCE_S)
+    }
+
+    /// Five to nine lines between 0.3 and 3 Hz that stay within `reach_mm` of the mean.
+    pub fn random(random: &mut ChaCha8Rng, mean_mm: f64, reach_mm: f64, duration_s: f64) -> Motion {
+        let count = 5 + (between(random, 0.0, 4.99) as usize);
+        let mut lines: Vec<[f64; 3]> = (0..count)
+            .map(|_| {
+                [
+                    between(random, 0.3, 1.0),
+                    0.3 * 10f64.powf(between(random, 0.0, 1.0)),
+                    between(random, -PI, PI),
+                ]
+            })
+            .collect();
+        let sum: f64 = lines.iter().map(|l| l[0]).sum();
+        lines.iter_mut().for_each(|l| l[0] *= reach_mm / sum);
+        Motion::MultiSine {
+            mean_mm,
+            lines,
+            duration_s,
+        }
+    }
+}
+
+/// From 0 to 1 with no step in speed or acceleration.
+fn smooth(part: f64) -> f64 {
+    let p = part.clamp(0.0, 1.0);
+    p * p * p * (10.0 + p * (6.0 * p - 15.0))
+}
+
+/// From 0 to 1 at constant speed, with 1 % of the way rounded at each end.
+fn rounded(part: f64) -> f64 {
+    const R: f64 = 0.01;
+    let p = part.clamp(0.0, 1.0);
+    let scale = 1.0 - R * (1.0 - 2.0 / PI) * 2.0;
+    // Speed rises as a quarter sine over R, so acceleration is finite.
+    let foot = |p: f64| R * (2.0 / PI) * (1.0 - (FRAC_PI_2 * p / R).cos());
+    let raw = if p < R {
+        foot(p)
+    } else if p > 1.0 - R {
+        scale - foot(1.0 - p)
+    } else {
+        R * 2.0 / PI + p - R
+    };
+    raw / scale
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+
+    fn all() -> Vec<Motion> {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        vec![
+            Motion::Ramp {
+                top_mm: 20.0,
+                branch_s: 30.0,
+                hold_s: 5.0,
+            },
+            Motion::Sine {
+                mean_mm: 9.0,
+                amplitude_mm: 6.0,
+                frequency_hz: 2.5,
+                cycles: 8.0,
+            },
+            Motion::Triangle {
+                mean_mm: 9.0,
+                amplitude_mm: 6.0,
+                frequency_hz: 1.0,
+                cycles: 5.0,
+            },
+            Motion::random(&mut random, 10.0, 8.0, 12.0),
+        ]
+    }
+
+    #[test]
+    fn every_motion_begins_at_zero_stays_above_it_and_never_jumps() {
+        for motion in all() {
+            assert!(motion.at_mm(0.0).abs() < 1e-9, "{motion:?}");
+            let steps = (motion.duration_s() / 1e-3) as usize;
+            for k in 0..steps {
+                let t = 1e-3 * k as f64;
+                let step = motion.at_mm(t + 1e-3) - motion.at_mm(t);
+                // The fastest here is the approach: under 200 mm/s.
+                assert!(
+                    step.abs() < 0.3 && motion.at_mm(t) > -1e-9,
+                    "{motion:?} at {t} s: {step}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn rates_of_a_sine_by_hand() {
+        let sine = Motion::Sine {
+            mean_mm: 9.0,
+            amplitude_mm: 6.0,
+            frequency_hz: 1.0,
+            cycles: 8.0,
+        };
+        let w = TAU;
+        // A quarter cycle after the valley: full speed; at the peak: full acceleration. Differences leave (w h)^2 / 6.
+        assert!((sine.speed_mm_s(0.75) - 6.0 * w).abs() < 1e-4);
+        assert!((sine.acceleration_mm_s2(1.0) + 6.0 * w * w).abs() < 1e-2);
+    }
+
+    #[test]
+    fn a_ramp_reaches_its_top_at_constant_speed() {
+        let ramp = Motion::Ramp {
+            top_mm: 20.0,
+            branch_s: 50.0,
+            hold_s: 2.0,
+        };
+        assert_eq!(ramp.at_mm(51.0), 20.0);
+        assert!((ramp.speed_mm_s(10.0) - ramp.speed_mm_s(40.0)).abs() < 1e-6);
+        assert!((ramp.at_mm(25.0) - 10.0).abs() < 1e-9);
+    }
+}

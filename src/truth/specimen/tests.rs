@@ -1,0 +1,247 @@
+//! Each force by hand, on a spring of 100 N + 80 N/mm.
+
+use super::super::hidden::find;
+use super::*;
+
+pub(crate) fn plain() -> Specimen {
+    Specimen {
+        preload_n: 100.0,
+        rate_n_per_mm: 80.0,
+        friction_ratio: 0.1,
+        presliding_mm: 0.3,
+        power: 1.0,
+        form: Form::Gradual,
+        bushing_n: 0.0,
+        range_n: 2000.0,
+    }
+}
+
+pub(crate) fn sine(frequency_hz: f64, cycles: f64) -> Motion {
+    Motion::Sine {
+        mean_mm: 10.0,
+        amplitude_mm: 6.0,
+        frequency_hz,
+        cycles,
+    }
+}
+
+/// A ramp and two sines.
+pub(crate) fn programme() -> Vec<(Motion, Vec<f64>)> {
+    let times = |motion: &Motion, rate: f64| -> Vec<f64> {
+        (0..(motion.duration_s() * rate) as usize)
+            .map(|k| k as f64 / rate)
+            .collect()
+    };
+    let ramp = Motion::Ramp {
+        top_mm: 20.0,
+        branch_s: 20.0,
+        hold_s: 5.0,
+    };
+    [(ramp, 20.0), (sine(1.0, 4.0), 200.0), (sine(2.5, 6.0), 200.0)]
+        .into_iter()
+        .map(|(m, rate)| (m.clone(), times(&m, rate)))
+        .collect()
+}
+
+fn frictionless() -> Specimen {
+    Specimen {
+        friction_ratio: 0.0,
+        ..plain()
+    }
+}
+
+fn hidden(code: &'static str, size: f64, place: f64) -> Hidden {
+    assert!(find(code).is_some());
+    Hidden {
+        code,
+        size,
+        place,
+        width: 2.0,
+    }
+}
+
+/// Force of the frictionless spring in the 1 Hz sine (approach of half a second) at a time after its start.
+fn with(h: Hidden, after_s: f64) -> f64 {
+    // 200 Hz up to the time asked for.
+    let times: Vec<f64> = (1..=(200.0 * (0.5 + after_s)).round() as usize)
+        .map(|k| k as f64 / 200.0)
+        .collect();
+    *frictionless()
+        .forces(&[h], &sine(1.0, 8.0), &times)
+        .last()
+        .expect("times")
+}
+
+#[test]
+fn the_steady_loop_turns_round_exponentially() {
+    // Power 1: gamma(2) lengths give r = 2 exp(-s / p) - 1 after a full reversal; 64 elements leave about a hundredth.
+    let ramp = Motion::Ramp {
+        top_mm: 10.0,
+        branch_s: 10.0,
+        hold_s: 0.0,
+    };
+    let specimen = plain();
+    let times: Vec<f64> = (0..=2000).map(|k| 0.01 * f64::from(k)).collect();
+    let forces = specimen.forces(&[], &ramp, &times);
+    for (t, f) in times
+        .iter()
+        .zip(&forces)
+        .filter(|(t, _)| **t > 10.0 && **t < 18.0)
+    {
+        let x = ramp.at_mm(*t);
+        let wanted = (100.0 + 80.0 * x) * (1.0 + 0.1 * (2.0 * (-(10.0 - x) / 0.3).exp() - 1.0));
+        assert!(
+            (f - wanted).abs() < 0.015 * 0.1 * 900.0,
+            "at {t} s: {f} against {wanted}"
+        );
+    }
+}
+
+#[test]
+fn forces_far_along_a_branch_are_those_of_dry_friction() {
+    let times: Vec<f64> = (1..=400).map(|k| 0.005 * f64::from(k)).collect();
+    let forces = plain().forces(&[], &sine(1.0, 8.0), &times);
+    // 0.75 s: upwards through the mean; 1.25 s: downwards.
+    assert!((forces[149] - 900.0 * 1.1).abs() < 0.1 && (forces[249] - 900.0 * 0.9).abs() < 0.1);
+}
+
+#[test]
+fn the_friction_turns_at_the_true_turning_point_whatever_the_sampling() {
+    let sharp = Specimen {
+        form: Form::Sharp,
+        ..plain()
+    };
+    let motion = sine(1.0, 2.0);
+    let fine: Vec<f64> = (1..=4000).map(|k| 2.5e-4 * f64::from(k + 100)).collect();
+    let coarse: Vec<f64> = fine.iter().copied().skip(7).step_by(160).collect();
+    let dense = sharp.forces(&[], &motion, &fine);
+    for (k, f) in sharp.forces(&[], &motion, &coarse).iter().enumerate() {
+        // Friction is 96 N or more: a turning point missed by a step would show as that.
+        assert!((f - dense[7 + 160 * k]).abs() < 1.0, "sample {k}");
+    }
+}
+
+#[test]
+fn forces_by_hand() {
+    use std::f64::consts::TAU;
+    let close = |a: f64, b: f64, tolerance: f64| assert!((a - b).abs() < tolerance, "{a} against {b}");
+    // Upwards through the mean: 10 mm, 6 * 2 pi mm/s, 900 N.
+    let speed = 6.0 * TAU;
+    close(
+        with(hidden("viscous_damping", 0.5, 0.0), 0.25),
+        900.0 + 0.5 * speed,
+        0.01,
+    );
+    close(with(hidden("coulomb_friction", 20.0, 0.0), 0.25), 920.0, 1e-6);
+    close(with(hidden("coulomb_friction", 20.0, 0.0), 0.75), 880.0, 1e-6);
+    close(
+        with(hidden("progressive_stiffness", 30.0, 8.0), 0.25),
+        960.0,
+        1e-6,
+    );
+    close(with(hidden("sensor_drift", 60.0, 0.0), 0.25), 900.75, 1e-6);
+    close(with(hidden("sensor_saturation", 0.6, 0.0), 0.25), 800.0, 1e-6);
+    close(with(hidden("lift_off", 2.0, 0.0), 0.25), 740.0, 1e-6);
+    close(with(hidden("lift_off", 5.0, 0.0), 0.0), 0.0, 1e-12);
+    // The pin follows half a gap behind; gives 2 mm/kN: 80 in series with 500 N/mm.
+    close(with(hidden("backlash", 1.0, 0.0), 0.25), 860.0, 1e-6);
+    close(
+        with(hidden("series_compliance", 2.0, 0.0), 0.25),
+        100.0 + 80.0 * (10.0 - 0.2) / 1.16,
+        1e-6,
+    );
+    // Force of 5 ms ago: 5 ms at full speed less.
+    close(
+        with(hidden("channel_delay", 5.0, 0.0), 0.25),
+        900.0 - 80.0 * 0.005 * speed,
+        0.1,
+    );
+    // Peak: full acceleration downwards; 10 kg at 237 mm/s2 are 2.37 N. Differences of the formula leave 1e-3.
+    close(
+        with(hidden("inertia", 10.0, 0.0), 0.5),
+        1380.0 - 0.01 * 6.0 * TAU * TAU,
+        1e-2,
+    );
+    let link = 3.0 * frictionless().top_mm();
+    let swung = link * link * (1.0 - (10.0 / link).cos());
+    close(
+        with(hidden("geometric_stiffness", 0.5, 0.0), 0.25),
+        900.0 + 0.5 * swung,
+        1e-6,
+    );
+    close(with(hidden("ripple", 5.0, 8.0), 0.25), 905.0, 1e-4);
+    // Where nothing slides a Stribeck or a local friction needs: no base friction, full speed against at rest.
+    close(with(hidden("local_friction", 0.1, 10.0), 0.25), 990.0, 0.5);
+    close(with(hidden("stribeck", 0.1, 1e6), 0.25), 990.0, 1e-3);
+    close(with(hidden("stribeck", 0.1, 1.0), 0.25), 900.0, 1e-3);
+}
+
+#[test]
+fn the_arm_of_a_relaxation_decays_in_the_hold_and_nothing_else_does() {
+    let ramp = Motion::Ramp {
+        top_mm: 10.0,
+        branch_s: 10.0,
+        hold_s: 20.0,
+    };
+    let times: Vec<f64> = (0..=280).map(|k| 0.1 * f64::from(k)).collect();
+    let forces = frictionless().forces(&[hidden("relaxation", 8.0, 4.0)], &ramp, &times);
+    let arm = |k: usize| forces[k] - 900.0;
+    // 4 s of hold: 1/e is left. Nothing but rounding of the exponentials.
+    assert!((arm(160) / arm(120) - (-1.0f64).exp()).abs() < 1e-9);
+    let still = plain().forces(&[], &ramp, &times);
+    assert!((still[160] - still[120]).abs() < 1e-9);
+}
+
+#[test]
+fn cycles_count_for_run_in_and_strength_loss() {
+    // After many cycles the whole change is there: upwards through the mean, eight cycles on.
+    let times: Vec<f64> = (1..=1550).map(|k| 0.005 * f64::from(k)).collect();
+    let last = |h: Hidden| {
+        *frictionless()
+            .forces(&[h], &sine(1.0, 8.0), &times)
+            .last()
+            .expect("times")
+    };
+    let ran = last(hidden("run_in", 0.1, 0.5));
+    // 7 cycles: 1 - exp(-14).
+    assert!((ran - 990.0).abs() < 0.1, "{ran}");
+    let lost = last(hidden("strength_loss", 0.2, 3.0));
+    let middle = (10.0 / frictionless().top_mm() - 0.45) / 0.25;
+    assert!(
+        (lost - 900.0 * (1.0 - 0.2 * (-middle * middle).exp())).abs() < 0.1,
+        "{lost}"
+    );
+}
+
+#[test]
+fn a_smoothed_friction_is_gone_in_a_slow_ramp_and_a_hidden_one_stays() {
+    let smoothed = Specimen {
+        form: Form::Smoothed { speed_mm_s: 10.0 },
+        ..plain()
+    };
+    let ramp = Motion::Ramp {
+        top_mm: 10.0,
+        branch_s: 100.0,
+        hold_s: 0.0,
+    };
+    // 0.1 mm/s against 10: a hundredth of 90 N.
+    let force = |s: &Specimen, h: &[Hidden]| s.forces(h, &ramp, &[50.0])[0] - 500.0;
+    assert!(force(&smoothed, &[]) < 1.0);
+    let bare = Specimen {
+        friction_ratio: 0.0,
+        ..smoothed
+    };
+    assert!((force(&bare, &[hidden("rate_independent_friction", 0.1, 10.0)]) - 50.0).abs() < 0.1);
+}
+
+#[test]
+fn same_input_same_bits() {
+    let programme = programme();
+    let run = || -> Vec<f64> {
+        programme
+            .iter()
+            .flat_map(|(m, t)| plain().forces(&[hidden("backlash", 0.3, 0.0)], m, t))
+            .collect()
+    };
+    assert_eq!(run(), run());
+}

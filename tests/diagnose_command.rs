@@ -1,0 +1,136 @@
+//! `leafbench diagnose` as a person calls it: files written, improved model runs, refusals say where and what to do.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use leafbench::truth::{Case, sensors};
+
+fn leafbench(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_leafbench"))
+        .args(arguments)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .expect("the program starts")
+}
+
+/// Recordings of a case as files, every third sample: this asks for the files, not for the last digit.
+fn files(folder: &Path, code: &str) -> Vec<PathBuf> {
+    let case = Case::single(code, 2, 40.0).expect("visible");
+    let mut paths = Vec::new();
+    for recording in &case.recordings[..2] {
+        let path = folder.join(&recording.name);
+        let text = sensors::csv(recording);
+        let thinned: Vec<&str> = text
+            .lines()
+            .enumerate()
+            .filter(|(i, _)| *i == 0 || i % 3 == 1)
+            .map(|(_, l)| l)
+            .collect();
+        std::fs::write(&path, thinned.join("\n")).expect("scratch folder is writable");
+        paths.push(path);
+    }
+    paths
+}
+
+#[test]
+fn a_diagnosis_leaves_three_files_and_its_model_runs_in_the_simulator() {
+    let folder = tempfile::tempdir().expect("scratch folder");
+    let recordings = files(folder.path(), "progressive_stiffness");
+    let out = folder.path().join("out");
+    let mut arguments = vec!["diagnose", "--out", out.to_str().expect("UTF-8")];
+    arguments.extend(recordings.iter().map(|p| p.to_str().expect("UTF-8")));
+    let ran = leafbench(&arguments);
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    let json = std::fs::read_to_string(out.join("diagnosis.json")).expect("written");
+    let json: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+    for field in [
+        "verdict",
+        "effects",
+        "alternatives",
+        "location",
+        "fit",
+        "next_test",
+    ] {
+        assert!(json.get(field).is_some(), "{field} of contracts.md");
+    }
+    for error in [
+        "nrmse_train",
+        "nrmse_heldout",
+        "peak_force_error",
+        "loop_energy_error",
+    ] {
+        assert!(json["fit"]["baseline"][error].is_number() && json["fit"]["improved"][error].is_number());
+    }
+    assert!(json["fit"]["noise_floor_nrmse"].is_number());
+    assert!(out.join("report.html").is_file());
+    let csv = out.join("simulated.csv");
+    let ran = leafbench(&[
+        "simulate",
+        "sine-6mm-1hz",
+        "--bench",
+        out.join("improved.toml").to_str().expect("UTF-8"),
+        "--out",
+        csv.to_str().expect("UTF-8"),
+    ]);
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    assert!(csv.is_file());
+}
+
+#[test]
+fn unusable_input_ends_with_2_and_says_file_place_and_remedy() {
+    let folder = tempfile::tempdir().expect("scratch folder");
+    let path = folder.path().join("bad.csv");
+    let rows = |n: usize| -> String { (0..n).map(|k| format!("{k},{k}.5,{k}\n")).collect() };
+    let cases: [(&str, Vec<u8>, &[&str]); 7] = [
+        ("empty", Vec::new(), &["empty"]),
+        (
+            "column",
+            b"time_s,displacement_mm\n0,1\n".to_vec(),
+            &["force_n", "row 1"],
+        ),
+        (
+            "nan",
+            b"time_s,displacement_mm,force_n\n0,1,2\n1,NaN,2\n".to_vec(),
+            &["row 3", "displacement_mm"],
+        ),
+        (
+            "back",
+            b"time_s,displacement_mm,force_n\n1,1,2\n0,1,2\n".to_vec(),
+            &["row 3", "time_s"],
+        ),
+        (
+            "short",
+            format!("time_s,displacement_mm,force_n\n{}", rows(10)).into_bytes(),
+            &["record longer"],
+        ),
+        (
+            "unit",
+            b"time_s,displacement_m,force_n\n0,1,2\n".to_vec(),
+            &["displacement_mm"],
+        ),
+        ("binary", vec![0xff, 0xfe, 0x00, 0x81, 0x0a], &["row"]),
+    ];
+    for (what, bytes, wanted) in cases {
+        std::fs::write(&path, bytes).expect("scratch folder is writable");
+        let ran = leafbench(&["diagnose", path.to_str().expect("UTF-8")]);
+        let said = String::from_utf8_lossy(&ran.stderr).into_owned();
+        assert_eq!(ran.status.code(), Some(2), "{what}: {said}");
+        assert!(said.contains("bad.csv"), "{what}: {said}");
+        for word in wanted {
+            assert!(said.contains(word), "{what} says {word}: {said}");
+        }
+    }
+}
+
+#[test]
+fn an_unknown_code_or_model_is_refused_with_what_there_is() {
+    let folder = tempfile::tempdir().expect("scratch folder");
+    let recordings = files(folder.path(), "sensor_drift");
+    let recording = recordings[0].to_str().expect("UTF-8");
+    for option in [["--known", "magnetism"], ["--baseline", "rubber"]] {
+        let ran = leafbench(&["diagnose", option[0], option[1], recording]);
+        let said = String::from_utf8_lossy(&ran.stderr).into_owned();
+        assert_eq!(ran.status.code(), Some(2), "{said}");
+        assert!(said.contains(option[1]) && said.contains("use one of"), "{said}");
+    }
+}
