@@ -69,7 +69,9 @@ pub(super) struct Setup {
     pub start: Vec<f64>,
     /// Known physics that had to be attached.
     pub extras: Vec<Attached>,
-    /// What may be missing, and the baseline's own friction in another form.
+    /// The baseline's own friction in a freer form, where it has one that turns round gradually.
+    pub form: Option<Attached>,
+    /// What may be missing.
     pub candidates: Vec<Attached>,
 }
 
@@ -108,21 +110,24 @@ impl Setup {
                 attached
             })
             .collect();
-        let mut candidates: Vec<Attached> = EFFECTS
+        let candidates = EFFECTS
             .iter()
             .filter(|e| !knows(e.code))
             .map(Attached::candidate)
             .collect();
-        if knows("load_dependent_friction") && knows("presliding") {
-            let mut other_form = Attached::candidate(effect::find("friction_form")?);
-            other_form.own = true;
-            candidates.push(other_form);
-        }
+        let form = if knows("load_dependent_friction") && knows("presliding") {
+            let mut form = Attached::candidate(effect::find("friction_form")?);
+            form.own = true;
+            Some(form)
+        } else {
+            None
+        };
         Ok(Setup {
             model,
             structure,
             start,
             extras,
+            form,
             candidates,
         })
     }
@@ -183,12 +188,9 @@ mod tests {
         let setup = setup(None);
         assert_eq!(friction(&setup), None);
         for code in setup.model.physics {
-            assert!(
-                setup.candidates.iter().all(|c| c.own || c.effect.code != *code),
-                "{code}"
-            );
+            assert!(setup.candidates.iter().all(|c| c.effect.code != *code), "{code}");
         }
-        assert_eq!(setup.candidates.iter().filter(|c| c.own).count(), 1);
+        assert!(setup.form.is_some());
     }
 
     #[test]

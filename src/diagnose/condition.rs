@@ -5,7 +5,8 @@
 //! displacement is made monotone (pool adjacent violators), so that noise is no travel for a friction law.
 
 pub(super) use super::smoothing::noise;
-use super::smoothing::{median, monotone, sharpened, smoothed, vertices};
+use super::smoothing::{median, monotone, smoothed, vertices};
+use crate::model::Motion;
 use crate::recording::{Flags, Recording, cycles};
 
 /// Fewer samples than this are no recording.
@@ -72,8 +73,8 @@ pub struct Track {
     pub direction: Vec<f64>,
     /// Travel since the last reversal in mm.
     pub since_reversal_mm: Vec<f64>,
-    /// Magnitude of the speed in mm/s.
-    pub speed_mm_s: Vec<f64>,
+    /// Speed in mm/s, acceleration in mm/s2 and the turning points on either side in mm, seen with hindsight.
+    pub motion: Vec<Motion>,
     /// Cycle from 1.
     pub cycle: Vec<u32>,
     /// What the sample's cycle is used for.
@@ -99,6 +100,12 @@ impl Track {
     /// True where there is none.
     pub fn is_empty(&self) -> bool {
         self.time_s.is_empty()
+    }
+
+    /// Largest speed in mm/s.
+    pub fn top_speed_mm_s(&self) -> f64 {
+        let speeds = self.motion.iter().map(|m| m.velocity_mm_s.abs());
+        speeds.fold(0.0, f64::max)
     }
 
     /// Time since the point before, in s.
@@ -136,21 +143,31 @@ pub fn condition(recording: &Recording, budget: usize) -> Result<Track, Conditio
             });
         }
     }
-    let (noise_mm, noise_n) = (noise(&raw_mm), noise(&force_n));
-    let (smooth_mm, half) = smoothed(&raw_mm, noise_mm);
-    let band_mm = (8.0 * noise_mm).max(0.01 * stroke_mm);
+    let (noise_mm, noise_n) = (noise(&time_s, &raw_mm), noise(&time_s, &force_n));
+    let locals = smoothed(&time_s, &raw_mm, noise_mm);
+    let smooth_mm: Vec<f64> = locals.iter().map(|l| l.mm).collect();
+    // As small as the noise lets it be: a turn-round that is missed leaves the friction on the wrong side.
+    let band_mm = (6.0 * noise_mm).max(5e-4 * stroke_mm);
     let turns: Vec<usize> = cycles::reversals(&smooth_mm, band_mm)
         .iter()
         .map(|r| r.index)
         .collect();
-    let steady_mm = monotone(&sharpened(&raw_mm, smooth_mm, half, &turns), &turns);
-    let motion = Motion::new(&steady_mm, &turns);
+    let steady_mm = monotone(&smooth_mm, &turns);
+    let motion = Travel::new(&steady_mm, &turns);
     let cycle: Vec<u32> = match &recording.cycle {
         Some(counted) if kept.iter().any(|&i| counted[i] > 0) => kept.iter().map(|&i| counted[i]).collect(),
         _ => motion.half.iter().map(|&h| h / 2 + 1).collect(),
     };
     let clipped = clipped(&raw_mm, &force_n, noise_mm, &mut remarks);
-    let vertices = vertices(&time_s, &steady_mm, &turns, noise_mm);
+    let vertices = vertices(&time_s, &locals, &steady_mm, &turns, noise_mm);
+    // What each turning point reached, the one between two samples included.
+    let turned_mm: Vec<f64> = turns
+        .iter()
+        .map(|&turn| {
+            let between = vertices.iter().find(|v| v.0 == turn || v.0 + 1 == turn);
+            between.map_or(steady_mm[turn], |v| v.2)
+        })
+        .collect();
     let bins = bins(&time_s, &steady_mm, &motion, stroke_mm, budget);
     let rate = force_range_n / stroke_mm;
     let sigma_n = noise_n.hypot(rate * noise_mm).max(1e-5 * force_range_n);
@@ -162,7 +179,7 @@ pub fn condition(recording: &Recording, budget: usize) -> Result<Track, Conditio
         weight: Vec::new(),
         direction: Vec::new(),
         since_reversal_mm: Vec::new(),
-        speed_mm_s: Vec::new(),
+        motion: Vec::new(),
         cycle: Vec::new(),
         part: Vec::new(),
         frequency_hz: motion.frequency_hz(&time_s),
@@ -185,6 +202,11 @@ pub fn condition(recording: &Recording, budget: usize) -> Result<Track, Conditio
         track.direction.push(motion.direction[last]);
         track.since_reversal_mm.push(motion.since_mm[last]);
         track.cycle.push(cycle[last]);
+        track.motion.push(Motion {
+            velocity_mm_s: locals[bin.clone()].iter().map(|l| l.mm_s).sum::<f64>() / n,
+            acceleration_mm_s2: locals[bin.clone()].iter().map(|l| l.mm_s2).sum::<f64>() / n,
+            reach_mm: motion.reach(last, &turned_mm),
+        });
         // The turning point itself lies between samples: the plant goes there, nothing is compared.
         if let Some(&(_, time, mm)) = vertices.iter().find(|v| v.0 == last) {
             track.time_s.push(time);
@@ -194,17 +216,15 @@ pub fn condition(recording: &Recording, budget: usize) -> Result<Track, Conditio
             track.direction.push(motion.direction[last]);
             track.since_reversal_mm.push(motion.since_mm[last]);
             track.cycle.push(cycle[last]);
+            track.motion.push(Motion {
+                velocity_mm_s: 0.0,
+                acceleration_mm_s2: locals[last].mm_s2,
+                reach_mm: motion.reach(last, &turned_mm),
+            });
         }
     }
     let n = track.len();
     debug_assert!(track.time_s.windows(2).all(|w| w[1] > w[0]));
-    track.speed_mm_s = (0..n)
-        .map(|i| {
-            let (a, b) = (i.saturating_sub(1), (i + 1).min(n - 1));
-            let dt_s = track.time_s[b] - track.time_s[a];
-            ((track.displacement_mm[b] - track.displacement_mm[a]) / dt_s.max(1e-9)).abs()
-        })
-        .collect();
     track.part = vec![Part::Fit; n];
     track.cycles = track.cycle.iter().copied().max().unwrap_or(0);
     Ok(track)
@@ -274,7 +294,7 @@ pub(super) fn range(values: &[f64]) -> f64 {
 }
 
 /// Half cycle, direction and travel since the reversal of every sample.
-struct Motion {
+struct Travel {
     half: Vec<u32>,
     direction: Vec<f64>,
     since_mm: Vec<f64>,
@@ -283,10 +303,10 @@ struct Motion {
     turns: Vec<usize>,
 }
 
-impl Motion {
-    fn new(x: &[f64], turns: &[usize]) -> Motion {
+impl Travel {
+    fn new(x: &[f64], turns: &[usize]) -> Travel {
         let n = x.len();
-        let mut motion = Motion {
+        let mut motion = Travel {
             half: Vec::with_capacity(n),
             direction: Vec::with_capacity(n),
             since_mm: Vec::with_capacity(n),
@@ -312,6 +332,20 @@ impl Motion {
             motion.until_mm.push((x[bounds[half + 1]] - x[i]).abs());
         }
         motion
+    }
+
+    /// Turning points on either side of a sample, the lower first; without limit where the recording begins or ends.
+    fn reach(&self, i: usize, turned_mm: &[f64]) -> [f64; 2] {
+        let half = self.half[i] as usize;
+        let before = half.checked_sub(1).and_then(|k| turned_mm.get(k)).copied();
+        let after = turned_mm.get(half).copied();
+        let end = [f64::NEG_INFINITY, f64::INFINITY];
+        let [low, high] = if self.direction[i] > 0.0 {
+            [before, after]
+        } else {
+            [after, before]
+        };
+        [low.unwrap_or(end[0]), high.unwrap_or(end[1])]
     }
 
     fn frequency_hz(&self, time_s: &[f64]) -> f64 {
@@ -378,7 +412,7 @@ fn clipped(x: &[f64], force_n: &[f64], noise_mm: f64, remarks: &mut Vec<String>)
 fn bins(
     time_s: &[f64],
     x: &[f64],
-    motion: &Motion,
+    motion: &Travel,
     stroke_mm: f64,
     budget: usize,
 ) -> Vec<std::ops::Range<usize>> {
@@ -475,149 +509,4 @@ pub fn share_out(tracks: &mut [Track]) {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A sine of 5 mm about 6 mm at 1 Hz with noise that repeats, force 80 N/mm.
-    fn sine(rate_hz: f64, seconds: f64, noise_mm: f64) -> Recording {
-        let n = (rate_hz * seconds) as usize;
-        let time_s: Vec<f64> = (0..n).map(|i| i as f64 / rate_hz).collect();
-        let noise =
-            |i: usize, k: f64| (((i as f64 + 1.0) * 12.9898 * k).sin() * 43758.5453).fract() * 2.0 - 1.0;
-        let clean: Vec<f64> = time_s
-            .iter()
-            .map(|t| 6.0 - 5.0 * (std::f64::consts::TAU * t).cos())
-            .collect();
-        Recording {
-            name: "sine".to_owned(),
-            force_n: clean
-                .iter()
-                .enumerate()
-                .map(|(i, x)| 80.0 * x + noise(i, 1.3))
-                .collect(),
-            displacement_mm: clean
-                .iter()
-                .enumerate()
-                .map(|(i, x)| x + noise_mm * noise(i, 1.0))
-                .collect(),
-            time_s,
-            ..Recording::default()
-        }
-    }
-
-    #[test]
-    fn travel_is_the_motions_not_the_noises() {
-        for rate_hz in [20.0, 100.0, 1000.0] {
-            let track = condition(&sine(rate_hz, 10.0, 0.005), 3000).expect("conditioned");
-            let path: f64 = track
-                .displacement_mm
-                .windows(2)
-                .map(|w| (w[1] - w[0]).abs())
-                .sum();
-            // Ten cycles of 20 mm; the last sample is one short; turning points are known to some noise.
-            assert!((path - 200.0).abs() < 0.4, "{rate_hz} Hz: {path}");
-            assert!((track.frequency_hz - 1.0).abs() < 0.03);
-            assert!(track.len() <= 3100, "{}", track.len());
-        }
-    }
-
-    #[test]
-    fn noise_is_seen_at_any_rate() {
-        for rate_hz in [20.0, 1000.0] {
-            let track = condition(&sine(rate_hz, 20.0, 0.005), 3000).expect("conditioned");
-            // Uniform within one: 1 / sqrt 3 = 0.577; at 20 samples a cycle 0.4 N of the motion stay in the differences.
-            assert!(
-                (0.4..1.2).contains(&track.noise_n),
-                "{rate_hz}: {}",
-                track.noise_n
-            );
-        }
-    }
-
-    #[test]
-    fn a_corner_stays_a_corner() {
-        // Triangle of 0 to 10 mm in 10 s, sampled so that the corner falls between two samples.
-        let time_s: Vec<f64> = (0..2000).map(|i| 0.0101 * f64::from(i)).collect();
-        let displacement_mm: Vec<f64> = time_s
-            .iter()
-            .map(|t| if *t < 10.0 { *t } else { 20.0 - t })
-            .collect();
-        let recording = Recording {
-            force_n: displacement_mm.iter().map(|x| 80.0 * x).collect(),
-            time_s,
-            displacement_mm,
-            ..Recording::default()
-        };
-        let track = condition(&recording, 3000).expect("conditioned");
-        let top = track.displacement_mm.iter().copied().fold(0.0, f64::max);
-        // A third of a sample's travel; without the corner it would be half of one, always too low.
-        assert!((top - 10.0).abs() < 0.0034, "{top}");
-    }
-
-    #[test]
-    fn clipped_displacement_is_masked_and_named() {
-        let mut recording = sine(200.0, 5.0, 0.0005);
-        recording.displacement_mm.iter_mut().for_each(|x| *x = x.min(9.0));
-        let track = condition(&recording, 3000).expect("conditioned");
-        assert!(
-            track.remarks.iter().any(|r| r.contains("clips")),
-            "{:?}",
-            track.remarks
-        );
-        assert!(
-            track
-                .weight
-                .iter()
-                .zip(&track.force_n)
-                .all(|(w, f)| *w == 0.0 || *f < 80.0 * 9.0 + 3.0)
-        );
-    }
-
-    #[test]
-    fn flagged_samples_are_left_out() {
-        let mut recording = sine(200.0, 5.0, 0.0005);
-        recording.force_n[500] = 1e7;
-        recording.flags = Some(
-            (0..recording.len())
-                .map(|i| if i == 500 { Flags::SPIKE.0 } else { 0 })
-                .collect(),
-        );
-        let track = condition(&recording, 3000).expect("conditioned");
-        assert!(track.force_n.iter().all(|f| *f < 1e3));
-        assert_eq!(track.remarks.len(), 1);
-    }
-
-    #[test]
-    fn bad_input_is_refused_with_its_row() {
-        let refuse = |change: &dyn Fn(&mut Recording)| {
-            let mut recording = sine(200.0, 5.0, 0.0005);
-            change(&mut recording);
-            condition(&recording, 3000).expect_err("refused").to_string()
-        };
-        assert!(refuse(&|r| r.force_n[7] = f64::NAN).contains("row 8"));
-        assert!(refuse(&|r| r.time_s[9] = 0.0).contains("row 10"));
-        assert!(refuse(&|r| r.displacement_mm.fill(1.0)).contains("displacement"));
-        assert!(refuse(&|r| r.force_n.truncate(3)).contains("length"));
-        assert!(
-            refuse(&|r| {
-                for column in [&mut r.time_s, &mut r.displacement_mm, &mut r.force_n] {
-                    column.truncate(10);
-                }
-            })
-            .contains("at least 20")
-        );
-    }
-
-    #[test]
-    fn whole_cycles_are_held_out() {
-        let mut tracks = vec![condition(&sine(100.0, 12.0, 0.001), 3000).expect("conditioned")];
-        share_out(&mut tracks);
-        let track = &tracks[0];
-        for i in 1..track.len() {
-            assert!(track.part[i] == track.part[i - 1] || track.cycle[i] != track.cycle[i - 1]);
-        }
-        for part in [Part::Fit, Part::Select, Part::Report] {
-            assert!(track.part.contains(&part));
-        }
-    }
-}
+mod tests;

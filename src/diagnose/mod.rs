@@ -7,6 +7,7 @@
 mod baseline;
 mod condition;
 pub mod diagnosis;
+mod fit;
 mod next_test;
 mod problem;
 mod residual;
@@ -68,7 +69,7 @@ pub fn diagnose(
     if recordings.is_empty() {
         return Err(DiagnoseError::NoRecording);
     }
-    let setup = baseline::Setup::new(baseline)?;
+    let mut setup = baseline::Setup::new(baseline)?;
     progress(0.0, "conditioning the recordings");
     let mut tracks = recordings
         .iter()
@@ -90,18 +91,24 @@ pub fn diagnose(
         .predict(&first.values, &mut model_n)
         .map_err(BaselineError::from)?;
     data.rescale(&mut first.residuals, &model_n);
+    let started = bench(&setup, &data, span, threads);
+    let nominal = started
+        .structure(setup.extras.clone())
+        .residuals(&started.start());
+    let (plain, _) = started.settled(&first).ok_or(DiagnoseError::OutOfDomain)?;
+    // The law of the baseline's friction is a choice of its author, no physics: it is freed before anything is missed.
+    let freed = setup.form.clone().and_then(|form| started.freed(&plain, form));
+    if let Some(freed) = &freed {
+        setup.extras.clone_from(&freed.attached);
+    }
     let bench = bench(&setup, &data, span, threads);
-    let nominal = problem::Structure::new(&setup, &data, setup.extras.clone());
-    let nominal = nominal.residuals(&bench.start());
-    let base = bench
-        .fit(first.attached, &first.values, 40, 0)
-        .ok_or(DiagnoseError::OutOfDomain)?;
+    let base = freed.unwrap_or_else(|| plain.clone());
     progress(0.15, "comparing candidates");
     let search = select::search(&bench, base, &mut |share| {
         progress(0.15 + 0.65 * share, "comparing candidates");
     });
     progress(0.8, "looking for look-alikes and the next test");
-    let diagnosis = verdict::conclude(&bench, search, nominal);
+    let diagnosis = verdict::conclude(&bench, search, &plain, nominal);
     progress(1.0, "done");
     Ok(diagnosis)
 }
@@ -132,7 +139,7 @@ fn span(data: &problem::Data) -> Span {
     Span {
         displacement_mm: fold(|t| &t.displacement_mm),
         force_n: fold(|t| &t.force_n),
-        speed_mm_s: fold(|t| &t.speed_mm_s)[1],
+        speed_mm_s: most(&Track::top_speed_mm_s, 0.0),
         duration_s: most(&|t| t.time_s[t.len() - 1], 0.0),
         cycles: most(&|t| f64::from(t.cycles), 1.0),
     }

@@ -209,7 +209,7 @@ pub(super) fn propose(
 ) -> Option<NextTest> {
     let ours = Structure::new(bench.setup, bench.data, chosen.attached.clone());
     let theirs = Structure::new(bench.setup, bench.data, rival.attached.clone());
-    let (known, scale) = theirs.sensitivities(&rival.values);
+    let (known, scale) = theirs.sensitivities(&rival.values, &theirs.fitted(&rival.values)?);
     let prior = known.tr_mul(&known);
     let noise_n = {
         let weights: Vec<f64> = bench.data.weight.iter().copied().filter(|w| *w > 0.0).collect();

@@ -3,11 +3,12 @@
 //! Residuals of samples that are held out are zero here; a zero of the force channel is fitted within its prior, because
 //! a tare is never exact.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use super::baseline::{Attached, Setup, build};
 use super::condition::{Part, Track};
 use crate::identify::Residuals;
+use crate::identify::jacobian::typical;
 use crate::model::{BuildError, Parameter};
 
 /// All tracks of a specimen, laid end to end.
@@ -76,12 +77,12 @@ impl Data {
                     residuals[from + i] *= plain / steep;
                 }
             }
-            let counted: Vec<f64> = piece
+            let (times_s, counted): (Vec<f64>, Vec<f64>) = piece
                 .clone()
                 .filter(|&i| self.weight[i] > 0.0)
-                .map(|i| residuals[i])
-                .collect();
-            let white = super::condition::noise(&counted);
+                .map(|i| (track.time_s[i - from], residuals[i]))
+                .unzip();
+            let white = super::condition::noise(&times_s, &counted);
             if counted.len() > 20 && white > 0.0 {
                 for i in piece {
                     self.weight[i] /= white.clamp(0.05, 20.0);
@@ -100,6 +101,9 @@ impl Data {
             .count()
     }
 }
+
+/// Step of a difference quotient as a share of the parameter's scale.
+const RELATIVE_STEP: f64 = 1e-5;
 
 /// Zero of the force channel: an instrument parameter of every structure.
 const ZERO: Parameter = Parameter {
@@ -145,6 +149,7 @@ impl<'a> Structure<'a> {
         for track in &self.data.tracks {
             plant.reset();
             for i in 0..track.len() {
+                plant.told(&track.motion[i]);
                 out[k] = plant.step(track.displacement_mm[i], track.dt_s(i)) + zero_n;
                 k += 1;
             }
@@ -162,19 +167,62 @@ impl<'a> Structure<'a> {
         out.iter().all(|r| r.is_finite()).then_some(out)
     }
 
-    /// Change of the weighted model force for a move of each parameter by `scale`, held-out points zero.
-    pub fn sensitivities(&self, values: &[f64]) -> (DMatrix<f64>, Vec<f64>) {
-        let scale: Vec<f64> = values
+    /// Bounds of every parameter.
+    pub fn parameters_bounds(&self) -> Vec<[f64; 2]> {
+        self.parameters.iter().map(|p| p.bounds).collect()
+    }
+
+    /// The same structure with one effect more.
+    pub fn with(&self, candidate: &Attached) -> Structure<'a> {
+        let mut attached = self.attached.clone();
+        attached.push(candidate.clone());
+        Structure::new(self.setup, self.data, attached)
+    }
+
+    /// Residuals as a fit sees them: held-out points zero, the prior's row last. None where the model has no finite force.
+    pub fn fitted(&self, values: &[f64]) -> Option<DVector<f64>> {
+        let mut out = DVector::zeros(self.count());
+        self.evaluate(values, out.as_mut_slice()).ok()?;
+        out.iter().all(|r| r.is_finite()).then_some(out)
+    }
+
+    /// Change of the fitted residuals for a move of each parameter by its scale, and the scales.
+    pub fn sensitivities(&self, values: &[f64], residuals: &DVector<f64>) -> (DMatrix<f64>, Vec<f64>) {
+        let every: Vec<usize> = (0..values.len()).collect();
+        let scale = self.scale(values);
+        (self.columns(values, residuals, &every, &scale), scale)
+    }
+
+    /// Natural size of a move of each parameter.
+    pub fn scale(&self, values: &[f64]) -> Vec<f64> {
+        values
             .iter()
             .zip(&self.parameters)
-            .map(|(v, p)| crate::identify::jacobian::typical(*v, p.belief, p.bounds))
-            .collect();
-        let mut evaluator = crate::identify::evaluator::Evaluator::new(self, 1);
-        let mut residuals = vec![0.0; self.count()];
-        evaluator.residuals(values, &mut residuals);
-        let jacobian =
-            crate::identify::jacobian::scaled_jacobian(&mut evaluator, values, &residuals, &scale, 1e-5);
-        (-jacobian, scale)
+            .map(|(v, p)| typical(*v, p.belief, p.bounds))
+            .collect()
+    }
+
+    /// Columns of the Jacobian, one a parameter in `which`, by forward differences within the bounds.
+    pub fn columns(
+        &self,
+        values: &[f64],
+        residuals: &DVector<f64>,
+        which: &[usize],
+        scale: &[f64],
+    ) -> DMatrix<f64> {
+        let mut jacobian = DMatrix::zeros(residuals.len(), which.len());
+        let mut moved = values.to_vec();
+        for (column, &n) in which.iter().enumerate() {
+            let step = RELATIVE_STEP * scale[n];
+            let fits = values[n] + step <= self.parameters[n].bounds[1];
+            moved[n] = values[n] + if fits { step } else { -step };
+            if let Some(there) = self.fitted(&moved) {
+                let factor = scale[n] / (moved[n] - values[n]);
+                jacobian.set_column(column, &((there - residuals) * factor));
+            }
+            moved[n] = values[n];
+        }
+        jacobian
     }
 }
 

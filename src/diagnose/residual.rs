@@ -33,7 +33,7 @@ fn coordinate(track: &Track, i: usize, axis: Axis) -> f64 {
         Axis::DistanceFromReversalMm => track.since_reversal_mm[i],
         Axis::DisplacementMm => track.displacement_mm[i],
         Axis::ForceN => track.force_n[i],
-        Axis::VelocityMmS => track.speed_mm_s[i],
+        Axis::VelocityMmS => track.motion[i].velocity_mm_s.abs(),
         Axis::Cycle => f64::from(track.cycle[i]),
         Axis::TimeS => track.time_s[i],
         Axis::FrequencyHz => track.frequency_hz,

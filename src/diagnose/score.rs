@@ -7,15 +7,17 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::baseline::Attached;
-use super::condition::Part;
 use super::problem::Structure;
 use crate::effect::Span;
 
-/// The structure's sensitivities, ready to project on.
+/// A structure's sensitivities at its values, ready to step and to project on.
 pub(super) struct Tangent {
-    jacobian: DMatrix<f64>,
-    normal: Cholesky<f64, Dyn>,
-    /// Weighted residuals of the points that are fitted, the prior's row last.
+    /// Change of the residuals for a move of each parameter by its `scale`; held-out points zero, the prior's row last.
+    pub jacobian: DMatrix<f64>,
+    pub normal: DMatrix<f64>,
+    pub scale: Vec<f64>,
+    factor: Cholesky<f64, Dyn>,
+    /// Residuals in the same rows.
     residuals: DVector<f64>,
 }
 
@@ -33,25 +35,27 @@ pub(super) struct Score {
 }
 
 impl Tangent {
-    pub fn new(structure: &Structure<'_>, values: &[f64], all: &[f64]) -> Option<Tangent> {
-        let (jacobian, _) = structure.sensitivities(values);
-        let mut normal = jacobian.tr_mul(&jacobian);
+    pub fn new(structure: &Structure<'_>, values: &[f64]) -> Option<Tangent> {
+        let residuals = structure.fitted(values)?;
+        let (jacobian, scale) = structure.sensitivities(values, &residuals);
+        let normal = jacobian.tr_mul(&jacobian);
+        let mut regular = normal.clone();
         for i in 0..normal.nrows() {
             // A parameter without effect must not make the matrix singular.
-            normal[(i, i)] = normal[(i, i)] * (1.0 + 1e-9) + 1e-9;
+            regular[(i, i)] = regular[(i, i)] * (1.0 + 1e-9) + 1e-9;
         }
-        let mut residuals: Vec<f64> = fitted(structure, all);
-        residuals.push(-values[values.len() - 1] / structure.data.zero_sigma_n);
         Some(Tangent {
             jacobian,
-            normal: normal.cholesky()?,
-            residuals: DVector::from_vec(residuals),
+            normal,
+            scale,
+            factor: regular.cholesky()?,
+            residuals,
         })
     }
 
     /// What is left of a signature after the structure has absorbed what it can.
     pub fn project(&self, signature: &DVector<f64>) -> DVector<f64> {
-        signature - &self.jacobian * self.normal.solve(&self.jacobian.tr_mul(signature))
+        signature - &self.jacobian * self.factor.solve(&self.jacobian.tr_mul(signature))
     }
 
     /// Scores every start of a candidate; the best first.
@@ -59,24 +63,19 @@ impl Tangent {
         &self,
         structure: &Structure<'_>,
         values: &[f64],
-        all: &[f64],
         index: usize,
         candidate: &Attached,
         span: &Span,
     ) -> Vec<Score> {
-        let mut attached = structure.attached.clone();
-        attached.push(candidate.clone());
-        let with = Structure::new(structure.setup, structure.data, attached);
+        let with = structure.with(candidate);
         let mut scores: Vec<Score> = (candidate.effect.starts)(span)
             .into_iter()
-            .filter_map(|start| {
-                let moved = with.residuals(&spliced(values, &start))?;
-                let mut signature = fitted(structure, all);
-                for (s, m) in signature.iter_mut().zip(fitted(structure, &moved)) {
-                    *s -= m;
+            .filter_map(|mut start| {
+                for (v, p) in start.iter_mut().zip(&candidate.parameters) {
+                    *v = v.clamp(p.bounds[0], p.bounds[1]);
                 }
-                signature.push(0.0);
-                let signature = DVector::from_vec(signature);
+                let moved = with.fitted(&spliced(values, &start))?;
+                let signature = &self.residuals - moved;
                 let left = self.project(&signature);
                 let (whole, power) = (signature.norm_squared(), left.norm_squared());
                 if !(power > 1e-12 && whole > 0.0) {
@@ -93,7 +92,6 @@ impl Tangent {
                 {
                     size = size.max(0.0);
                 }
-                let mut start = start;
                 for &a in amplitudes {
                     let [low, high] = candidate.parameters[a].bounds;
                     start[a] = (start[a] * size).clamp(low, high);
@@ -115,12 +113,4 @@ impl Tangent {
 pub(super) fn spliced(values: &[f64], group: &[f64]) -> Vec<f64> {
     let (zero, own) = values.split_last().expect("every structure has a zero");
     own.iter().chain(group).chain([zero]).copied().collect()
-}
-
-/// Residuals of the points that are fitted, others zero.
-fn fitted(structure: &Structure<'_>, all: &[f64]) -> Vec<f64> {
-    all.iter()
-        .zip(&structure.data.part)
-        .map(|(r, p)| if *p == Part::Fit { *r } else { 0.0 })
-        .collect()
 }

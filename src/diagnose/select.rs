@@ -9,29 +9,32 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::baseline::{Attached, Setup};
 use super::condition::Part;
+use super::fit::{grow, settle};
 use super::problem::{Data, Structure};
 use super::score::{Score, Tangent, spliced};
 use crate::effect::Span;
+use crate::identify::Control;
 use crate::identify::confidence::correlation_time;
 use crate::identify::evaluator::Evaluator;
 use crate::identify::least_squares::{Settings, minimise};
-use crate::identify::{Control, Residuals};
 
 /// Sets kept from one size to the next.
 const BEAM: usize = 3;
-/// Candidates fitted from each set.
-const FITTED: usize = 7;
-/// Effects at most, the baseline's own friction in another form not counted.
+/// Effects at most.
 const LARGEST: usize = 3;
-/// Gain that an effect must bring for itself; that of the baseline's own physics in another form.
+/// Candidates grown from each set, by its size.
+const FITTED: [usize; LARGEST] = [17, 8, 6];
+/// Gain that an effect must bring for itself.
 const PRICE: f64 = 8.0;
-const OWN_PRICE: f64 = 4.0;
 /// Share of all that is explained which an effect must bring.
 const SHARE: f64 = 0.015;
 /// Share of what is left above the noise without it that an effect must bring: less is the misfit of another's form.
 const LEFTOVER: f64 = 0.4;
 /// Mean square that an effect must take away, in units of the noise: a seventh of the noise in RMS is no finding.
 const MATERIAL: f64 = 0.02;
+
+/// Codes of a set of effects, sorted.
+pub(super) type Key = Vec<&'static str>;
 
 /// A fitted set of effects.
 #[derive(Clone)]
@@ -46,12 +49,9 @@ pub(super) struct Node {
 }
 
 impl Node {
-    /// Codes beyond the baseline, own forms in brackets; sorted, for comparing.
-    pub fn key(&self, extras: usize) -> Vec<(bool, &'static str)> {
-        let mut key: Vec<_> = self.attached[extras..]
-            .iter()
-            .map(|a| (a.own, a.effect.code))
-            .collect();
+    /// Codes beyond the baseline, sorted, for comparing.
+    pub fn key(&self, extras: usize) -> Key {
+        let mut key: Key = self.attached[extras..].iter().map(|a| a.effect.code).collect();
         key.sort_unstable();
         key
     }
@@ -95,41 +95,8 @@ impl Worth {
 }
 
 impl<'a> Bench<'a> {
-    /// Fits a structure from `start`.
-    pub fn fit(
-        &self,
-        attached: Vec<Attached>,
-        start: &[f64],
-        iterations: usize,
-        screened: usize,
-    ) -> Option<Node> {
-        let structure = Structure::new(self.setup, self.data, attached);
-        let bounds: Vec<[f64; 2]> = structure.parameters().iter().map(|p| p.bounds).collect();
-        let start: Vec<f64> = start
-            .iter()
-            .zip(&bounds)
-            .map(|(v, b)| v.clamp(b[0], b[1]))
-            .collect();
-        let settings = Settings {
-            iterations,
-            cost_tolerance: 1e-4,
-            step_tolerance: 1e-4,
-            screened,
-            starts: if screened > 0 { 3 } else { 1 },
-            ..Settings::default()
-        };
-        let mut evaluator = Evaluator::new(&structure, 1);
-        let optimum = minimise(&mut evaluator, &start, &bounds, &settings, 1, &mut |_| {
-            Control::Continue
-        });
-        let residuals = structure.residuals(&optimum.values)?;
-        Some(Node {
-            fit: self.data.sum(&residuals, Part::Fit),
-            select: self.data.sum(&residuals, Part::Select),
-            residuals,
-            values: optimum.values,
-            attached: structure.attached,
-        })
+    pub fn structure(&self, attached: Vec<Attached>) -> Structure<'a> {
+        Structure::new(self.setup, self.data, attached)
     }
 
     /// Where the baseline begins.
@@ -147,73 +114,93 @@ impl<'a> Bench<'a> {
         start
     }
 
-    /// The baseline alone, from several starts.
+    /// The baseline alone, from several starts: nothing is known of where it belongs.
     pub fn baseline(&self) -> Option<Node> {
-        self.fit(self.setup.extras.clone(), &self.start(), 40, 24)
+        let structure = self.structure(self.setup.extras.clone());
+        let bounds = structure.parameters_bounds();
+        let start: Vec<f64> = self
+            .start()
+            .iter()
+            .zip(&bounds)
+            .map(|(v, b)| v.clamp(b[0], b[1]))
+            .collect();
+        let settings = Settings {
+            iterations: 25,
+            cost_tolerance: 1e-3,
+            step_tolerance: 1e-4,
+            screened: 24,
+            starts: 3,
+            ..Settings::default()
+        };
+        let mut evaluator = Evaluator::new(&structure, self.threads);
+        let optimum = minimise(&mut evaluator, &start, &bounds, &settings, 1, &mut |_| {
+            Control::Continue
+        });
+        Node::new(&structure, optimum.values)
+    }
+
+    /// A node at rest, with its tangent.
+    pub fn settled(&self, node: &Node) -> Option<(Node, Tangent)> {
+        settle(&self.structure(node.attached.clone()), node.values.clone())
+    }
+
+    /// A node with the baseline's own friction in a freer form, where the data ask for one.
+    pub fn freed(&self, node: &Node, form: Attached) -> Option<Node> {
+        let structure = self.structure(node.attached.clone());
+        let start = spliced(&node.values, form.effect.neutral);
+        let (free, _) = settle(&structure.with(&form), start)?;
+        (0.5 * (node.cost() - free.cost()) > PRICE).then_some(free)
     }
 
     /// Every candidate's starts scored against a node; best start first, one list a candidate.
-    pub fn scores(&self, node: &Node) -> Vec<Vec<Score>> {
-        let structure = Structure::new(self.setup, self.data, node.attached.clone());
-        let Some(tangent) = Tangent::new(&structure, &node.values, &node.residuals) else {
-            return Vec::new();
-        };
+    pub fn scores(&self, node: &Node, tangent: &Tangent) -> Vec<Vec<Score>> {
+        let structure = self.structure(node.attached.clone());
         let free: Vec<usize> = (0..self.setup.candidates.len())
             .filter(|&c| {
-                let candidate = &self.setup.candidates[c];
-                !node
-                    .attached
-                    .iter()
-                    .any(|a| a.effect.code == candidate.effect.code && a.own == candidate.own)
+                let code = self.setup.candidates[c].effect.code;
+                node.attached.iter().all(|a| a.effect.code != code)
             })
             .collect();
         self.side_by_side(&free, |&c| {
-            let candidate = &self.setup.candidates[c];
-            tangent.scores(
-                &structure,
-                &node.values,
-                &node.residuals,
-                c,
-                candidate,
-                &self.span,
-            )
+            tangent.scores(&structure, &node.values, c, &self.setup.candidates[c], &self.span)
         })
     }
 
-    /// Children of a node: its most promising candidates, fitted.
-    pub fn children(&self, node: &Node, seen: &[Vec<(bool, &'static str)>], count: usize) -> Vec<Node> {
-        let mut lists = self.scores(node);
+    /// Children of a settled node: its most promising candidates, grown from their best starts.
+    pub fn children(&self, node: &Node, tangent: &Tangent, seen: &[Key], count: usize) -> Vec<Node> {
+        let mut lists = self.scores(node, tangent);
         lists.retain(|l| l.first().is_some_and(|s| s.gain > 1.0));
         lists.sort_by(|a, b| b[0].gain.total_cmp(&a[0].gain));
         let extras = self.setup.extras.len();
-        let tasks: Vec<Vec<Score>> = lists
+        let tasks: Vec<Score> = lists
             .into_iter()
             .filter(|l| {
-                let candidate = &self.setup.candidates[l[0].candidate];
                 let mut key = node.key(extras);
-                key.push((candidate.own, candidate.effect.code));
+                key.push(self.setup.candidates[l[0].candidate].effect.code);
                 key.sort_unstable();
                 !seen.contains(&key)
             })
             .take(count)
+            .flat_map(|l| {
+                let best = l[0].gain;
+                l.into_iter().filter(move |s| s.gain > 0.4 * best).take(3)
+            })
             .collect();
-        self.side_by_side(&tasks, |list| self.child(node, list))
-            .into_iter()
-            .flatten()
-            .collect()
-    }
-
-    /// The better of the fits from a candidate's two best starts.
-    fn child(&self, node: &Node, starts: &[Score]) -> Option<Node> {
-        let candidate = &self.setup.candidates[starts[0].candidate];
-        let mut attached = node.attached.clone();
-        attached.push(candidate.clone());
-        starts
-            .iter()
-            .take(2)
-            .filter(|s| s.gain > 0.5 * starts[0].gain)
-            .filter_map(|s| self.fit(attached.clone(), &spliced(&node.values, &s.start), 8, 0))
-            .min_by(|a, b| a.fit.total_cmp(&b.fit))
+        let structure = self.structure(node.attached.clone());
+        let grown = self.side_by_side(&tasks, |score| {
+            let candidate = &self.setup.candidates[score.candidate];
+            grow(&structure, node, tangent, candidate, &score.start)
+        });
+        // Of several starts of one candidate the best is kept.
+        let mut children: Vec<Node> = Vec::new();
+        for child in grown.into_iter().flatten() {
+            match children.iter_mut().find(|c| c.key(extras) == child.key(extras)) {
+                Some(known) if child.fit < known.fit => *known = child,
+                Some(_) => {}
+                None => children.push(child),
+            }
+        }
+        children
     }
 
     /// Maps over the cores; order and result do not depend on their number.
@@ -255,16 +242,22 @@ pub(super) fn search(bench: &Bench<'_>, baseline: Node, progress: &mut dyn FnMut
     let mut nodes = vec![baseline];
     let mut seen = vec![nodes[0].key(extras)];
     let mut beam = vec![0];
-    for size in 0..=LARGEST {
+    for size in 0..LARGEST {
+        let parents: Vec<(Node, Tangent)> = bench
+            .side_by_side(&beam, |&i| bench.settled(&nodes[i]))
+            .into_iter()
+            .flatten()
+            .collect();
+        for (&i, (node, _)) in beam.iter().zip(&parents) {
+            nodes[i] = node.clone();
+        }
         let before = beam
             .iter()
             .map(|&i| nodes[i].cost())
             .fold(f64::INFINITY, f64::min);
         let mut grown = Vec::new();
-        for &i in &beam {
-            let parent = nodes[i].clone();
-            let count = if size == 0 { FITTED } else { FITTED - 3 };
-            for child in bench.children(&parent, &seen, count) {
+        for (parent, tangent) in &parents {
+            for child in bench.children(parent, tangent, &seen, FITTED[size]) {
                 seen.push(child.key(extras));
                 nodes.push(child);
                 grown.push(nodes.len() - 1);
@@ -272,19 +265,20 @@ pub(super) fn search(bench: &Bench<'_>, baseline: Node, progress: &mut dyn FnMut
         }
         grown.sort_by(|&a, &b| nodes[a].cost().total_cmp(&nodes[b].cost()));
         grown.truncate(BEAM);
-        progress((size + 1) as f64 / (LARGEST + 1) as f64);
+        progress((size + 1) as f64 / LARGEST as f64);
         let Some(&best) = grown.first() else { break };
         // What would not be accepted is not worth going on for. Raw sums: what is not yet explained makes residuals
         // correlated, and must not end the search for it.
         let (lower, total) = (before - nodes[best].cost(), nodes[0].cost() - nodes[best].cost());
-        let counted = (bench.data.count(Part::Fit) + bench.data.count(Part::Select)) as f64;
-        let leftover = 0.5 * LEFTOVER * (before - counted).max(0.0);
-        if 0.5 * lower < OWN_PRICE || lower < leftover.max(0.5 * SHARE * total) {
+        if 0.5 * lower < PRICE || lower < 0.5 * SHARE * total {
             break;
         }
         beam = grown;
     }
     let best = least(&nodes, |n| n.cost());
+    if let Some((settled, _)) = bench.settled(&nodes[best]) {
+        nodes[best] = settled;
+    }
     let worth = Worth::of(bench.data, &nodes[best].residuals);
     let chosen = choose(bench, &mut nodes, worth);
     Search { nodes, chosen, worth }
@@ -299,37 +293,27 @@ fn least(nodes: &[Node], cost: impl Fn(&Node) -> f64) -> usize {
 /// The set with the largest gain less its price, then whatever can be spared leaves it.
 fn choose(bench: &Bench<'_>, nodes: &mut Vec<Node>, worth: Worth) -> usize {
     let extras = bench.setup.extras.len();
-    let price = |node: &Node| -> f64 {
-        node.attached[extras..]
-            .iter()
-            .map(|a| if a.own { OWN_PRICE } else { PRICE })
-            .sum()
-    };
+    let price = |node: &Node| PRICE * (node.attached.len() - extras) as f64;
     let counted = (bench.data.count(Part::Fit) + bench.data.count(Part::Select)) as f64;
     let mut chosen = least(nodes, |n| worth.gain(n.cost()) + price(n));
     loop {
         let total = worth.gain(nodes[0].cost() - nodes[chosen].cost());
         let mut spared: Option<(f64, usize)> = None;
         for leave in extras..nodes[chosen].attached.len() {
-            let own = nodes[chosen].attached[leave].own;
             let code = nodes[chosen].attached[leave].effect.code;
             let mut i = without(bench, nodes, chosen, leave);
             // Two effects that cancel each other each look needed: a smaller set without this one may do as well.
             for (k, node) in nodes.iter().enumerate() {
                 let lacks = node.attached[extras..].iter().all(|a| a.effect.code != code);
                 let smaller = node.attached.len() < nodes[chosen].attached.len();
-                if !own && lacks && smaller && node.cost() < nodes[i].cost() {
+                if lacks && smaller && node.cost() < nodes[i].cost() {
                     i = k;
                 }
             }
             let loss = worth.gain(nodes[i].cost() - nodes[chosen].cost());
             let material = worth.gain(MATERIAL * worth.spread * counted);
             let leftover = worth.gain(LEFTOVER * (nodes[i].cost() - counted).max(0.0));
-            let needed = if own {
-                OWN_PRICE
-            } else {
-                PRICE.max(SHARE * total).max(material).max(leftover)
-            };
+            let needed = PRICE.max(SHARE * total).max(material).max(leftover);
             let held_out = worth.gain(nodes[i].select - nodes[chosen].select);
             let excess = loss - needed;
             if (excess < 0.0 || held_out < 0.25 * needed.min(PRICE))
@@ -349,31 +333,20 @@ fn choose(bench: &Bench<'_>, nodes: &mut Vec<Node>, worth: Worth) -> usize {
 pub(super) fn without(bench: &Bench<'_>, nodes: &mut Vec<Node>, of: usize, leave: usize) -> usize {
     let extras = bench.setup.extras.len();
     let mut attached = nodes[of].attached.clone();
-    let own = bench.setup.model.parameters.len();
-    let from = own
-        + attached[..leave]
-            .iter()
-            .map(|a| a.parameters.len())
-            .sum::<usize>();
+    let from = super::tables::offset(bench, &attached, leave);
     let mut values = nodes[of].values.clone();
     values.drain(from..from + attached[leave].parameters.len());
     attached.remove(leave);
-    let key = {
-        let mut key: Vec<_> = attached[extras..]
-            .iter()
-            .map(|a| (a.own, a.effect.code))
-            .collect();
-        key.sort_unstable();
-        key
-    };
+    let mut key: Key = attached[extras..].iter().map(|a| a.effect.code).collect();
+    key.sort_unstable();
     if let Some(i) = (0..nodes.len())
         .filter(|&i| nodes[i].key(extras) == key)
         .min_by(|&a, &b| nodes[a].fit.total_cmp(&nodes[b].fit))
     {
         return i;
     }
-    match bench.fit(attached, &values, 15, 0) {
-        Some(node) => {
+    match settle(&bench.structure(attached), values) {
+        Some((node, _)) => {
             nodes.push(node);
             nodes.len() - 1
         }

@@ -10,10 +10,14 @@ use crate::identify::confidence::Confidence;
 /// Points of a curve in the report.
 const CURVE_POINTS: usize = 600;
 
-pub(super) fn errors(bench: &Bench<'_>, search: &Search, nominal: Option<Vec<f64>>) -> FitErrors {
+pub(super) fn errors(
+    bench: &Bench<'_>,
+    search: &Search,
+    plain: &Node,
+    nominal: Option<Vec<f64>>,
+) -> FitErrors {
     let extras = bench.setup.extras.len();
     let data = bench.data;
-    let before = &search.nodes[0];
     let after = &search.nodes[search.chosen];
     let mut ladder = Vec::new();
     if let Some(residuals) = nominal {
@@ -24,13 +28,16 @@ pub(super) fn errors(bench: &Bench<'_>, search: &Search, nominal: Option<Vec<f64
     }
     ladder.push(Rung {
         what: "baseline refitted".to_owned(),
-        errors: errors_of(data, &before.residuals),
+        errors: errors_of(data, &plain.residuals),
     });
+    if plain.attached.len() < extras {
+        ladder.push(Rung {
+            what: "its own friction in a freer form".to_owned(),
+            errors: errors_of(data, &search.nodes[0].residuals),
+        });
+    }
     for k in extras..after.attached.len() {
-        let mut key: Vec<_> = after.attached[extras..=k]
-            .iter()
-            .map(|a| (a.own, a.effect.code))
-            .collect();
+        let mut key: Vec<_> = after.attached[extras..=k].iter().map(|a| a.effect.code).collect();
         key.sort_unstable();
         let step = search
             .nodes
@@ -51,7 +58,7 @@ pub(super) fn errors(bench: &Bench<'_>, search: &Search, nominal: Option<Vec<f64
         .map(|w| 1.0 / (w * w))
         .collect();
     FitErrors {
-        baseline: errors_of(data, &before.residuals),
+        baseline: errors_of(data, &plain.residuals),
         improved: errors_of(data, &after.residuals),
         noise_floor_nrmse: (floor.iter().sum::<f64>() / floor.len().max(1) as f64).sqrt()
             / data.force_range_n,
@@ -136,9 +143,11 @@ pub(super) fn candidates(bench: &Bench<'_>, search: &Search) -> Vec<CandidateRow
 }
 
 pub(super) fn not_testable(bench: &Bench<'_>, baseline: &Node) -> Vec<NotTestable> {
-    let lists = bench.scores(baseline);
+    let lists = bench
+        .settled(baseline)
+        .map_or_else(Vec::new, |(node, tangent)| bench.scores(&node, &tangent));
     let mut rows = Vec::new();
-    for (c, candidate) in bench.setup.candidates.iter().enumerate().filter(|(_, c)| !c.own) {
+    for (c, candidate) in bench.setup.candidates.iter().enumerate() {
         let surviving = lists
             .iter()
             .flatten()

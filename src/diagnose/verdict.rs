@@ -7,6 +7,7 @@ use super::problem::Structure;
 use super::residual;
 use super::select::{Bench, Node, Search, without};
 use super::tables::{baseline_parameters, candidates, curves, errors, not_testable, offset, values_of};
+use crate::identify::Residuals;
 use crate::identify::confidence::{Confidence, confidence};
 use crate::identify::evaluator::Evaluator;
 
@@ -34,7 +35,12 @@ struct Named {
     rivals: Vec<(&'static str, usize, f64)>,
 }
 
-pub(super) fn conclude(bench: &Bench<'_>, mut search: Search, nominal: Option<Vec<f64>>) -> Diagnosis {
+pub(super) fn conclude(
+    bench: &Bench<'_>,
+    mut search: Search,
+    plain: &Node,
+    nominal: Option<Vec<f64>>,
+) -> Diagnosis {
     let extras = bench.setup.extras.len();
     let (data, worth) = (bench.data, search.worth);
     let chosen = search.chosen;
@@ -85,7 +91,7 @@ pub(super) fn conclude(bench: &Bench<'_>, mut search: Search, nominal: Option<Ve
         next_test::propose(bench, after, &search.nodes[node], names)
     });
     let location = locations(bench, before, after, &named, unexplained);
-    let fit = errors(bench, &search, nominal);
+    let fit = errors(bench, &search, plain, nominal);
     let summary = summary(verdict, &effects, &location, &fit);
     Diagnosis {
         verdict,
@@ -98,7 +104,7 @@ pub(super) fn conclude(bench: &Bench<'_>, mut search: Search, nominal: Option<Ve
         candidates: candidates(bench, &search),
         not_testable: not_testable(bench, before),
         unexplained_share,
-        curves: curves(data, before, after),
+        curves: curves(data, plain, after),
         maps: residual::maps(data, &before.residuals, &after.residuals),
         improved: improved(bench, after),
         effects,
@@ -116,11 +122,7 @@ fn nearest(bench: &Bench<'_>, search: &Search) -> Vec<Alternative> {
         .filter(|r| r.gain > 0.0 && r.gain >= (1.0 - NEAREST) * best)
     {
         for code in &row.codes {
-            let named = bench
-                .setup
-                .candidates
-                .iter()
-                .any(|c| !c.own && c.effect.code == code);
+            let named = bench.setup.candidates.iter().any(|c| c.effect.code == code);
             if named && !codes.contains(code) && codes.len() < 5 {
                 codes.push(code.clone());
             }
@@ -153,7 +155,10 @@ fn rivals(bench: &Bench<'_>, search: &mut Search, place: usize) -> Named {
         .gain(search.nodes[minus].cost() - search.nodes[chosen].cost());
     let seen: Vec<_> = search.nodes.iter().map(|n| n.key(extras)).collect();
     let parent = search.nodes[minus].clone();
-    search.nodes.extend(bench.children(&parent, &seen, 5));
+    if let Some((settled, tangent)) = bench.settled(&parent) {
+        let children = bench.children(&settled, &tangent, &seen, 8);
+        search.nodes.extend(children);
+    }
     let base = parent.key(extras);
     let mut rivals: Vec<(&'static str, usize, f64)> = Vec::new();
     let mut doubt = 0.0;
@@ -162,24 +167,16 @@ fn rivals(bench: &Bench<'_>, search: &mut Search, place: usize) -> Named {
             continue;
         }
         let mut rest = node.key(extras);
-        let mut fits = true;
-        for b in &base {
-            match rest.iter().position(|r| r == b) {
-                Some(p) => {
-                    rest.remove(p);
-                }
-                None => fits = false,
-            }
-        }
-        let Some(&(own, other)) = rest.first() else {
+        rest.retain(|code| !base.contains(code));
+        let &[other] = rest.as_slice() else {
             continue;
         };
-        if !fits || other == code || rivals.iter().any(|r| r.0 == other) {
+        if other == code || rivals.iter().any(|r| r.0 == other) {
             continue;
         }
         let lack = search.worth.gain(node.cost() - search.nodes[chosen].cost());
         doubt += (-lack / (2.0 + 0.02 * loss)).exp();
-        if lack < CLOSE_GAIN.max(CLOSE_SHARE * loss) && !own {
+        if lack < CLOSE_GAIN.max(CLOSE_SHARE * loss) {
             rivals.push((other, i, lack));
         }
     }
@@ -284,7 +281,11 @@ fn locations(
 ) -> Vec<Location> {
     let jacobian = |node: &Node| {
         let structure = Structure::new(bench.setup, bench.data, node.attached.clone());
-        structure.sensitivities(&node.values).0
+        let residuals = structure.fitted(&node.values);
+        residuals.map_or_else(
+            || nalgebra::DMatrix::zeros(structure.count(), 0),
+            |r| structure.sensitivities(&node.values, &r).0,
+        )
     };
     if unexplained {
         return residual::locate(bench.data, &after.residuals, &jacobian(after));

@@ -8,7 +8,7 @@
 
 use super::motion::Rates;
 use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
-use crate::model::{Parameter, Plant};
+use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
 pub const EFFECT: Effect = Effect {
@@ -38,6 +38,7 @@ pub const EFFECT: Effect = Effect {
             ChannelDelay {
                 delay_s: 1e-3 * v[0],
                 rates: Rates::default(),
+                reach_mm: None,
             },
             inside,
         )
@@ -61,6 +62,7 @@ pub const EFFECT: Effect = Effect {
 struct ChannelDelay {
     delay_s: f64,
     rates: Rates,
+    reach_mm: Option<[f64; 2]>,
 }
 
 impl Wrap for ChannelDelay {
@@ -70,7 +72,17 @@ impl Wrap for ChannelDelay {
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         self.rates.step(displacement_mm, dt_s);
-        inside.step(displacement_mm - self.delay_s * self.rates.velocity_mm_s, dt_s)
+        let mut x = displacement_mm - self.delay_s * self.rates.velocity_mm_s;
+        if let Some([low, high]) = self.reach_mm.take() {
+            // A shifted turning point is no longer a turning point of another size.
+            x = x.clamp(low, high);
+        }
+        inside.step(x, dt_s)
+    }
+
+    fn told(&mut self, motion: &Motion) {
+        self.rates.tell(motion);
+        self.reach_mm = (self.delay_s != 0.0).then_some(motion.reach_mm);
     }
 }
 

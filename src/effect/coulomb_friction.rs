@@ -8,7 +8,7 @@
 
 use super::motion::Drag;
 use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
-use crate::model::{Parameter, Plant};
+use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
 pub const EFFECT: Effect = Effect {
@@ -75,6 +75,10 @@ struct CoulombFriction {
 impl Wrap for CoulombFriction {
     fn reset(&mut self) {
         self.drag.reset();
+    }
+
+    fn told(&mut self, _motion: &Motion) {
+        self.drag.tell();
     }
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {

@@ -1,21 +1,24 @@
 //! The model's own load-proportional friction in another form: how it turns round after a reversal, free of any one law.
 //!
 //! ```text
-//! F = F_in (1 + sum c_i r_i),  dr_i = dx / l_i held within [-1, 1],  l_i = 0.03 mm * 1.7^i,  i = 0..9
+//! F = F_in + E sum c_i r_i,   r_i: mean of four elements dr = dx / l held within [-1, 1],  l within band i
 //! ```
-//! Elastic-plastic elements (Jenkins) in parallel, a Prandtl-Ishlinskii model; Iwan (1966). Any friction that turns round
-//! over 0.03 to 7 mm is a sum of them with non-negative strengths, to 1 % of its size. It names no missing physics:
-//! a model that has presliding friction may have another law of it than the spring.
+//! E: load carried. Elastic-plastic elements (Jenkins) in parallel, a Prandtl-Ishlinskii model; Iwan (1966). Any friction that
+//! turns round over 0.01 to 10 mm and returns to where it turned (Masing 1926) is such a sum. It names no missing physics:
+//! a model that has presliding friction may have another law of it than the spring. The strengths are linear, so that a fit
+//! needs no luck with its start.
 
-use super::motion::Steady;
-use super::{Effect, Stage, Wrap, everywhere, wrapped};
-use crate::model::{Parameter, Plant};
+use super::motion::{Elements, Steady};
+use super::{Effect, Stage, Wrap, everywhere, load_n, wrapped};
+use crate::model::{Motion, Parameter, Plant};
 
-/// Elements.
-const COUNT: usize = 10;
-/// Shortest length in mm, and the ratio of neighbours.
-const SHORTEST_MM: f64 = 0.03;
-const RATIO: f64 = 1.7;
+/// Bands of length, mm: the first is what no sampling resolves, the others grow by 1.75.
+const BANDS_MM: [f64; COUNT + 1] = [
+    0.004, 0.02, 0.04, 0.07, 0.12, 0.21, 0.37, 0.65, 1.1, 2.0, 3.5, 6.0,
+];
+/// Bands, and elements in each.
+const COUNT: usize = 11;
+const EACH: usize = 4;
 
 const fn strength(name: &'static str) -> Parameter {
     Parameter {
@@ -24,7 +27,7 @@ const fn strength(name: &'static str) -> Parameter {
         start: 0.0,
         bounds: [0.0, 0.9],
         belief: [0.0, 0.2],
-        what: "friction over load of the element with this number; its length is 0.03 mm times 1.7 to that power",
+        what: "friction over load of the elements in the band with this number, shortest first",
     }
 }
 
@@ -44,21 +47,14 @@ pub const FORM: Effect = Effect {
         strength("ratio_7"),
         strength("ratio_8"),
         strength("ratio_9"),
+        strength("ratio_10"),
     ],
     neutral: &[0.0; COUNT],
-    amplitudes: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
-    starts: |_| {
-        let mut starts = vec![vec![0.002; COUNT]];
-        starts.extend([1, 3, 5, 7, 9].map(|i| {
-            let mut one = vec![0.0; COUNT];
-            one[i] = 0.01;
-            one
-        }));
-        starts
-    },
+    amplitudes: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10],
+    starts: |_| vec![vec![0.002; COUNT]],
     statement: |v| {
         format!(
-            "The model's own friction turns round in another form: {:.1} % of the load in elements of 0.03 to 3.6 mm.",
+            "The model's own friction turns round in another form: {:.1} % of the load over travels of 0.01 to 10 mm.",
             100.0 * v.iter().sum::<f64>()
         )
     },
@@ -69,7 +65,10 @@ pub const FORM: Effect = Effect {
             FrictionForm {
                 strengths,
                 steady: Steady::default(),
-                drags: [0.0; COUNT],
+                elements: Elements::new(std::array::from_fn(|k| {
+                    let (band, within) = (k / EACH, (k % EACH) as f64 + 0.5);
+                    BANDS_MM[band] * (BANDS_MM[band + 1] / BANDS_MM[band]).powf(within / EACH as f64)
+                })),
             },
             inside,
         )
@@ -82,24 +81,29 @@ pub const FORM: Effect = Effect {
 struct FrictionForm {
     strengths: [f64; COUNT],
     steady: Steady,
-    drags: [f64; COUNT],
+    elements: Elements<{ COUNT * EACH }>,
 }
 
 impl Wrap for FrictionForm {
     fn reset(&mut self) {
         self.steady = Steady::default();
-        self.drags = [0.0; COUNT];
+        self.elements.reset();
+    }
+
+    fn told(&mut self, _motion: &Motion) {
+        self.steady.tell();
     }
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
-        let mut lengths = self.steady.travel(displacement_mm) / SHORTEST_MM;
-        let mut ratio = 0.0;
-        for (drag, strength) in self.drags.iter_mut().zip(&self.strengths) {
-            *drag = (*drag + lengths).clamp(-1.0, 1.0);
-            ratio += strength * *drag;
-            lengths /= RATIO;
-        }
-        inside.step(displacement_mm, dt_s) * (1.0 + ratio)
+        let drags = self.elements.advance(self.steady.travel(displacement_mm));
+        let ratio: f64 = drags
+            .chunks_exact(EACH)
+            .zip(&self.strengths)
+            .map(|(band, strength)| strength * band.iter().sum::<f64>())
+            .sum::<f64>()
+            / EACH as f64;
+        let force_n = inside.step(displacement_mm, dt_s);
+        force_n + load_n(&**inside, force_n) * ratio
     }
 }
 
@@ -115,17 +119,21 @@ mod tests {
 
     #[test]
     fn force_by_hand() {
-        // Slid far up, then back by half the last element's length of 3.5576 mm: it is at rest, the others are turned.
+        // Slid far up, then back by 1 mm: the first band is turned, of the last (3.7 to 5.6 mm) each element by 1 mm.
         let mut strengths = [0.0; COUNT];
-        (strengths[0], strengths[9]) = (0.02, 0.04);
+        (strengths[0], strengths[10]) = (0.02, 0.04);
         let mut plant = (FORM.attach)(&strengths, spring());
         plant.step(50.0, 0.1);
-        let x = 50.0 - SHORTEST_MM * RATIO.powi(9);
-        assert!((plant.step(x, 0.1) - (100.0 + 80.0 * x) * 0.98).abs() < 1e-6);
+        let lengths = [0.5, 1.5, 2.5, 3.5].map(|k: f64| 3.5 * (6.0f64 / 3.5).powf(k / 4.0));
+        let last = lengths.iter().map(|l| 1.0 - 1.0 / l).sum::<f64>() / 4.0;
+        let expected = (100.0 + 80.0 * 49.0) * (1.0 - 0.02 + 0.04 * last);
+        assert!((plant.step(49.0, 0.1) - expected).abs() < 1e-6);
     }
 
     #[test]
     fn parameters_come_back_from_clean_data() {
-        comes_back(&FORM, &[0.0, 0.0, 0.01, 0.0, 0.03, 0.02, 0.0, 0.01, 0.0, 0.0]);
+        let mut truth = [0.0; COUNT];
+        (truth[3], truth[5], truth[6]) = (0.01, 0.03, 0.02);
+        comes_back(&FORM, &truth);
     }
 }

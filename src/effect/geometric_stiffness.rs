@@ -6,7 +6,7 @@
 //! The first two terms that a smooth linkage adds to a straight line (Taylor); the zeroth and first are the model's own.
 //! Source: shackle geometry, Chula thesis, eq. 5-6 (the measured branch softens by a third over the travel, Table 5-1).
 
-use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
+use super::{Effect, Rival, Stage, Wrap, everywhere, with_more_load, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -46,6 +46,7 @@ pub const EFFECT: Effect = Effect {
             GeometricStiffness {
                 curvature_n_per_mm2: v[0],
                 cubic_n_per_mm3: v[1],
+                extra_n: 0.0,
             },
             inside,
         )
@@ -69,6 +70,7 @@ pub const EFFECT: Effect = Effect {
 struct GeometricStiffness {
     curvature_n_per_mm2: f64,
     cubic_n_per_mm3: f64,
+    extra_n: f64,
 }
 
 impl Wrap for GeometricStiffness {
@@ -76,7 +78,13 @@ impl Wrap for GeometricStiffness {
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let x = displacement_mm;
-        inside.step(x, dt_s) + x * x * (0.5 * self.curvature_n_per_mm2 + x * self.cubic_n_per_mm3 / 6.0)
+        self.extra_n = x * x * (0.5 * self.curvature_n_per_mm2 + x * self.cubic_n_per_mm3 / 6.0);
+        let force_n = inside.step(x, dt_s);
+        with_more_load(&**inside, force_n, self.extra_n)
+    }
+
+    fn carried_n(&self, inside_n: f64) -> f64 {
+        inside_n + self.extra_n
     }
 }
 

@@ -7,7 +7,7 @@
 
 use super::motion::Rates;
 use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
-use crate::model::{Parameter, Plant};
+use crate::model::{Motion, Parameter, Plant};
 use crate::units::inertia_force_n;
 
 /// The entry of [`super::EFFECTS`].
@@ -65,6 +65,10 @@ struct Inertia {
 impl Wrap for Inertia {
     fn reset(&mut self) {
         self.rates = Rates::default();
+    }
+
+    fn told(&mut self, motion: &Motion) {
+        self.rates.tell(motion);
     }
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {

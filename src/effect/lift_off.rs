@@ -38,7 +38,15 @@ pub const EFFECT: Effect = Effect {
             v[0]
         )
     },
-    attach: |v, inside| wrapped(LiftOff { contact_mm: v[0] }, inside),
+    attach: |v, inside| {
+        wrapped(
+            LiftOff {
+                contact_mm: v[0],
+                away: false,
+            },
+            inside,
+        )
+    },
     place: |v, s| {
         (v[0] > s.displacement_mm[0]).then(|| Place {
             axis: Axis::DisplacementMm,
@@ -57,6 +65,7 @@ pub const EFFECT: Effect = Effect {
 #[derive(Clone)]
 struct LiftOff {
     contact_mm: f64,
+    away: bool,
 }
 
 impl Wrap for LiftOff {
@@ -67,11 +76,12 @@ impl Wrap for LiftOff {
             return inside.step(displacement_mm, dt_s);
         }
         let force_n = inside.step((displacement_mm - self.contact_mm).max(0.0), dt_s);
-        if displacement_mm > self.contact_mm {
-            force_n
-        } else {
-            0.0
-        }
+        self.away = displacement_mm <= self.contact_mm;
+        if self.away { 0.0 } else { force_n }
+    }
+
+    fn carried_n(&self, inside_n: f64) -> f64 {
+        if self.away { 0.0 } else { inside_n }
     }
 }
 

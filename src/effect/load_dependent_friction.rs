@@ -7,8 +7,8 @@
 //! a friction in proportion to the load gives. Drag: Dahl (1968) with his exponent, see `motion::Drag`.
 
 use super::motion::Drag;
-use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
-use crate::model::{Parameter, Plant};
+use super::{Effect, Rival, Stage, Wrap, everywhere, load_n, wrapped};
+use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
 pub const EFFECT: Effect = Effect {
@@ -78,9 +78,13 @@ impl Wrap for LoadDependentFriction {
         self.drag.reset();
     }
 
+    fn told(&mut self, _motion: &Motion) {
+        self.drag.tell();
+    }
+
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let force_n = inside.step(displacement_mm, dt_s);
-        force_n * (1.0 + self.ratio * self.drag.step(displacement_mm))
+        force_n + load_n(&**inside, force_n) * self.ratio * self.drag.step(displacement_mm)
     }
 }
 

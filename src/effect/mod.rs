@@ -3,7 +3,7 @@
 //! The same file serves fit, diagnosis, twin, simulator and mock rig. Which effect is missing is judged in `diagnose`.
 //! A new effect is one file and one line in [`EFFECTS`]; a new code also gets its row in contracts.md.
 
-use crate::model::{BuildError, Parameter, Plant};
+use crate::model::{BuildError, Motion, Parameter, Plant};
 
 pub mod backlash;
 pub mod channel_delay;
@@ -274,6 +274,25 @@ pub(crate) trait Wrap: Clone + Send + 'static {
     fn reset(&mut self);
     /// Steps the plant inside and returns the force.
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64;
+    /// See [`Plant::told`]; the plant inside is told as well.
+    fn told(&mut self, _motion: &Motion) {}
+    /// See [`Plant::carried_n`], from what the plant inside carried.
+    fn carried_n(&self, inside_n: f64) -> f64 {
+        inside_n
+    }
+}
+
+/// Load that friction is proportional to: what the contacts inside carried, or all the force where that is not known.
+pub(crate) fn load_n(inside: &dyn Plant, force_n: f64) -> f64 {
+    inside.carried_n().unwrap_or(force_n)
+}
+
+/// Force of the plant inside with more load on its contacts: its friction grows in proportion.
+pub(crate) fn with_more_load(inside: &dyn Plant, force_n: f64, extra_n: f64) -> f64 {
+    match inside.carried_n() {
+        Some(carried_n) if carried_n > extra_n.abs() * 1e-3 => force_n * (1.0 + extra_n / carried_n),
+        _ => force_n + extra_n,
+    }
 }
 
 /// A plant with an effect around it.
@@ -291,6 +310,15 @@ impl<W: Wrap> Plant for Wrapped<W> {
 
     fn step(&mut self, displacement_mm: f64, dt_s: f64) -> f64 {
         self.wrap.step(&mut self.inside, displacement_mm, dt_s)
+    }
+
+    fn told(&mut self, motion: &Motion) {
+        self.wrap.told(motion);
+        self.inside.told(motion);
+    }
+
+    fn carried_n(&self) -> Option<f64> {
+        self.inside.carried_n().map(|n| self.wrap.carried_n(n))
     }
 
     fn boxed_clone(&self) -> Box<dyn Plant> {

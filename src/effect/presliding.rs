@@ -8,8 +8,8 @@
 //! Away from reversals it changes nothing, so that loop area goes but the force far along a branch stays.
 
 use super::motion::Drag;
-use super::{Axis, Branch, Effect, Place, Rival, Stage, Wrap, wrapped};
-use crate::model::{Parameter, Plant};
+use super::{Axis, Branch, Effect, Place, Rival, Stage, Wrap, load_n, wrapped};
+use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
 pub const EFFECT: Effect = Effect {
@@ -112,10 +112,15 @@ impl Wrap for Presliding {
         self.direction.reset();
     }
 
+    fn told(&mut self, _motion: &Motion) {
+        self.drag.tell();
+        self.direction.tell();
+    }
+
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let force_n = inside.step(displacement_mm, dt_s);
         let lag = self.drag.step(displacement_mm) - self.direction.step(displacement_mm);
-        force_n + (self.ratio * force_n + self.friction_n) * lag
+        force_n + (self.ratio * load_n(&**inside, force_n) + self.friction_n) * lag
     }
 }
 

@@ -5,7 +5,7 @@
 //! ```
 //! Bilinear with a hyperbolic knee: for w = 0 it is k max(0, u). Source: helper leaves, Kadziela et al. (2015, section 2).
 
-use super::{Axis, Branch, Effect, Place, Rival, Stage, Wrap, wrapped};
+use super::{Axis, Branch, Effect, Place, Rival, Stage, Wrap, with_more_load, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -58,6 +58,7 @@ pub const EFFECT: Effect = Effect {
                 extra_n_per_mm: v[0],
                 knee_mm: v[1],
                 width_mm: v[2],
+                extra_n: 0.0,
             },
             inside,
         )
@@ -82,6 +83,7 @@ struct ProgressiveStiffness {
     extra_n_per_mm: f64,
     knee_mm: f64,
     width_mm: f64,
+    extra_n: f64,
 }
 
 impl Wrap for ProgressiveStiffness {
@@ -90,7 +92,13 @@ impl Wrap for ProgressiveStiffness {
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let past_mm = displacement_mm - self.knee_mm;
         let taken_up_mm = 0.5 * (past_mm + past_mm.hypot(self.width_mm));
-        inside.step(displacement_mm, dt_s) + self.extra_n_per_mm * taken_up_mm
+        self.extra_n = self.extra_n_per_mm * taken_up_mm;
+        let force_n = inside.step(displacement_mm, dt_s);
+        with_more_load(&**inside, force_n, self.extra_n)
+    }
+
+    fn carried_n(&self, inside_n: f64) -> f64 {
+        inside_n + self.extra_n
     }
 }
 

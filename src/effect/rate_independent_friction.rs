@@ -7,8 +7,8 @@
 //! and static loop of Kadziela et al. (2015, sections 4 and 5): 0.19 J simulated against 8.91 J measured in the 120 s ramp.
 
 use super::motion::{Drag, Rates};
-use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
-use crate::model::{Parameter, Plant};
+use super::{Effect, Rival, Stage, Wrap, everywhere, load_n, wrapped};
+use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
 pub const EFFECT: Effect = Effect {
@@ -32,10 +32,24 @@ pub const EFFECT: Effect = Effect {
             belief: [0.01, 100.0],
             what: "speed below which the smoothed friction fades",
         },
+        Parameter {
+            name: "transition_mm",
+            unit: "mm",
+            start: 0.05,
+            bounds: [0.001, 0.5],
+            belief: [0.001, 0.3],
+            what: "travel over which the friction that stays turns round after a reversal",
+        },
     ],
-    neutral: &[0.0, 5.0],
+    neutral: &[0.0, 5.0, 0.05],
     amplitudes: &[0],
-    starts: |_| vec![vec![0.01, 1.0], vec![0.01, 10.0], vec![0.01, 60.0]],
+    starts: |_| {
+        vec![
+            vec![0.01, 1.0, 0.05],
+            vec![0.01, 10.0, 0.05],
+            vec![0.01, 60.0, 0.05],
+        ]
+    },
     statement: |v| {
         format!(
             "A friction of {:.1} % of the load stays at low speed, where the model's friction fades below {:.2} mm/s: the fading is a numerical smoothing, not the spring.",
@@ -48,7 +62,7 @@ pub const EFFECT: Effect = Effect {
             RateIndependentFriction {
                 ratio: v[0],
                 transition_mm_s: v[1],
-                drag: Drag::new(0.05, 1.0),
+                drag: Drag::new(v[2], 1.0),
                 rates: Rates::default(),
             },
             inside,
@@ -76,11 +90,17 @@ impl Wrap for RateIndependentFriction {
         self.rates = Rates::default();
     }
 
+    fn told(&mut self, motion: &Motion) {
+        self.rates.tell(motion);
+        self.drag.tell();
+    }
+
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let force_n = inside.step(displacement_mm, dt_s);
         self.rates.step(displacement_mm, dt_s);
         let smoothed = (self.rates.velocity_mm_s / self.transition_mm_s).tanh();
-        force_n * (1.0 + self.ratio * (self.drag.step(displacement_mm) - smoothed))
+        let stays = self.ratio * (self.drag.step(displacement_mm) - smoothed);
+        force_n + load_n(&**inside, force_n) * stays
     }
 }
 

@@ -7,8 +7,8 @@
 //! Source: running-in of dry contacts, exponential in the number of cycles; the count starts with each recording.
 
 use super::motion::{Drag, Reversals};
-use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
-use crate::model::{Parameter, Plant};
+use super::{Effect, Rival, Stage, Wrap, everywhere, load_n, wrapped};
+use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
 pub const EFFECT: Effect = Effect {
@@ -40,12 +40,20 @@ pub const EFFECT: Effect = Effect {
             belief: [1.0, 1000.0],
             what: "cycles after which 63 % of it have come",
         },
+        Parameter {
+            name: "transition_mm",
+            unit: "mm",
+            start: 0.3,
+            bounds: [0.001, 10.0],
+            belief: [0.01, 3.0],
+            what: "travel over which that friction turns round after a reversal",
+        },
     ],
-    neutral: &[0.0, 0.0, 10.0],
+    neutral: &[0.0, 0.0, 10.0, 0.3],
     amplitudes: &[0, 1],
     starts: |s| {
         [0.2, 1.0]
-            .map(|p| vec![0.01, 0.0, (p * s.cycles).clamp(0.5, 1e4)])
+            .map(|p| vec![0.01, 0.0, (p * s.cycles).clamp(0.5, 1e4), 0.3])
             .to_vec()
     },
     statement: |v| {
@@ -62,7 +70,7 @@ pub const EFFECT: Effect = Effect {
                 friction_change: v[0],
                 rate_change: v[1],
                 cycles: v[2],
-                drag: Drag::new(0.3, 1.0),
+                drag: Drag::new(v[3], 1.0),
                 reversals: Reversals::default(),
             },
             inside,
@@ -98,12 +106,16 @@ impl Wrap for RunIn {
         self.reversals = Reversals::default();
     }
 
+    fn told(&mut self, _motion: &Motion) {
+        self.drag.tell();
+    }
+
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let force_n = inside.step(displacement_mm, dt_s);
         self.reversals.step(displacement_mm);
         let done = -(-self.reversals.cycles() / self.cycles).exp_m1();
-        let change = self.friction_change * self.drag.step(displacement_mm) + self.rate_change;
-        force_n * (1.0 + done * change)
+        let friction_n = self.friction_change * self.drag.step(displacement_mm) * load_n(&**inside, force_n);
+        force_n + done * (friction_n + self.rate_change * force_n)
     }
 }
 

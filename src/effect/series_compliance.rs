@@ -72,15 +72,13 @@ impl Wrap for SeriesCompliance {
             self.specimen_mm + share * (displacement_mm - self.mm_per_n * self.force_n - self.specimen_mm);
         if self.mm_per_n > 0.0 {
             let mut force_n = at(x);
-            for _ in 0..8 {
+            // As many as are always enough: a number that depended on the values would make a fit's derivatives jump.
+            for _ in 0..2 {
                 let short_mm = displacement_mm - self.mm_per_n * force_n - x;
-                if short_mm.abs() < 1e-9 {
-                    break;
-                }
                 let next = x + short_mm / (1.0 + self.mm_per_n * self.rate_n_per_mm);
                 let next_n = at(next);
                 let rate = (next_n - force_n) / (next - x);
-                if rate.is_finite() && rate > 0.0 {
+                if rate.is_finite() && rate > 0.0 && (next - x).abs() > 1e-7 {
                     self.rate_n_per_mm = rate;
                 }
                 (x, force_n) = (next, next_n);

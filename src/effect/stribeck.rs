@@ -7,8 +7,8 @@
 //! as the interleaf friction it belongs to. Stick-slip is not in it: it needs the rig's own compliance.
 
 use super::motion::{Drag, Rates};
-use super::{Axis, Branch, Effect, Place, Rival, Stage, Wrap, wrapped};
-use crate::model::{Parameter, Plant};
+use super::{Axis, Branch, Effect, Place, Rival, Stage, Wrap, load_n, wrapped};
+use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
 pub const EFFECT: Effect = Effect {
@@ -32,10 +32,18 @@ pub const EFFECT: Effect = Effect {
             belief: [0.1, 100.0],
             what: "speed at which 37 % of the addition is left",
         },
+        Parameter {
+            name: "fading_exponent",
+            unit: "",
+            start: 1.5,
+            bounds: [0.5, 2.5],
+            belief: [0.5, 2.0],
+            what: "1 fades exponentially, 2 like a bell (Bo and Pavelescu 1982)",
+        },
     ],
-    neutral: &[0.0, 5.0],
+    neutral: &[0.0, 5.0, 1.5],
     amplitudes: &[0],
-    starts: |_| vec![vec![0.01, 1.0], vec![0.01, 5.0], vec![0.01, 30.0]],
+    starts: |_| vec![vec![0.01, 1.0, 1.5], vec![0.01, 5.0, 1.5], vec![0.01, 30.0, 1.5]],
     statement: |v| {
         format!(
             "Friction is higher near rest: {:.1} % of the load more than at speed, fading over {:.1} mm/s.",
@@ -48,6 +56,7 @@ pub const EFFECT: Effect = Effect {
             Stribeck {
                 ratio: v[0],
                 fading_mm_s: v[1],
+                exponent: v[2],
                 drag: Drag::new(0.1, 1.0),
                 rates: Rates::default(),
             },
@@ -80,6 +89,7 @@ pub const EFFECT: Effect = Effect {
 struct Stribeck {
     ratio: f64,
     fading_mm_s: f64,
+    exponent: f64,
     drag: Drag,
     rates: Rates,
 }
@@ -90,11 +100,16 @@ impl Wrap for Stribeck {
         self.rates = Rates::default();
     }
 
+    fn told(&mut self, motion: &Motion) {
+        self.rates.tell(motion);
+        self.drag.tell();
+    }
+
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let force_n = inside.step(displacement_mm, dt_s);
         self.rates.step(displacement_mm, dt_s);
-        let fading = (-self.rates.velocity_mm_s.abs() / self.fading_mm_s).exp();
-        force_n * (1.0 + self.ratio * self.drag.step(displacement_mm) * fading)
+        let fading = (-(self.rates.velocity_mm_s.abs() / self.fading_mm_s).powf(self.exponent)).exp();
+        force_n + load_n(&**inside, force_n) * self.ratio * self.drag.step(displacement_mm) * fading
     }
 }
 

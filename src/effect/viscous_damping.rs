@@ -8,7 +8,7 @@
 
 use super::motion::Rates;
 use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
-use crate::model::{Parameter, Plant};
+use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
 pub const EFFECT: Effect = Effect {
@@ -58,6 +58,10 @@ struct ViscousDamping {
 impl Wrap for ViscousDamping {
     fn reset(&mut self) {
         self.rates = Rates::default();
+    }
+
+    fn told(&mut self, motion: &Motion) {
+        self.rates.tell(motion);
     }
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {

@@ -223,8 +223,11 @@ impl<'e, 'p, 'b> Descent<'e, 'p, 'b> {
         );
         let normal = jacobian.tr_mul(&jacobian);
         let gradient = jacobian.tr_mul(&DVector::from_column_slice(&self.residuals));
+        let room: Vec<[f64; 2]> = (0..scale.len())
+            .map(|i| self.bounds[i].map(|bound| (bound - self.values[i]) / scale[i]))
+            .collect();
         for _ in 0..12 {
-            let step = self.bounded_step(&normal, &gradient, &scale);
+            let step = bounded_step(&normal, &gradient, self.damping, &room);
             let predicted = -(2.0 * gradient.dot(&step) + step.dot(&(&normal * &step)));
             let values: Vec<f64> = (0..scale.len())
                 .map(|n| (self.values[n] + step[n] * scale[n]).clamp(self.bounds[n][0], self.bounds[n][1]))
@@ -258,58 +261,59 @@ impl<'e, 'p, 'b> Descent<'e, 'p, 'b> {
         }
         Attempt::Stuck
     }
+}
 
-    /// Damped step in scaled parameters that ends within the bounds.
-    fn bounded_step(&self, normal: &DMatrix<f64>, gradient: &DVector<f64>, scale: &[f64]) -> DVector<f64> {
-        let n = scale.len();
-        let room = |i: usize| {
-            [
-                (self.bounds[i][0] - self.values[i]) / scale[i],
-                (self.bounds[i][1] - self.values[i]) / scale[i],
-            ]
-        };
-        let largest = normal.diagonal().amax();
-        let mut step = DVector::zeros(n);
-        // Standing at a bound with the way down leading out: not free.
-        let mut free: Vec<usize> = (0..n)
-            .filter(|&i| {
-                let [low, high] = room(i);
-                !(low >= 0.0 && gradient[i] > 0.0 || high <= 0.0 && gradient[i] < 0.0)
-            })
-            .collect();
-        while !free.is_empty() {
-            let m = free.len();
-            let damped = DMatrix::from_fn(m, m, |r, c| {
-                let (i, j) = (free[r], free[c]);
-                let diagonal = if r == c {
-                    self.damping * normal[(i, i)].max(1e-9 * largest)
-                } else {
-                    0.0
-                };
-                normal[(i, j)] + diagonal
-            });
-            let pushed = normal * &step;
-            let right = DVector::from_fn(m, |r, _| -gradient[free[r]] - pushed[free[r]]);
-            let Some(solution) = damped.cholesky().map(|c| c.solve(&right)) else {
-                break;
-            };
-            let outside = |r: usize| {
-                let [low, high] = room(free[r]);
-                solution[r] < low || solution[r] > high
-            };
-            if let Some(r) = (0..m).find(|&r| outside(r)) {
-                let [low, high] = room(free[r]);
-                step[free[r]] = solution[r].clamp(low, high);
-                free.remove(r);
+/// Damped step in scaled parameters that ends within `room`, the way to the lower and to the upper bound.
+///
+/// Solves `(N + damping diag N) d = -g` on the parameters that are free to move.
+pub(crate) fn bounded_step(
+    normal: &DMatrix<f64>,
+    gradient: &DVector<f64>,
+    damping: f64,
+    room: &[[f64; 2]],
+) -> DVector<f64> {
+    let n = room.len();
+    let largest = normal.diagonal().amax();
+    let mut step = DVector::zeros(n);
+    // Standing at a bound with the way down leading out: not free.
+    let mut free: Vec<usize> = (0..n)
+        .filter(|&i| {
+            let [low, high] = room[i];
+            !(low >= 0.0 && gradient[i] > 0.0 || high <= 0.0 && gradient[i] < 0.0)
+        })
+        .collect();
+    while !free.is_empty() {
+        let m = free.len();
+        let damped = DMatrix::from_fn(m, m, |r, c| {
+            let (i, j) = (free[r], free[c]);
+            let diagonal = if r == c {
+                damping * normal[(i, i)].max(1e-9 * largest)
             } else {
-                for (r, &i) in free.iter().enumerate() {
-                    step[i] = solution[r];
-                }
-                break;
+                0.0
+            };
+            normal[(i, j)] + diagonal
+        });
+        let pushed = normal * &step;
+        let right = DVector::from_fn(m, |r, _| -gradient[free[r]] - pushed[free[r]]);
+        let Some(solution) = damped.cholesky().map(|c| c.solve(&right)) else {
+            break;
+        };
+        let outside = |r: usize| {
+            let [low, high] = room[free[r]];
+            solution[r] < low || solution[r] > high
+        };
+        if let Some(r) = (0..m).find(|&r| outside(r)) {
+            let [low, high] = room[free[r]];
+            step[free[r]] = solution[r].clamp(low, high);
+            free.remove(r);
+        } else {
+            for (r, &i) in free.iter().enumerate() {
+                step[i] = solution[r];
             }
+            break;
         }
-        step
     }
+    step
 }
 
 /// The sum of squares, whatever scalar the problem itself would report; infinite where that was.

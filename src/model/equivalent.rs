@@ -14,7 +14,7 @@
 //! The force is never tensile: below the displacement where E reaches zero the pusher has left the spring.
 
 use super::friction::dahl::drag;
-use super::{BuildError, Model, Parameter, Plant, structure_numbers};
+use super::{BuildError, Model, Motion, Parameter, Plant, structure_numbers};
 
 /// The entry of [`super::MODELS`].
 pub const MODEL: Model = Model {
@@ -104,7 +104,9 @@ pub struct Equivalent {
     datum_mm: f64,
     friction: Friction,
     displacement_mm: f64,
+    velocity_mm_s: Option<f64>,
     drag: f64,
+    carried_n: f64,
 }
 
 impl Equivalent {
@@ -124,7 +126,9 @@ impl Equivalent {
             datum_mm,
             friction: Friction::Presliding,
             displacement_mm: 0.0,
+            velocity_mm_s: None,
             drag: 0.0,
+            carried_n: 0.0,
         })
     }
 }
@@ -138,14 +142,25 @@ impl Plant for Equivalent {
     fn step(&mut self, displacement_mm: f64, dt_s: f64) -> f64 {
         let slip_mm = displacement_mm - self.displacement_mm;
         self.displacement_mm = displacement_mm;
+        let told_mm_s = self.velocity_mm_s.take();
         self.drag = match self.friction {
             Friction::Presliding => drag(self.drag, slip_mm / self.presliding_mm),
             Friction::Sharp => drag(self.drag, slip_mm / SHARP_MM),
-            Friction::Tanh { transition_mm_s } if dt_s > 0.0 => (slip_mm / (dt_s * transition_mm_s)).tanh(),
+            Friction::Tanh { transition_mm_s } if dt_s > 0.0 => {
+                (told_mm_s.unwrap_or(slip_mm / dt_s) / transition_mm_s).tanh()
+            }
             Friction::Tanh { .. } | Friction::None => 0.0,
         };
-        let carried_n = (self.preload_n + self.rate_n_per_mm * (displacement_mm - self.datum_mm)).max(0.0);
-        carried_n * (1.0 + self.friction_ratio * self.drag)
+        self.carried_n = (self.preload_n + self.rate_n_per_mm * (displacement_mm - self.datum_mm)).max(0.0);
+        self.carried_n * (1.0 + self.friction_ratio * self.drag)
+    }
+
+    fn told(&mut self, motion: &Motion) {
+        self.velocity_mm_s = Some(motion.velocity_mm_s);
+    }
+
+    fn carried_n(&self) -> Option<f64> {
+        Some(self.carried_n)
     }
 
     fn boxed_clone(&self) -> Box<dyn Plant> {

@@ -16,6 +16,23 @@ pub trait Plant: Send {
     fn step(&mut self, displacement_mm: f64, dt_s: f64) -> f64;
     /// A copy with its state.
     fn boxed_clone(&self) -> Box<dyn Plant>;
+    /// Told just before a step where the motion is known with hindsight, as in a recording. A twin is never told.
+    fn told(&mut self, _motion: &Motion) {}
+    /// Load in N that the contacts carried at the last step, friction left out; `None` where the model cannot say.
+    fn carried_n(&self) -> Option<f64> {
+        None
+    }
+}
+
+/// The motion at one instant, seen with hindsight: no difference of noisy samples comes near it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motion {
+    /// Speed in mm/s.
+    pub velocity_mm_s: f64,
+    /// Acceleration in mm/s2.
+    pub acceleration_mm_s2: f64,
+    /// Turning points before and after, the lower first, in mm.
+    pub reach_mm: [f64; 2],
 }
 
 impl Clone for Box<dyn Plant> {

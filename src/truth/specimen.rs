@@ -195,7 +195,11 @@ impl<'a> Contact<'a> {
             None => board_mm,
         };
         self.pin_mm = pin_mm;
-        let x = self.seat(pin_mm);
+        let mut x = self.seat(pin_mm);
+        if let Some(h) = self.get("lift_off") {
+            // The pusher leaves, the specimen stays where it was let go.
+            x = x.max(h.size);
+        }
         let travel = x - self.position_mm;
         self.position_mm = x;
         for [stiffness, drag] in self.elements.iter_mut().chain(self.bushings.iter_mut().flatten()) {
