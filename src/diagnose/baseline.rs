@@ -3,7 +3,7 @@
 //! Codes that are known but not built into the model are attached as effects and fitted with the baseline's own
 //! parameters; friction of `equivalent` that is not known is switched off by its structure option.
 
-use crate::effect::{self, EFFECTS, Effect, EffectError};
+use crate::effect::{self, EFFECTS, Effect, EffectError, Stage};
 use crate::model::{BuildError, Model, Parameter, Plant};
 
 /// What the diagnosis starts from.
@@ -149,10 +149,12 @@ fn equivalent_friction(knows: &dyn Fn(&str) -> bool) -> &'static str {
 }
 
 /// Builds the baseline with `attached` around it; `values` are the model's, then one group an effect in the order given.
+/// The zero of the force channel comes before what is wrong with the channel.
 pub(super) fn build(
     setup: &Setup,
     attached: &[Attached],
     values: &[f64],
+    zero_n: f64,
 ) -> Result<Box<dyn Plant>, BuildError> {
     let own = setup.model.parameters.len();
     let plant = setup.model.plant(&values[..own], &setup.structure)?;
@@ -164,9 +166,12 @@ pub(super) fn build(
         at += n;
     }
     placed.sort_by_key(|(e, _)| (e.stage, e.code));
-    Ok(placed
-        .into_iter()
-        .fold(plant, |inside, (effect, values)| (effect.attach)(values, inside)))
+    let (faults, physics): (Vec<_>, Vec<_>) = placed.into_iter().partition(|(e, _)| e.stage == Stage::Sensor);
+    let around = |plant, list: Vec<(&'static Effect, &[f64])>| {
+        list.into_iter()
+            .fold(plant, |inside, (effect, values)| (effect.attach)(values, inside))
+    };
+    Ok(around(effect::with_zero(zero_n, around(plant, physics)), faults))
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@
 //! displacement is made monotone (pool adjacent violators), so that noise is no travel for a friction law.
 
 pub(super) use super::smoothing::noise;
-use super::smoothing::{median, monotone, smoothed, vertices};
+use super::smoothing::{Turn, median, monotone, settle_turns, smoothed, turned};
 use crate::model::Motion;
 use crate::recording::{Flags, Recording, cycles};
 
@@ -13,6 +13,9 @@ use crate::recording::{Flags, Recording, cycles};
 const LEAST_SAMPLES: usize = 20;
 /// Averaging never counts for more than this factor in noise: hum and drift do not average out.
 const LARGEST_AVERAGING: f64 = 4.0;
+
+/// A channel's noise may differ from recording to recording by this factor: its filter follows the sampling rate.
+const OTHERS: f64 = 1.5;
 
 /// Why a recording cannot be judged.
 #[derive(Debug, thiserror::Error, PartialEq)]
@@ -75,6 +78,8 @@ pub struct Track {
     pub since_reversal_mm: Vec<f64>,
     /// Speed in mm/s, acceleration in mm/s2 and the turning points on either side in mm, seen with hindsight.
     pub motion: Vec<Motion>,
+    /// How far the last turning point may be off, mm.
+    pub turn_error_mm: Vec<f64>,
     /// Cycle from 1.
     pub cycle: Vec<u32>,
     /// What the sample's cycle is used for.
@@ -118,116 +123,167 @@ impl Track {
     }
 }
 
-/// Conditions one recording into at most about `budget` points.
-pub fn condition(recording: &Recording, budget: usize) -> Result<Track, ConditionError> {
-    check(recording)?;
-    let mut remarks = Vec::new();
-    let kept = usable(recording, &mut remarks);
-    if kept.len() < LEAST_SAMPLES {
-        return Err(ConditionError::TooShort {
-            name: recording.name.clone(),
-            have: kept.len(),
-        });
-    }
-    let column = |values: &[f64]| kept.iter().map(|&i| values[i]).collect::<Vec<f64>>();
-    let start_s = recording.time_s[kept[0]];
-    let time_s: Vec<f64> = kept.iter().map(|&i| recording.time_s[i] - start_s).collect();
-    let (raw_mm, force_n) = (column(&recording.displacement_mm), column(&recording.force_n));
-    let stroke_mm = range(&raw_mm);
-    let force_range_n = range(&force_n);
-    for (span, channel) in [(stroke_mm, "displacement"), (force_range_n, "force")] {
-        if span <= 0.0 {
-            return Err(ConditionError::Flat {
+/// Conditions recordings of one rig, each into at most about `budget` points.
+pub fn condition(recordings: &[Recording], budget: usize) -> Result<Vec<Track>, ConditionError> {
+    let raw = recordings.iter().map(Raw::new).collect::<Result<Vec<_>, _>>()?;
+    // The channels are the same in all: where one motion hides their noise, another shows it.
+    let least = |f: fn(&Raw) -> f64| OTHERS * raw.iter().map(f).fold(f64::INFINITY, f64::min);
+    let (noise_mm, noise_n) = (least(|r| r.noise_mm), least(|r| r.noise_n));
+    Ok(raw
+        .into_iter()
+        .map(|mut raw| {
+            raw.noise_mm = raw.noise_mm.min(noise_mm);
+            raw.noise_n = raw.noise_n.min(noise_n);
+            raw.track(budget)
+        })
+        .collect())
+}
+
+/// The samples of a recording that are used.
+struct Raw<'a> {
+    recording: &'a Recording,
+    kept: Vec<usize>,
+    time_s: Vec<f64>,
+    displacement_mm: Vec<f64>,
+    force_n: Vec<f64>,
+    noise_mm: f64,
+    noise_n: f64,
+    remarks: Vec<String>,
+}
+
+impl<'a> Raw<'a> {
+    fn new(recording: &'a Recording) -> Result<Raw<'a>, ConditionError> {
+        check(recording)?;
+        let mut remarks = Vec::new();
+        let kept = usable(recording, &mut remarks);
+        if kept.len() < LEAST_SAMPLES {
+            return Err(ConditionError::TooShort {
                 name: recording.name.clone(),
-                channel,
+                have: kept.len(),
             });
         }
-    }
-    let (noise_mm, noise_n) = (noise(&time_s, &raw_mm), noise(&time_s, &force_n));
-    let locals = smoothed(&time_s, &raw_mm, noise_mm);
-    let smooth_mm: Vec<f64> = locals.iter().map(|l| l.mm).collect();
-    // As small as the noise lets it be: a turn-round that is missed leaves the friction on the wrong side.
-    let band_mm = (6.0 * noise_mm).max(5e-4 * stroke_mm);
-    let turns: Vec<usize> = cycles::reversals(&smooth_mm, band_mm)
-        .iter()
-        .map(|r| r.index)
-        .collect();
-    let steady_mm = monotone(&smooth_mm, &turns);
-    let motion = Travel::new(&steady_mm, &turns);
-    let cycle: Vec<u32> = match &recording.cycle {
-        Some(counted) if kept.iter().any(|&i| counted[i] > 0) => kept.iter().map(|&i| counted[i]).collect(),
-        _ => motion.half.iter().map(|&h| h / 2 + 1).collect(),
-    };
-    let clipped = clipped(&raw_mm, &force_n, noise_mm, &mut remarks);
-    let vertices = vertices(&time_s, &locals, &steady_mm, &turns, noise_mm);
-    // What each turning point reached, the one between two samples included.
-    let turned_mm: Vec<f64> = turns
-        .iter()
-        .map(|&turn| {
-            let between = vertices.iter().find(|v| v.0 == turn || v.0 + 1 == turn);
-            between.map_or(steady_mm[turn], |v| v.2)
+        let column = |values: &[f64]| kept.iter().map(|&i| values[i]).collect::<Vec<f64>>();
+        let start_s = recording.time_s[kept[0]];
+        let time_s: Vec<f64> = kept.iter().map(|&i| recording.time_s[i] - start_s).collect();
+        let (displacement_mm, force_n) = (column(&recording.displacement_mm), column(&recording.force_n));
+        for (values, channel) in [(&displacement_mm, "displacement"), (&force_n, "force")] {
+            if range(values) <= 0.0 {
+                return Err(ConditionError::Flat {
+                    name: recording.name.clone(),
+                    channel,
+                });
+            }
+        }
+        Ok(Raw {
+            noise_mm: noise(&time_s, &displacement_mm),
+            noise_n: noise(&time_s, &force_n),
+            recording,
+            kept,
+            time_s,
+            displacement_mm,
+            force_n,
+            remarks,
         })
-        .collect();
-    let bins = bins(&time_s, &steady_mm, &motion, stroke_mm, budget);
-    let rate = force_range_n / stroke_mm;
-    let sigma_n = noise_n.hypot(rate * noise_mm).max(1e-5 * force_range_n);
-    let mut track = Track {
-        name: recording.name.clone(),
-        time_s: Vec::new(),
-        displacement_mm: Vec::new(),
-        force_n: Vec::new(),
-        weight: Vec::new(),
-        direction: Vec::new(),
-        since_reversal_mm: Vec::new(),
-        motion: Vec::new(),
-        cycle: Vec::new(),
-        part: Vec::new(),
-        frequency_hz: motion.frequency_hz(&time_s),
-        noise_n,
-        noise_mm,
-        cycles: 0,
-        remarks,
-    };
-    let settled = settled_from(&steady_mm, &force_n, &turns, stroke_mm);
-    for bin in bins {
-        let n = bin.len() as f64;
-        let mean = |v: &[f64]| v[bin.clone()].iter().sum::<f64>() / n;
-        let last = bin.end - 1;
-        track.time_s.push(mean(&time_s));
-        track.displacement_mm.push(mean(&steady_mm));
-        track.force_n.push(mean(&force_n));
-        let masked = bin.start < settled || bin.clone().any(|i| clipped[i]);
-        let averaging = n.sqrt().min(LARGEST_AVERAGING);
-        track.weight.push(if masked { 0.0 } else { averaging / sigma_n });
-        track.direction.push(motion.direction[last]);
-        track.since_reversal_mm.push(motion.since_mm[last]);
-        track.cycle.push(cycle[last]);
-        track.motion.push(Motion {
-            velocity_mm_s: locals[bin.clone()].iter().map(|l| l.mm_s).sum::<f64>() / n,
-            acceleration_mm_s2: locals[bin.clone()].iter().map(|l| l.mm_s2).sum::<f64>() / n,
-            reach_mm: motion.reach(last, &turned_mm),
-        });
-        // The turning point itself lies between samples: the plant goes there, nothing is compared.
-        if let Some(&(_, time, mm)) = vertices.iter().find(|v| v.0 == last) {
-            track.time_s.push(time);
-            track.displacement_mm.push(mm);
-            track.force_n.push(force_n[last]);
-            track.weight.push(0.0);
+    }
+
+    /// Conditions into at most about `budget` points.
+    fn track(self, budget: usize) -> Track {
+        let Raw {
+            recording,
+            kept,
+            time_s,
+            displacement_mm: raw_mm,
+            force_n,
+            noise_mm,
+            noise_n,
+            mut remarks,
+        } = self;
+        let (stroke_mm, force_range_n) = (range(&raw_mm), range(&force_n));
+        let mut locals = smoothed(&time_s, &raw_mm, noise_mm);
+        let smooth_mm: Vec<f64> = locals.iter().map(|l| l.mm).collect();
+        // As small as the noise lets it be: a turn-round that is missed leaves the friction on the wrong side.
+        let band_mm = (6.0 * noise_mm).max(5e-4 * stroke_mm);
+        let turns: Vec<usize> = cycles::reversals(&smooth_mm, band_mm)
+            .iter()
+            .map(|r| r.index)
+            .collect();
+        settle_turns(&time_s, &raw_mm, &turns, noise_mm, &mut locals);
+        let smooth_mm: Vec<f64> = locals.iter().map(|l| l.mm).collect();
+        let steady_mm = monotone(&smooth_mm, &turns);
+        let motion = Travel::new(&steady_mm, &turns);
+        let cycle: Vec<u32> = match &recording.cycle {
+            Some(counted) if kept.iter().any(|&i| counted[i] > 0) => {
+                kept.iter().map(|&i| counted[i]).collect()
+            }
+            _ => motion.half.iter().map(|&h| h / 2 + 1).collect(),
+        };
+        let clipped = clipped(&raw_mm, &force_n, noise_mm, &mut remarks);
+        let turned = turned(&time_s, &locals, &steady_mm, &turns, noise_mm);
+        let bins = bins(&time_s, &steady_mm, &motion, stroke_mm, budget);
+        let rate = force_range_n / stroke_mm;
+        let sigma_n = noise_n.hypot(rate * noise_mm).max(1e-5 * force_range_n);
+        let mut track = Track {
+            name: recording.name.clone(),
+            time_s: Vec::new(),
+            displacement_mm: Vec::new(),
+            force_n: Vec::new(),
+            weight: Vec::new(),
+            direction: Vec::new(),
+            since_reversal_mm: Vec::new(),
+            motion: Vec::new(),
+            turn_error_mm: Vec::new(),
+            cycle: Vec::new(),
+            part: Vec::new(),
+            frequency_hz: motion.frequency_hz(&time_s),
+            noise_n,
+            noise_mm,
+            cycles: 0,
+            remarks,
+        };
+        let settled = settled_from(&steady_mm, &force_n, &turns, stroke_mm);
+        for bin in bins {
+            let n = bin.len() as f64;
+            let mean = |v: &[f64]| v[bin.clone()].iter().sum::<f64>() / n;
+            let last = bin.end - 1;
+            track.time_s.push(mean(&time_s));
+            track.displacement_mm.push(mean(&steady_mm));
+            track.force_n.push(mean(&force_n));
+            let masked = bin.start < settled || bin.clone().any(|i| clipped[i]);
+            let averaging = n.sqrt().min(LARGEST_AVERAGING);
+            track.weight.push(if masked { 0.0 } else { averaging / sigma_n });
             track.direction.push(motion.direction[last]);
             track.since_reversal_mm.push(motion.since_mm[last]);
             track.cycle.push(cycle[last]);
             track.motion.push(Motion {
-                velocity_mm_s: 0.0,
-                acceleration_mm_s2: locals[last].mm_s2,
-                reach_mm: motion.reach(last, &turned_mm),
+                velocity_mm_s: locals[bin.clone()].iter().map(|l| l.mm_s).sum::<f64>() / n,
+                acceleration_mm_s2: locals[bin.clone()].iter().map(|l| l.mm_s2).sum::<f64>() / n,
+                reach_mm: motion.reach(last, &turned),
             });
+            track.turn_error_mm.push(motion.turn_error_mm(last, &turned));
+            // The turning point itself lies between samples: the plant goes there, nothing is compared.
+            let between = turned.iter().filter_map(|t| Some((t.between?, t.mm)));
+            if let Some(((_, time), mm)) = between.into_iter().find(|((i, _), _)| *i == last) {
+                track.time_s.push(time);
+                track.displacement_mm.push(mm);
+                track.force_n.push(force_n[last]);
+                track.weight.push(0.0);
+                track.direction.push(motion.direction[last]);
+                track.since_reversal_mm.push(motion.since_mm[last]);
+                track.cycle.push(cycle[last]);
+                track.motion.push(Motion {
+                    velocity_mm_s: 0.0,
+                    acceleration_mm_s2: locals[last].mm_s2,
+                    reach_mm: motion.reach(last, &turned),
+                });
+                track.turn_error_mm.push(motion.turn_error_mm(last, &turned));
+            }
         }
+        let n = track.len();
+        debug_assert!(track.time_s.windows(2).all(|w| w[1] > w[0]));
+        track.part = vec![Part::Fit; n];
+        track.cycles = track.cycle.iter().copied().max().unwrap_or(0);
+        track
     }
-    let n = track.len();
-    debug_assert!(track.time_s.windows(2).all(|w| w[1] > w[0]));
-    track.part = vec![Part::Fit; n];
-    track.cycles = track.cycle.iter().copied().max().unwrap_or(0);
-    Ok(track)
 }
 
 fn check(recording: &Recording) -> Result<(), ConditionError> {
@@ -335,10 +391,10 @@ impl Travel {
     }
 
     /// Turning points on either side of a sample, the lower first; without limit where the recording begins or ends.
-    fn reach(&self, i: usize, turned_mm: &[f64]) -> [f64; 2] {
+    fn reach(&self, i: usize, turned: &[Turn]) -> [f64; 2] {
         let half = self.half[i] as usize;
-        let before = half.checked_sub(1).and_then(|k| turned_mm.get(k)).copied();
-        let after = turned_mm.get(half).copied();
+        let before = half.checked_sub(1).and_then(|k| turned.get(k)).map(|t| t.mm);
+        let after = turned.get(half).map(|t| t.mm);
         let end = [f64::NEG_INFINITY, f64::INFINITY];
         let [low, high] = if self.direction[i] > 0.0 {
             [before, after]
@@ -346,6 +402,12 @@ impl Travel {
             [after, before]
         };
         [low.unwrap_or(end[0]), high.unwrap_or(end[1])]
+    }
+
+    /// How far the turning point before a sample may be off.
+    fn turn_error_mm(&self, i: usize, turned: &[Turn]) -> f64 {
+        let before = (self.half[i] as usize).checked_sub(1);
+        before.and_then(|k| turned.get(k)).map_or(0.0, |t| t.error_mm)
     }
 
     fn frequency_hz(&self, time_s: &[f64]) -> f64 {

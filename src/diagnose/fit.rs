@@ -11,13 +11,17 @@ use super::condition::Part;
 use super::problem::Structure;
 use super::score::{Tangent, spliced};
 use super::select::Node;
+use crate::effect::Span;
 use crate::identify::least_squares::bounded_step;
 
 /// A fall of the sum of squares that is worth no further step: a tenth of what one parameter gains on noise.
 const SETTLED: f64 = 0.1;
 /// Steps with the parent's Jacobian, and Jacobians of a settling.
 const STEPS: usize = 9;
-const ROUNDS: usize = 5;
+/// First and last trial move of a kink, as a share of what the recordings cover.
+const FIRST_TRIAL: f64 = 0.02;
+const LAST_TRIAL: f64 = 2e-4;
+const ROUNDS: usize = 12;
 
 /// One way down: values, their residuals as the fit sees them, their sum of squares.
 struct Descent<'s, 'a> {
@@ -65,6 +69,42 @@ impl<'s, 'a> Descent<'s, 'a> {
         0.0
     }
 
+    /// Moves the place of a kink by trials, the other parameters following each; smaller moves where none is lower.
+    fn try_out(
+        &mut self,
+        place: usize,
+        width: f64,
+        normal: &DMatrix<f64>,
+        scale: &[f64],
+        gradient: &dyn Fn(&DVector<f64>) -> DVector<f64>,
+    ) {
+        let bounds = self.structure.parameters_bounds();
+        let mut held = normal.clone();
+        held.row_mut(place).fill(0.0);
+        held.column_mut(place).fill(0.0);
+        held[(place, place)] = 1.0;
+        let mut size = FIRST_TRIAL * width;
+        while size > LAST_TRIAL * width {
+            let lower = [size, -size].into_iter().find_map(|by| {
+                let mut values = self.values.clone();
+                values[place] = (values[place] + by).clamp(bounds[place][0], bounds[place][1]);
+                let mut trial = Descent::new(self.structure, values)?;
+                for _ in 0..2 {
+                    let mut slope = gradient(&trial.residuals);
+                    slope[place] = 0.0;
+                    if trial.step(&held, &slope, scale) < SETTLED {
+                        break;
+                    }
+                }
+                (trial.cost < self.cost - SETTLED).then_some(trial)
+            });
+            match lower {
+                Some(trial) => *self = trial,
+                None => size *= 0.4,
+            }
+        }
+    }
+
     fn node(self) -> Option<Node> {
         Node::new(self.structure, self.values)
     }
@@ -77,6 +117,7 @@ pub(super) fn grow(
     tangent: &Tangent,
     candidate: &Attached,
     start: &[f64],
+    span: &Span,
 ) -> Option<Node> {
     let structure = parent.with(candidate);
     let (p, k) = (node.values.len(), candidate.parameters.len());
@@ -88,7 +129,7 @@ pub(super) fn grow(
     for i in 0..p {
         scale[place(i)] = tangent.scale[i];
     }
-    let mut idle = 0;
+    let (mut idle, mut last) = (0, None);
     for _ in 0..STEPS {
         let own_scale = structure.scale(&descent.values);
         for &i in &own {
@@ -108,16 +149,9 @@ pub(super) fn grow(
             }
         }
         normal.view_mut((p - 1, p - 1), (k, k)).copy_from(&inner);
-        let ours = tangent.jacobian.tr_mul(&descent.residuals);
-        let theirs = columns.tr_mul(&descent.residuals);
-        let mut gradient = DVector::zeros(p + k);
-        for i in 0..p {
-            gradient[place(i)] = ours[i];
-        }
-        for j in 0..k {
-            gradient[p - 1 + j] = theirs[j];
-        }
+        let gradient = whole_gradient(tangent, &columns, &descent.residuals);
         let fell = descent.step(&normal, &gradient, &scale);
+        last = Some((normal, columns));
         idle = if fell < SETTLED.max(2e-4 * descent.cost) {
             idle + 1
         } else {
@@ -127,7 +161,29 @@ pub(super) fn grow(
             break;
         }
     }
+    if let Some((normal, columns)) = last {
+        for &(i, axis) in candidate.effect.kinks {
+            descent.try_out(p - 1 + i, span.width(axis), &normal, &scale, &|residuals| {
+                whole_gradient(tangent, &columns, residuals)
+            });
+        }
+    }
     descent.node()
+}
+
+/// Gradient in the order of the values: the parent's columns without its zero, the child's, the zero.
+fn whole_gradient(tangent: &Tangent, columns: &DMatrix<f64>, residuals: &DVector<f64>) -> DVector<f64> {
+    let (ours, theirs) = (tangent.jacobian.tr_mul(residuals), columns.tr_mul(residuals));
+    let (p, k) = (ours.len(), theirs.len());
+    DVector::from_fn(p + k, |i, _| {
+        if i + 1 < p {
+            ours[i]
+        } else if i < p - 1 + k {
+            theirs[i + 1 - p]
+        } else {
+            ours[p - 1]
+        }
+    })
 }
 
 /// Goes down from a node to where no step gains, and gives the tangent there.

@@ -71,10 +71,7 @@ pub fn diagnose(
     }
     let mut setup = baseline::Setup::new(baseline)?;
     progress(0.0, "conditioning the recordings");
-    let mut tracks = recordings
-        .iter()
-        .map(|r| condition(r, options.points))
-        .collect::<Result<Vec<_>, _>>()?;
+    let mut tracks = condition(recordings, options.points)?;
     condition::share_out(&mut tracks);
     let mut data = problem::Data::new(tracks);
     let span = span(&data);

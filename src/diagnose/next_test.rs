@@ -220,7 +220,7 @@ pub(super) fn propose(
         let motion = test.motion();
         let run = |structure: &Structure<'_>, values: &[f64]| -> Option<DVector<f64>> {
             let own = &values[..values.len() - 1];
-            let mut plant = super::baseline::build(bench.setup, &structure.attached, own).ok()?;
+            let mut plant = super::baseline::build(bench.setup, &structure.attached, own, 0.0).ok()?;
             let mut before_s = 0.0;
             Some(DVector::from_iterator(
                 motion.len(),

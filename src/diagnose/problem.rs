@@ -71,7 +71,13 @@ impl Data {
             };
             for i in 1..length {
                 let here = slope(i).max(if i + 1 < length { slope(i + 1) } else { 0.0 });
-                let steep = track.noise_n.hypot(here * track.noise_mm).max(plain);
+                // Friction counts from where the motion turned: what is not known of that is not known of the force.
+                let turned_n = (here - rate).max(0.0) * track.turn_error_mm[i];
+                let steep = track
+                    .noise_n
+                    .hypot(here * track.noise_mm)
+                    .hypot(turned_n)
+                    .max(plain);
                 if plain > 0.0 && steep > plain {
                     self.weight[from + i] *= plain / steep;
                     residuals[from + i] *= plain / steep;
@@ -144,13 +150,13 @@ impl<'a> Structure<'a> {
     /// Model force at every point of every track, in N; the zero included.
     pub fn predict(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
         let (zero_n, values) = values.split_last().expect("every structure has a zero");
-        let mut plant = build(self.setup, &self.attached, values)?;
+        let mut plant = build(self.setup, &self.attached, values, *zero_n)?;
         let mut k = 0;
         for track in &self.data.tracks {
             plant.reset();
             for i in 0..track.len() {
                 plant.told(&track.motion[i]);
-                out[k] = plant.step(track.displacement_mm[i], track.dt_s(i)) + zero_n;
+                out[k] = plant.step(track.displacement_mm[i], track.dt_s(i));
                 k += 1;
             }
         }

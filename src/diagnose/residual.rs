@@ -380,7 +380,7 @@ mod tests {
             displacement_mm,
             ..Recording::default()
         };
-        let mut tracks = vec![condition(&recording, 3000).expect("conditioned")];
+        let mut tracks = condition(&[recording], 3000).expect("conditioned");
         share_out(&mut tracks);
         let mut data = Data::new(tracks);
         data.weight

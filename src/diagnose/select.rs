@@ -27,11 +27,11 @@ const FITTED: [usize; LARGEST] = [17, 8, 6];
 /// Gain that an effect must bring for itself.
 const PRICE: f64 = 8.0;
 /// Share of all that is explained which an effect must bring.
-const SHARE: f64 = 0.015;
+const SHARE: f64 = 5e-4;
 /// Share of what is left above the noise without it that an effect must bring: less is the misfit of another's form.
 const LEFTOVER: f64 = 0.4;
 /// Mean square that an effect must take away, in units of the noise: a seventh of the noise in RMS is no finding.
-const MATERIAL: f64 = 0.02;
+const MATERIAL: f64 = 0.005;
 
 /// Codes of a set of effects, sorted.
 pub(super) type Key = Vec<&'static str>;
@@ -146,9 +146,19 @@ impl<'a> Bench<'a> {
 
     /// A node with the baseline's own friction in a freer form, where the data ask for one.
     pub fn freed(&self, node: &Node, form: Attached) -> Option<Node> {
-        let structure = self.structure(node.attached.clone());
+        let structure = self.structure(node.attached.clone()).with(&form);
         let start = spliced(&node.values, form.effect.neutral);
-        let (free, _) = settle(&structure.with(&form), start)?;
+        // From the baseline's own law, and from an even spread: strengths at their bounds hold each other there.
+        let spread = (form.effect.starts)(&self.span)
+            .into_iter()
+            .map(|group| spliced(&node.values, &group));
+        let starts: Vec<Vec<f64>> = std::iter::once(start).chain(spread).collect();
+        let free = self
+            .side_by_side(&starts, |start| settle(&structure, start.clone()))
+            .into_iter()
+            .flatten()
+            .map(|(node, _)| node)
+            .min_by(|a, b| a.fit.total_cmp(&b.fit))?;
         (0.5 * (node.cost() - free.cost()) > PRICE).then_some(free)
     }
 
@@ -189,7 +199,7 @@ impl<'a> Bench<'a> {
         let structure = self.structure(node.attached.clone());
         let grown = self.side_by_side(&tasks, |score| {
             let candidate = &self.setup.candidates[score.candidate];
-            grow(&structure, node, tangent, candidate, &score.start)
+            grow(&structure, node, tangent, candidate, &score.start, &self.span)
         });
         // Of several starts of one candidate the best is kept.
         let mut children: Vec<Node> = Vec::new();
@@ -266,6 +276,12 @@ pub(super) fn search(bench: &Bench<'_>, baseline: Node, progress: &mut dyn FnMut
         grown.sort_by(|&a, &b| nodes[a].cost().total_cmp(&nodes[b].cost()));
         grown.truncate(BEAM);
         progress((size + 1) as f64 / LARGEST as f64);
+        if size == 0
+            && let Some(&best) = grown.first()
+            && let Some(deeper) = deeper(bench, &nodes[0], &nodes[best])
+        {
+            return search(bench, deeper, progress);
+        }
         let Some(&best) = grown.first() else { break };
         // What would not be accepted is not worth going on for. Raw sums: what is not yet explained makes residuals
         // correlated, and must not end the search for it.
@@ -282,6 +298,16 @@ pub(super) fn search(bench: &Bench<'_>, baseline: Node, progress: &mut dyn FnMut
     let worth = Worth::of(bench.data, &nodes[best].residuals);
     let chosen = choose(bench, &mut nodes, worth);
     Search { nodes, chosen, worth }
+}
+
+/// The baseline where a child leaves it when its effect goes: much below where it was, the baseline had further to go.
+fn deeper(bench: &Bench<'_>, root: &Node, child: &Node) -> Option<Node> {
+    let extras = bench.setup.extras.len();
+    let from = super::tables::offset(bench, &child.attached, extras);
+    let mut values = child.values.clone();
+    values.drain(from..from + child.attached[extras].parameters.len());
+    let (node, _) = settle(&bench.structure(root.attached.clone()), values)?;
+    (root.fit - node.fit > PRICE.max(0.01 * root.fit)).then_some(node)
 }
 
 fn least(nodes: &[Node], cost: impl Fn(&Node) -> f64) -> usize {

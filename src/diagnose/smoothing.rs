@@ -6,6 +6,10 @@ use nalgebra::{SMatrix, SVector};
 /// Half widths of the windows that are tried, in samples.
 const HALVES: [usize; 4] = [24, 12, 6, 3];
 
+/// Distance from a turning point, in noises, and number of samples that make a dwell.
+const DWELL: f64 = 6.0;
+const LEAST_DWELL: usize = 12;
+
 pub(super) fn median(mut values: Vec<f64>) -> f64 {
     if values.is_empty() {
         return 0.0;
@@ -15,27 +19,23 @@ pub(super) fn median(mut values: Vec<f64>) -> f64 {
     values[middle]
 }
 
-/// Standard deviation of the white part. Divided differences of seven samples leave nothing of a smooth motion, at 20 samples
-/// a cycle or at uneven times either.
+/// Standard deviation of the white part, at even or uneven times.
+///
+/// Divided differences leave nothing of a smooth motion: of seven samples none of a sine with 20 a cycle, of three none of a
+/// triangle, whose corners spoil the wider ones. The least of them is nearest to the noise.
 pub(super) fn noise(time_s: &[f64], values: &[f64]) -> f64 {
-    let differences: Vec<f64> = values
-        .windows(7)
-        .zip(time_s.windows(7))
-        .map(|(v, t)| {
-            let (mut sum, mut power) = (0.0, 0.0);
-            for j in 0..7 {
-                let mut product = 1.0;
-                for k in (0..7).filter(|k| *k != j) {
-                    product *= (t[j] - t[k]) / (t[6] - t[0]);
-                }
-                sum += v[j] / product;
-                power += product.powi(-2);
-            }
-            (sum / power.sqrt()).abs()
-        })
-        .collect();
-    // The median of |normal|.
-    let from_differences = median(differences) / 0.6745;
+    let from_differences = [
+        differences::<3>(time_s, values),
+        differences::<5>(time_s, values),
+        differences::<7>(time_s, values),
+    ]
+    .into_iter()
+    .fold(f64::INFINITY, f64::min);
+    let from_differences = if from_differences.is_finite() {
+        from_differences
+    } else {
+        0.0
+    };
     // A quantised channel may stand still most of the time; its step, the least distance of two values, is still uncertain.
     let scale = values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
     let mut levels = values.to_vec();
@@ -56,12 +56,39 @@ pub(super) fn noise(time_s: &[f64], values: &[f64]) -> f64 {
     from_differences.max(quantisation).max(1e-9 * scale)
 }
 
+/// Noise as the median of `N` samples' divided differences shows it.
+fn differences<const N: usize>(time_s: &[f64], values: &[f64]) -> f64 {
+    let found: Vec<f64> = values
+        .windows(N)
+        .zip(time_s.windows(N))
+        .map(|(v, t)| {
+            let (mut sum, mut power) = (0.0, 0.0);
+            for j in 0..N {
+                let mut product = 1.0;
+                for k in (0..N).filter(|k| *k != j) {
+                    product *= (t[j] - t[k]) / (t[N - 1] - t[0]);
+                }
+                sum += v[j] / product;
+                power += product.powi(-2);
+            }
+            (sum / power.sqrt()).abs()
+        })
+        .collect();
+    if found.is_empty() {
+        return f64::INFINITY;
+    }
+    // The median of |normal|.
+    median(found) / 0.6745
+}
+
 /// Displacement, speed and acceleration at one sample.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Local {
     pub mm: f64,
     pub mm_s: f64,
     pub mm_s2: f64,
+    /// A smooth piece explains its window to within the noise; otherwise it only goes through the samples.
+    pub sure: bool,
 }
 
 /// Least-squares polynomials over the widest window that leaves nothing but noise: on both sides of a sample, or on one where
@@ -151,7 +178,45 @@ fn fitted<const N: usize>(
         mm: values[i] + solved[0],
         mm_s: solved[1] / width_s,
         mm_s2: 2.0 * solved[2] / (width_s * width_s),
+        sure: noise.is_finite(),
     })
+}
+
+/// Where the motion dwells at a turning point, the largest of many noisy samples passes for the turn and all others for a way
+/// back. One parabola through all that lies within the noise of it takes their place.
+pub(super) fn settle_turns(
+    time_s: &[f64],
+    values: &[f64],
+    turns: &[usize],
+    noise: f64,
+    locals: &mut [Local],
+) {
+    for &turn in turns {
+        let near = |j: usize| (locals[j].mm - locals[turn].mm).abs() < DWELL * noise;
+        let from = (0..turn).rev().take_while(|&j| near(j)).last().unwrap_or(turn);
+        let to = (turn..values.len())
+            .take_while(|&j| near(j))
+            .last()
+            .unwrap_or(turn);
+        // Its ends are on the way already: the level is the middle's.
+        let level = median(values[from..=to].to_vec());
+        let stays = |j: &usize| (locals[*j].mm - level).abs() < noise;
+        let (Some(from), Some(to)) = ((from..=to).find(stays), (from..=to).rev().find(stays)) else {
+            continue;
+        };
+        if to - from < LEAST_DWELL {
+            continue;
+        }
+        let settled: Option<Vec<Local>> = (from..=to)
+            .map(|i| fitted::<3>(time_s, values, from..to + 1, i, f64::INFINITY))
+            .collect();
+        for (local, settled) in locals[from..=to].iter_mut().zip(settled.into_iter().flatten()) {
+            *local = Local {
+                sure: true,
+                ..settled
+            };
+        }
+    }
 }
 
 /// Least-squares monotone path between reversals, rising and falling in turn.
@@ -195,56 +260,105 @@ pub(super) fn monotone(values: &[f64], turns: &[usize]) -> Vec<f64> {
     out
 }
 
-/// Where the motion really turned, if that is between two samples: (sample before it, time, displacement).
-///
-/// The crossing of two straight lines for a triangle, the vertex of a parabola for anything round.
-pub(super) fn vertices(
+/// A turning point as well as it can be known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Turn {
+    /// Sample nearest to it.
+    pub index: usize,
+    /// Displacement reached.
+    pub mm: f64,
+    /// How far that may be off.
+    pub error_mm: f64,
+    /// Sample before it and its time, where it lies between two samples.
+    pub between: Option<(usize, f64)>,
+}
+
+/// Where the motion really turned: the crossing of two straight lines for a triangle, the vertex of a parabola for anything
+/// round. Where the samples are too sparse to tell how it turned, what they leave open is the error.
+pub(super) fn turned(
     time_s: &[f64],
     locals: &[Local],
     x: &[f64],
     turns: &[usize],
     noise_mm: f64,
-) -> Vec<(usize, f64, f64)> {
-    let mut found = Vec::new();
-    for &turn in turns {
-        if turn < 2 || turn + 2 >= locals.len() {
-            continue;
+) -> Vec<Turn> {
+    let at = |index: usize| {
+        let mut turn = Turn {
+            index,
+            mm: x[index],
+            error_mm: noise_mm,
+            between: None,
+        };
+        if index < 2 || index + 2 >= locals.len() {
+            return turn;
         }
-        let Some(i) = [turn - 1, turn]
+        let Some(i) = [index - 1, index]
             .into_iter()
             .find(|&i| locals[i].mm_s * locals[i + 1].mm_s < 0.0)
         else {
-            continue;
+            return turn;
         };
         let (a, b) = (locals[i], locals[i + 1]);
         let dt_s = time_s[i + 1] - time_s[i];
-        let bend_mm_s2 = (b.mm_s - a.mm_s) / dt_s;
+        let crossing_s = (b.mm - b.mm_s * dt_s - a.mm) / (a.mm_s - b.mm_s);
+        let crossing_mm = a.mm + a.mm_s * crossing_s;
+        let vertex_s = dt_s * a.mm_s / (a.mm_s - b.mm_s);
+        // From either side: both see the same vertex.
+        let (here, there) = (0.5 * a.mm_s * vertex_s, 0.5 * b.mm_s * (dt_s - vertex_s));
+        let vertex_mm = 0.5 * (a.mm + here + b.mm - there);
+        let bend_mm_s2 = (b.mm_s - a.mm_s).abs() / dt_s;
         let around_mm_s2 = locals[i - 1].mm_s2.abs().max(locals[i + 2].mm_s2.abs());
-        let (after_s, mm) = if bend_mm_s2.abs() > 3.0 * around_mm_s2 {
-            let after_s = (b.mm - b.mm_s * dt_s - a.mm) / (a.mm_s - b.mm_s);
-            (after_s, a.mm + a.mm_s * after_s)
+        let corner = bend_mm_s2 > 3.0 * around_mm_s2;
+        let (after_s, mm) = if corner {
+            (crossing_s, crossing_mm)
         } else {
-            let after_s = dt_s * a.mm_s / (a.mm_s - b.mm_s);
-            // From either side: both see the same vertex.
-            let (here, there) = (0.5 * a.mm_s * after_s, 0.5 * b.mm_s * (dt_s - after_s));
-            (after_s, 0.5 * (a.mm + here + b.mm - there))
+            (vertex_s, vertex_mm)
         };
-        let peak = a.mm_s > 0.0;
-        let sign = if peak { 1.0 } else { -1.0 };
+        let sign = a.mm_s.signum();
         let beyond = (sign * (mm - x[i])).min(sign * (mm - x[i + 1]));
         if beyond > 0.5 * noise_mm && after_s > 0.0 && after_s < dt_s {
-            found.push((i, time_s[i] + after_s, mm));
+            turn.mm = mm;
+            turn.between = Some((i, time_s[i] + after_s));
         }
+        if !(a.sure && b.sure) && !round(time_s, x, i) {
+            // Somewhere between the samples and where their straight neighbours would meet.
+            let line =
+                |p: usize, q: usize, t: f64| x[p] + (x[q] - x[p]) / (time_s[q] - time_s[p]) * (t - time_s[p]);
+            let t = time_s[i] + after_s.clamp(0.0, dt_s);
+            let met_mm = if i >= 2 && i + 3 < x.len() {
+                0.5 * (line(i - 2, i - 1, t) + line(i + 3, i + 2, t))
+            } else {
+                crossing_mm
+            };
+            turn.error_mm = turn.error_mm.max(0.5 * (met_mm - turn.mm).abs());
+        }
+        turn
+    };
+    turns.iter().map(|&index| at(index)).collect()
+}
+
+/// Does the motion bend about as much two samples from the turn as at it? Then the samples resolve how it turns.
+fn round(time_s: &[f64], x: &[f64], i: usize) -> bool {
+    let bend = |j: usize| {
+        let (h, k) = (time_s[j] - time_s[j - 1], time_s[j + 1] - time_s[j]);
+        (((x[j + 1] - x[j]) / k - (x[j] - x[j - 1]) / h) / (h + k)).abs()
+    };
+    if i < 2 || i + 3 >= x.len() {
+        return false;
     }
-    found
+    let most = bend(i).max(bend(i + 1));
+    bend(i - 1).min(bend(i + 2)) > 0.4 * most
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    /// Uniform within one, the same for the same index.
     fn noisy(i: usize) -> f64 {
-        (((i as f64 + 1.0) * 12.9898).sin() * 43758.5453).fract() * 2.0 - 1.0
+        use rand::{RngExt, SeedableRng};
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(i as u64);
+        2.0 * random.random::<f64>() - 1.0
     }
 
     /// Uniform noise of 3 um at uneven times: 3 / sqrt 3.
@@ -299,7 +413,9 @@ mod tests {
             .map(|(i, t)| 2.0 - 50.0 * (t - 0.2003f64).abs() + 0.002 * noisy(i))
             .collect();
         let locals = smoothed(&time_s, &x, noise(&time_s, &x));
-        let (_, t, mm) = vertices(&time_s, &locals, &x, &[200], 0.002)[0];
+        let turn = turned(&time_s, &locals, &x, &[200], 0.002)[0];
+        let (t, mm) = (turn.between.expect("between samples").1, turn.mm);
+        assert_eq!(turn.error_mm, 0.002, "both sides are straight");
         assert!((t - 0.2003).abs() < 5e-5 && (mm - 2.0).abs() < 0.003, "{t} {mm}");
         assert!((locals[190].mm_s - 50.0).abs() < 1.0 && (locals[210].mm_s + 50.0).abs() < 1.0);
     }

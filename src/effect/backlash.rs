@@ -24,9 +24,10 @@ pub const EFFECT: Effect = Effect {
     }],
     neutral: &[0.0],
     amplitudes: &[],
+    kinks: &[(0, Axis::DisplacementMm)],
     starts: |s| {
-        [0.002, 0.01, 0.04]
-            .map(|p| vec![(p * s.travel_mm()).clamp(0.01, 20.0)])
+        [2e-4, 1e-3, 4e-3, 0.02]
+            .map(|p| vec![(p * s.travel_mm()).clamp(0.003, 20.0)])
             .to_vec()
     },
     statement: |v| {

@@ -51,6 +51,7 @@ pub const FORM: Effect = Effect {
     ],
     neutral: &[0.0; COUNT],
     amplitudes: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10],
+    kinks: &[],
     starts: |_| vec![vec![0.002; COUNT]],
     statement: |v| {
         format!(

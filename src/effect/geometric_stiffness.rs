@@ -34,6 +34,7 @@ pub const EFFECT: Effect = Effect {
     ],
     neutral: &[0.0, 0.0],
     amplitudes: &[0, 1],
+    kinks: &[],
     starts: |_| vec![vec![0.1, 0.0]],
     statement: |v| {
         format!(

@@ -25,6 +25,7 @@ pub const EFFECT: Effect = Effect {
     }],
     neutral: &[0.0],
     amplitudes: &[0],
+    kinks: &[],
     starts: |_| vec![vec![0.5]],
     statement: |v| {
         format!(

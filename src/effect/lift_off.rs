@@ -27,8 +27,9 @@ pub const EFFECT: Effect = Effect {
     }],
     neutral: &[NEVER_MM],
     amplitudes: &[],
+    kinks: &[(0, Axis::DisplacementMm)],
     starts: |s| {
-        [0.03, 0.08, 0.15, 0.25]
+        [0.004, 0.012, 0.03, 0.06, 0.1, 0.16, 0.25]
             .map(|p| vec![s.displacement_at(p)])
             .to_vec()
     },

@@ -114,6 +114,14 @@ impl Span {
         self.displacement_mm[1] - self.displacement_mm[0]
     }
 
+    /// What the recordings cover of an axis, in its unit; of any but force that of the displacement.
+    pub fn width(&self, axis: Axis) -> f64 {
+        match axis {
+            Axis::ForceN => self.force_n[1] - self.force_n[0],
+            _ => self.travel_mm(),
+        }
+    }
+
     /// Displacement at a share of the range.
     pub fn displacement_at(&self, share: f64) -> f64 {
         self.displacement_mm[0] + share * self.travel_mm()
@@ -148,6 +156,8 @@ pub struct Effect {
     pub neutral: &'static [f64],
     /// Indices of the parameters that the force is proportional to (zero switches their part off).
     pub amplitudes: &'static [usize],
+    /// Indices of parameters that say where the force has a kink, each with its axis: slopes do not lead there, trials do.
+    pub kinks: &'static [(usize, Axis)],
     /// Points that a search begins from, within what the recordings cover.
     pub starts: fn(&Span) -> Vec<Vec<f64>>,
     /// A sentence that a technician understands.
@@ -292,6 +302,27 @@ pub(crate) fn with_more_load(inside: &dyn Plant, force_n: f64, extra_n: f64) -> 
     match inside.carried_n() {
         Some(carried_n) if carried_n > extra_n.abs() * 1e-3 => force_n * (1.0 + extra_n / carried_n),
         _ => force_n + extra_n,
+    }
+}
+
+/// A zero of the force channel: what the tare left, added before the channel's own faults.
+#[derive(Clone)]
+struct Offset(f64);
+
+impl Wrap for Offset {
+    fn reset(&mut self) {}
+
+    fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
+        inside.step(displacement_mm, dt_s) + self.0
+    }
+}
+
+/// Puts a zero of the force channel around `inside`.
+pub fn with_zero(zero_n: f64, inside: Box<dyn Plant>) -> Box<dyn Plant> {
+    if zero_n == 0.0 {
+        inside
+    } else {
+        wrapped(Offset(zero_n), inside)
     }
 }
 

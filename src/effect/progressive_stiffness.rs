@@ -41,8 +41,9 @@ pub const EFFECT: Effect = Effect {
     ],
     neutral: &[0.0, 5.0, 0.3],
     amplitudes: &[0],
+    kinks: &[(1, Axis::DisplacementMm)],
     starts: |s| {
-        [0.25, 0.4, 0.55, 0.7, 0.85]
+        [0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9]
             .map(|p| vec![1.0, s.displacement_at(p), 0.2])
             .to_vec()
     },

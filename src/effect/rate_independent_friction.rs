@@ -43,6 +43,7 @@ pub const EFFECT: Effect = Effect {
     ],
     neutral: &[0.0, 5.0, 0.05],
     amplitudes: &[0],
+    kinks: &[],
     starts: |_| {
         vec![
             vec![0.01, 1.0, 0.05],
@@ -117,7 +118,7 @@ mod tests {
     #[test]
     fn force_by_hand() {
         // At rest after sliding the smoothed friction is gone and the real one stays: 500 N times 1.1.
-        let mut plant = (EFFECT.attach)(&[0.1, 5.0], spring());
+        let mut plant = (EFFECT.attach)(&[0.1, 5.0, 0.05], spring());
         plant.step(4.0, 1.0);
         plant.step(5.0, 1.0);
         for _ in 0..3 {
@@ -128,6 +129,6 @@ mod tests {
 
     #[test]
     fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[0.08, 12.0]);
+        comes_back(&EFFECT, &[0.08, 12.0, 0.05]);
     }
 }

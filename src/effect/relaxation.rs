@@ -34,6 +34,7 @@ pub const EFFECT: Effect = Effect {
     ],
     neutral: &[0.0, 10.0],
     amplitudes: &[0],
+    kinks: &[],
     starts: |s| {
         [0.1, 1.0, 0.05 * s.duration_s, 0.3 * s.duration_s]
             .map(|tau| vec![0.5, tau.clamp(0.3, 1e4)])

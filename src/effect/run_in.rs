@@ -51,6 +51,7 @@ pub const EFFECT: Effect = Effect {
     ],
     neutral: &[0.0, 0.0, 10.0, 0.3],
     amplitudes: &[0, 1],
+    kinks: &[],
     starts: |s| {
         [0.2, 1.0]
             .map(|p| vec![0.01, 0.0, (p * s.cycles).clamp(0.5, 1e4), 0.3])
@@ -132,7 +133,7 @@ mod tests {
     #[test]
     fn force_by_hand() {
         // Turned at 0 (of the way 9, 0), 9 and 0: three reversals. Slid far upwards: 500 N times 1 + 0.15 g.
-        let mut plant = (EFFECT.attach)(&[0.1, 0.05, 4.0], spring());
+        let mut plant = (EFFECT.attach)(&[0.1, 0.05, 4.0, 0.3], spring());
         let force_n = [9.0, 0.0, 9.0, 0.0, 5.0].map(|x| plant.step(x, 0.1))[4];
         let reversals = 3.0;
         let gain = 0.15 * (1.0 - (-0.5 * reversals / 4.0f64).exp());
@@ -141,6 +142,6 @@ mod tests {
 
     #[test]
     fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[0.05, -0.02, 3.0]);
+        comes_back(&EFFECT, &[0.05, -0.02, 3.0, 0.4]);
     }
 }

@@ -23,6 +23,7 @@ pub const EFFECT: Effect = Effect {
     }],
     neutral: &[0.0],
     amplitudes: &[0],
+    kinks: &[],
     starts: |_| vec![vec![1.0]],
     statement: |v| format!("The zero of the force channel moves by {:+.2} N a minute.", v[0]),
     attach: |v, inside| {

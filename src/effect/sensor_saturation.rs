@@ -24,8 +24,9 @@ pub const EFFECT: Effect = Effect {
     }],
     neutral: &[1e6],
     amplitudes: &[],
+    kinks: &[(0, Axis::ForceN)],
     starts: |s| {
-        [0.995, 0.97, 0.9]
+        [0.998, 0.99, 0.975, 0.95, 0.91, 0.85]
             .map(|p| vec![s.force_n[0] + p * (s.force_n[1] - s.force_n[0])])
             .to_vec()
     },

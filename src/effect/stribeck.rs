@@ -43,6 +43,7 @@ pub const EFFECT: Effect = Effect {
     ],
     neutral: &[0.0, 5.0, 1.5],
     amplitudes: &[0],
+    kinks: &[],
     starts: |_| vec![vec![0.01, 1.0, 1.5], vec![0.01, 5.0, 1.5], vec![0.01, 30.0, 1.5]],
     statement: |v| {
         format!(
@@ -126,13 +127,13 @@ mod tests {
     #[test]
     fn force_by_hand() {
         // 1 mm/s, steady: 500 N times 1 + 0.1 exp(-0.2).
-        let mut plant = (EFFECT.attach)(&[0.1, 5.0], spring());
+        let mut plant = (EFFECT.attach)(&[0.1, 5.0, 1.0], spring());
         let force_n = (0..=5).map(|i| plant.step(f64::from(i), 1.0)).fold(0.0, |_, f| f);
         assert!((force_n - 500.0 * (1.0 + 0.1 * (-0.2f64).exp())).abs() < 1e-6);
     }
 
     #[test]
     fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[0.08, 12.0]);
+        comes_back(&EFFECT, &[0.08, 12.0, 1.5]);
     }
 }

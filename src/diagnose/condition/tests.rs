@@ -1,10 +1,18 @@
 use super::*;
 
+fn one(recording: &Recording) -> Result<Track, ConditionError> {
+    Ok(condition(std::slice::from_ref(recording), 3000)?.swap_remove(0))
+}
+
 /// A sine of 5 mm about 6 mm at 1 Hz with noise that repeats, force 80 N/mm.
 fn sine(rate_hz: f64, seconds: f64, noise_mm: f64) -> Recording {
     let n = (rate_hz * seconds) as usize;
     let time_s: Vec<f64> = (0..n).map(|i| i as f64 / rate_hz).collect();
-    let noise = |i: usize, k: f64| (((i as f64 + 1.0) * 12.9898 * k).sin() * 43758.5453).fract() * 2.0 - 1.0;
+    let noise = |i: usize, k: f64| {
+        use rand::{RngExt, SeedableRng};
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64((i as u64) << 8 | (10.0 * k) as u64);
+        2.0 * random.random::<f64>() - 1.0
+    };
     let clean: Vec<f64> = time_s
         .iter()
         .map(|t| 6.0 - 5.0 * (std::f64::consts::TAU * t).cos())
@@ -29,7 +37,7 @@ fn sine(rate_hz: f64, seconds: f64, noise_mm: f64) -> Recording {
 #[test]
 fn travel_is_the_motions_not_the_noises() {
     for rate_hz in [20.0, 100.0, 1000.0] {
-        let track = condition(&sine(rate_hz, 10.0, 0.005), 3000).expect("conditioned");
+        let track = one(&sine(rate_hz, 10.0, 0.005)).expect("conditioned");
         let path: f64 = track
             .displacement_mm
             .windows(2)
@@ -45,7 +53,7 @@ fn travel_is_the_motions_not_the_noises() {
 #[test]
 fn noise_is_seen_at_any_rate() {
     for rate_hz in [20.0, 1000.0] {
-        let track = condition(&sine(rate_hz, 20.0, 0.005), 3000).expect("conditioned");
+        let track = one(&sine(rate_hz, 20.0, 0.005)).expect("conditioned");
         // Uniform within one: 1 / sqrt 3 = 0.577; the median of few differences is good to a third.
         assert!(
             (0.4..0.8).contains(&track.noise_n),
@@ -69,7 +77,7 @@ fn a_corner_stays_a_corner() {
         displacement_mm,
         ..Recording::default()
     };
-    let track = condition(&recording, 3000).expect("conditioned");
+    let track = one(&recording).expect("conditioned");
     let top = track.displacement_mm.iter().copied().fold(0.0, f64::max);
     // A third of a sample's travel; without the corner it would be half of one, always too low.
     assert!((top - 10.0).abs() < 0.0034, "{top}");
@@ -79,7 +87,7 @@ fn a_corner_stays_a_corner() {
 fn clipped_displacement_is_masked_and_named() {
     let mut recording = sine(200.0, 5.0, 0.0005);
     recording.displacement_mm.iter_mut().for_each(|x| *x = x.min(9.0));
-    let track = condition(&recording, 3000).expect("conditioned");
+    let track = one(&recording).expect("conditioned");
     assert!(
         track.remarks.iter().any(|r| r.contains("clips")),
         "{:?}",
@@ -103,7 +111,7 @@ fn flagged_samples_are_left_out() {
             .map(|i| if i == 500 { Flags::SPIKE.0 } else { 0 })
             .collect(),
     );
-    let track = condition(&recording, 3000).expect("conditioned");
+    let track = one(&recording).expect("conditioned");
     assert!(track.force_n.iter().all(|f| *f < 1e3));
     assert_eq!(track.remarks.len(), 1);
 }
@@ -113,7 +121,7 @@ fn bad_input_is_refused_with_its_row() {
     let refuse = |change: &dyn Fn(&mut Recording)| {
         let mut recording = sine(200.0, 5.0, 0.0005);
         change(&mut recording);
-        condition(&recording, 3000).expect_err("refused").to_string()
+        one(&recording).expect_err("refused").to_string()
     };
     assert!(refuse(&|r| r.force_n[7] = f64::NAN).contains("row 8"));
     assert!(refuse(&|r| r.time_s[9] = 0.0).contains("row 10"));
@@ -131,7 +139,7 @@ fn bad_input_is_refused_with_its_row() {
 
 #[test]
 fn whole_cycles_are_held_out() {
-    let mut tracks = vec![condition(&sine(100.0, 12.0, 0.001), 3000).expect("conditioned")];
+    let mut tracks = vec![one(&sine(100.0, 12.0, 0.001)).expect("conditioned")];
     share_out(&mut tracks);
     let track = &tracks[0];
     for i in 1..track.len() {
