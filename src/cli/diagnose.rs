@@ -41,8 +41,8 @@ fn arguments(command: clap::Command) -> clap::Command {
             Arg::new("known")
                 .long("known")
                 .value_name("CODE,CODE")
+                .num_args(1)
                 .value_delimiter(',')
-                .num_args(0..)
                 .help(
                     "Physics that the baseline has already (\"\" for none) [default: the bench's list and the model's own]",
                 ),
