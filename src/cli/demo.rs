@@ -121,7 +121,7 @@ fn lead(bench: &Bench) -> String {
 }
 
 /// One profile from hello to unloaded rig, into a run file.
-fn play(
+pub(super) fn play(
     bench: &Bench,
     profile: &Profile,
     profile_toml: String,

@@ -8,7 +8,7 @@ use super::svg::{Curve as Line, HALF, Ink, Plot};
 use crate::diagnose::Verdict;
 use crate::diagnose::diagnosis::{Axis, Curve, Diagnosis, Errors, Map, Value};
 
-const STYLE: &str = "
+pub(super) const STYLE: &str = "
 :root { color-scheme: light dark; }
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 1180px; margin: 0 auto; padding: 24px; background: #fff; color: #16191c; }
 h1 { font-size: 26px; line-height: 1.3; margin: 0 0 8px; }
@@ -55,11 +55,7 @@ pub fn page(diagnosis: &Diagnosis, context: &Context<'_>) -> String {
 }
 
 fn write_page(page: &mut String, d: &Diagnosis, context: &Context<'_>) -> std::fmt::Result {
-    let word = match d.verdict {
-        Verdict::Adequate => "adequate",
-        Verdict::MissingPhysics => "missing_physics",
-        Verdict::Unexplained => "unexplained",
-    };
+    let word = verdict_word(d.verdict);
     write!(
         page,
         "<!doctype html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\">\n\
@@ -81,6 +77,15 @@ fn write_page(page: &mut String, d: &Diagnosis, context: &Context<'_>) -> std::f
     open_ends(page, d)?;
     next_test(page, d)?;
     writeln!(page, "</body>\n</html>")
+}
+
+/// As in `diagnosis.json`; a class of the style too.
+pub(super) fn verdict_word(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Adequate => "adequate",
+        Verdict::MissingPhysics => "missing_physics",
+        Verdict::Unexplained => "unexplained",
+    }
 }
 
 fn counted(n: usize, what: &str) -> String {
@@ -369,7 +374,7 @@ fn file_name(name: &str) -> &str {
 }
 
 /// Four figures that a person reads.
-fn figure(v: f64) -> String {
+pub(super) fn figure(v: f64) -> String {
     let size = v.abs();
     let digits = match size {
         _ if size == 0.0 || size >= 1000.0 => 0,
@@ -417,7 +422,7 @@ fn next_test(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
     )
 }
 
-fn spaced(code: &str) -> String {
+pub(super) fn spaced(code: &str) -> String {
     escape(&code.replace('_', " "))
 }
 

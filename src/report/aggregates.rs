@@ -1,0 +1,172 @@
+//! The report of a diagnosis from aggregates: verdict, findings with their figures, row by row, what two numbers hide.
+
+use std::fmt::Write;
+
+use super::diagnosis::{STYLE, figure, spaced, verdict_word};
+use super::html::escape;
+use super::svg::{Curve as Line, HALF, Ink, Plot};
+use crate::diagnose::aggregates::{AggregateDiagnosis, Compared, Finding};
+use crate::diagnose::diagnosis::Value;
+
+/// The page.
+pub fn page(diagnosis: &AggregateDiagnosis) -> String {
+    let mut page = String::new();
+    // Writing into a string cannot fail.
+    let _ = write_page(&mut page, diagnosis);
+    page
+}
+
+fn write_page(page: &mut String, d: &AggregateDiagnosis) -> std::fmt::Result {
+    write!(
+        page,
+        "<!doctype html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <title>Diagnosis from a table</title>\n<style>{STYLE}</style></head>\n<body>\n\
+         <div class=\"verdict {}\"><h1>{}</h1>\n<p class=\"quiet\">From {} rows of {} and {}; no recordings.</p></div>\n",
+        verdict_word(d.verdict),
+        escape(&d.summary),
+        d.rows.len(),
+        escape(&d.columns[0]),
+        escape(&d.columns[1])
+    )?;
+    if !d.alarms.is_empty() {
+        writeln!(page, "<h2>To be looked at first</h2>\n<ul>")?;
+        for alarm in &d.alarms {
+            writeln!(page, "<li>{}</li>", escape(alarm))?;
+        }
+        writeln!(page, "</ul>")?;
+    }
+    for (heading, findings) in [
+        ("What is missing", &d.effects),
+        ("What is not missing", &d.excluded),
+    ] {
+        if !findings.is_empty() {
+            writeln!(page, "<h2>{heading}</h2>")?;
+            findings.iter().try_for_each(|f| finding(page, f))?;
+        }
+    }
+    for a in &d.alternatives {
+        writeln!(
+            page,
+            "<p>{} instead of {}: {}; {}.</p>",
+            spaced(&a.code),
+            spaced(&a.instead_of),
+            escape(&a.why),
+            escape(&a.test)
+        )?;
+    }
+    if !d.location.is_empty() {
+        writeln!(page, "<h2>Where</h2>\n<ul>")?;
+        for l in &d.location {
+            writeln!(page, "<li>{}</li>", escape(&l.words))?;
+        }
+        writeln!(page, "</ul>")?;
+    }
+    rows(page, d)?;
+    if !d.parameters.is_empty() {
+        writeln!(page, "<h2>One set of parameters for all rows</h2>")?;
+        values(page, &d.parameters)?;
+    }
+    writeln!(
+        page,
+        "<h2>Not testable with these figures</h2>\n<table><tr><th>Physics</th><th>Why</th></tr>"
+    )?;
+    for n in &d.not_testable {
+        writeln!(
+            page,
+            "<tr><td>{}</td><td>{}</td></tr>",
+            spaced(&n.code),
+            escape(&n.why)
+        )?;
+    }
+    writeln!(page, "</table>")?;
+    for remark in &d.remarks {
+        writeln!(page, "<p class=\"quiet\">{}</p>", escape(remark))?;
+    }
+    writeln!(page, "</body>\n</html>")
+}
+
+fn finding(page: &mut String, f: &Finding) -> std::fmt::Result {
+    writeln!(
+        page,
+        "<div class=\"block\"><h3>{}, {:.1} % sure</h3>\n<p>{}</p>",
+        spaced(&f.code),
+        100.0 * f.confidence,
+        escape(&f.statement)
+    )?;
+    values(page, &f.parameters)?;
+    writeln!(page, "</div>")
+}
+
+fn values(page: &mut String, values: &[Value]) -> std::fmt::Result {
+    writeln!(
+        page,
+        "<table><tr><th>Figure</th><th class=\"n\">Value</th><th>Unit</th><th>95 % interval</th></tr>"
+    )?;
+    for v in values {
+        let interval = v.ci95.map_or("not given by these data".to_owned(), |[a, b]| {
+            format!("{} to {}", figure(a), figure(b))
+        });
+        writeln!(
+            page,
+            "<tr><td>{}</td><td class=\"n\">{}</td><td>{}</td><td>{interval}</td></tr>",
+            escape(&v.name),
+            figure(v.value),
+            escape(&v.unit)
+        )?;
+    }
+    writeln!(page, "</table>")
+}
+
+fn rows(page: &mut String, d: &AggregateDiagnosis) -> std::fmt::Result {
+    writeln!(
+        page,
+        "<h2>Row by row</h2>\n<p class=\"legend\"><span><i style=\"background:{}\"></i>measured</span><span><i style=\"background:{}\"></i>model</span>\
+         <span><i style=\"background:{}\"></i>ours</span></p>\n<div class=\"block\">{}</div>\n\
+         <p>Each pair: {}, {}.</p>\n<table><tr><th></th><th class=\"n\">measured</th><th class=\"n\">model</th>\
+         <th class=\"n\">its optimum</th><th class=\"n\">ours</th></tr>",
+        Ink::Measured.css(),
+        Ink::Twin.css(),
+        Ink::Improved.css(),
+        plot(d),
+        escape(&d.columns[0]),
+        escape(&d.columns[1])
+    )?;
+    let pair = |p: Option<[f64; 2]>| {
+        p.map_or("\u{2013}".to_owned(), |[a, b]| {
+            format!("{}, {}", figure(a), figure(b))
+        })
+    };
+    for row in &d.rows {
+        writeln!(
+            page,
+            "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>",
+            escape(&row.name),
+            pair(Some(row.measured)),
+            pair(row.model),
+            pair(row.optimum),
+            pair(row.ours)
+        )?;
+    }
+    writeln!(page, "</table>")
+}
+
+fn plot(d: &AggregateDiagnosis) -> String {
+    let curve = |ink: Ink, of: &dyn Fn(&Compared) -> Option<[f64; 2]>| Line {
+        name: String::new(),
+        points: d.rows.iter().filter_map(|r| of(r).map(|[x, y]| (x, y))).collect(),
+        ink,
+    };
+    Plot {
+        x_label: &d.columns[0],
+        y_label: &d.columns[1],
+        curves: &[
+            curve(Ink::Measured, &|r| Some(r.measured)),
+            curve(Ink::Twin, &|r| r.model),
+            curve(Ink::Improved, &|r| r.ours),
+        ],
+        bands: &[],
+        size: HALF,
+    }
+    .render()
+}
