@@ -147,7 +147,8 @@ pub(super) fn play(
         bench.displacement_channel.noise_mm,
         Box::new(writer),
         || false,
-    );
+    )
+    .watching(bench.noise());
     let order = RunOrder {
         header,
         profile: profile.clone(),

@@ -108,6 +108,7 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
         .iter()
         .map(|path| csv::read_file(path))
         .collect::<Result<Vec<_>, _>>()?;
+    recordings.iter().try_for_each(in_mm_and_n)?;
     let case = Case {
         bench: &bench,
         baseline: &baseline,
@@ -120,6 +121,44 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
     let diagnosis = case.diagnose(&recordings, &folder)?;
     output.result(&diagnosis, || text(&diagnosis, &folder))?;
     Ok(Done::Well)
+}
+
+/// Between these a secant of force over displacement is a spring's, N/mm; a thousandfold off it is another unit's.
+const SPRINGS_N_PER_MM: [f64; 2] = [0.2, 10_000.0];
+/// Ranges that a test in the right units exceeds: mm, and N.
+const LEAST_RANGE: [f64; 2] = [0.2, 20.0];
+
+/// Refuses columns whose figures are metres or kilonewtons under a header that says mm and N.
+fn in_mm_and_n(recording: &Recording) -> Result<(), CliError> {
+    let range = |values: &[f64]| {
+        let (low, high) = values
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
+                (l.min(*v), h.max(*v))
+            });
+        high - low
+    };
+    let (mm, n) = (range(&recording.displacement_mm), range(&recording.force_n));
+    let (column, values, unit, wanted) = match n / mm {
+        rate if rate > SPRINGS_N_PER_MM[1] && mm < LEAST_RANGE[0] && n > LEAST_RANGE[1] => {
+            ("displacement_mm", &recording.displacement_mm, "metres", "mm")
+        }
+        rate if rate < SPRINGS_N_PER_MM[0] && n < LEAST_RANGE[1] && mm > LEAST_RANGE[0] => {
+            ("force_n", &recording.force_n, "kilonewtons", "N")
+        }
+        _ => return Ok(()),
+    };
+    let most = values
+        .iter()
+        .enumerate()
+        .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
+    let (index, value) = most.map_or((0, f64::NAN), |(i, v)| (i, *v));
+    Err(CliError::Input(format!(
+        "{}, row {}, column {column}: the largest value is {value}, while the force moves by {n:.3} and the displacement by {mm:.3}: no spring \
+         is like that, it looks like {unit}; convert the column to {wanted}",
+        recording.name,
+        index + 2
+    )))
 }
 
 /// What stays the same however many recordings there are.

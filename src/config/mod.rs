@@ -180,6 +180,23 @@ pub struct BenchLimits {
     pub tare_max_n: f64,
     /// Largest tare of the LVDT.
     pub tare_max_mm: f64,
+    /// What a model mismatch does to the run, beside being told. The one entry that may be left out: it guards the test's
+    /// worth, not the rig.
+    #[serde(default)]
+    pub model_mismatch: MismatchAction,
+}
+
+/// What follows when the twin's residual leaves its band.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MismatchAction {
+    /// An event in the run and a line on the page.
+    #[default]
+    Tell,
+    /// The rig holds; an operator resumes or stops.
+    Hold,
+    /// The run ends and the rig unloads.
+    Stop,
 }
 
 /// The daemon's own settings.

@@ -7,6 +7,7 @@
 //! Stretches shorter than a twentieth of the leg before are forgotten. One that counts opens the case; after a whole cycle
 //! (or [`LATEST_S`], in a slow test) the largest is reported. No second report before a whole cycle without a stretch that counts.
 
+use std::collections::VecDeque;
 
 /// Residual that begins a stretch, in units of the noise.
 const ENTER: f64 = 6.0;
@@ -116,7 +117,9 @@ pub struct Watch {
     /// Local stiffness of the twin, N/mm, followed slowly.
     stiffness: f64,
     last: Option<(f64, f64)>,
-    smooth_n: Option<f64>,
+    /// Residuals of the last [`SMOOTH_S`] and their sum.
+    recent_n: VecDeque<f64>,
+    recent_sum_n: f64,
     open: Option<Stretch>,
     largest: Option<Stretch>,
     /// Legs and samples since the case was opened.
@@ -138,7 +141,8 @@ impl Watch {
             legs: 0,
             stiffness: 0.0,
             last: None,
-            smooth_n: None,
+            recent_n: VecDeque::new(),
+            recent_sum_n: 0.0,
             open: None,
             largest: None,
             since_opened: None,
@@ -160,13 +164,10 @@ impl Watch {
         self.follow_stiffness(displacement_mm, twin_n);
         let reversed = self.follow_leg(displacement_mm);
         let leg = self.leg?;
-        let share = 1.0 / (SMOOTH_S * self.rate_hz).max(1.0);
         let residual_n = measured_n - twin_n;
-        let smooth_n = self.smooth_n.map_or(residual_n, |s| s + share * (residual_n - s));
-        self.smooth_n = Some(smooth_n);
+        let smooth_n = self.smoothed(residual_n);
         let in_noise = smooth_n / self.noise_n();
-        let over = reversed
-            || self.open.is_some_and(|s| in_noise * s.sign < LEAVE);
+        let over = reversed || self.open.is_some_and(|s| in_noise * s.sign < LEAVE);
         if over {
             self.close();
         }
@@ -196,9 +197,22 @@ impl Watch {
         self.judge()
     }
 
+    /// Mean over the last [`SMOOTH_S`].
+    fn smoothed(&mut self, residual_n: f64) -> f64 {
+        self.recent_n.push_back(residual_n);
+        self.recent_sum_n += residual_n;
+        if self.recent_n.len() as f64 > (SMOOTH_S * self.rate_hz).max(1.0) {
+            self.recent_sum_n -= self.recent_n.pop_front().unwrap_or_default();
+        }
+        self.recent_sum_n / self.recent_n.len() as f64
+    }
+
     /// Standard deviation of the residual where nothing is wrong.
     fn noise_n(&self) -> f64 {
-        self.noise.force_n.hypot(self.stiffness * self.noise.displacement_mm).max(f64::MIN_POSITIVE)
+        self.noise
+            .force_n
+            .hypot(self.stiffness * self.noise.displacement_mm)
+            .max(f64::MIN_POSITIVE)
     }
 
     fn follow_stiffness(&mut self, displacement_mm: f64, twin_n: f64) {
@@ -226,7 +240,11 @@ impl Watch {
             return false;
         };
         leg.samples += 1;
-        let ahead = if leg.loading { displacement_mm - leg.extreme_mm } else { leg.extreme_mm - displacement_mm };
+        let ahead = if leg.loading {
+            displacement_mm - leg.extreme_mm
+        } else {
+            leg.extreme_mm - displacement_mm
+        };
         if ahead >= 0.0 {
             leg.extreme_mm = displacement_mm;
             return false;
@@ -269,8 +287,8 @@ impl Watch {
 
     fn judge(&mut self) -> Option<Mismatch> {
         if self.told {
-            // Two legs are a cycle: all of it without a stretch that counts ends the case.
-            if self.quiet_legs >= 2 && self.open.is_none_or(|s| !self.counts(&s)) {
+            // The rest of the leg and a whole cycle after it without a stretch that counts end the case.
+            if self.quiet_legs >= 3 && self.open.is_none_or(|s| !self.counts(&s)) {
                 self.told = false;
                 self.largest = None;
                 self.since_opened = None;
@@ -338,15 +356,27 @@ mod tests {
         assert_eq!(found.len(), 1, "{found:?}");
         let (at_s, m) = found[0];
         assert!(at_s < 2.0, "{at_s}");
-        assert!(m.loading && (m.displacement_mm[0] - 4.0).abs() < 0.3 && m.displacement_mm[1] > 5.7, "{m:?}");
-        assert!((m.after_reversal_mm[0] - 4.0).abs() < 0.3 && (m.residual_n - 20.0).abs() < 2.0, "{m:?}");
+        assert!(
+            m.loading && (m.displacement_mm[0] - 4.0).abs() < 0.3 && m.displacement_mm[1] > 5.7,
+            "{m:?}"
+        );
+        assert!(
+            (m.after_reversal_mm[0] - 4.0).abs() < 0.3 && (m.residual_n - 20.0).abs() < 2.0,
+            "{m:?}"
+        );
         assert!(m.in_noise > 30.0 && m.in_noise < 45.0, "{m:?}");
     }
 
     #[test]
     fn it_is_told_again_only_after_a_cycle_in_peace() {
         let bad = |cycle: u32| cycle < 3 || (10..12).contains(&cycle);
-        let found = reports(20, |x, loading, cycle| if bad(cycle) && loading && x > 4.0 { 20.0 } else { 0.0 });
+        let found = reports(20, |x, loading, cycle| {
+            if bad(cycle) && loading && x > 4.0 {
+                20.0
+            } else {
+                0.0
+            }
+        });
         assert_eq!(found.len(), 2, "{found:?}");
         assert!(found[1].0 > 10.0);
     }
@@ -354,6 +384,13 @@ mod tests {
     #[test]
     fn a_blink_is_forgotten() {
         // 20 ms at 94 mm/s is nothing that a person can look for.
-        assert_eq!(reports(5, |x, loading, _| if loading && (3.0..3.3).contains(&x) { 30.0 } else { 0.0 }), []);
+        assert_eq!(
+            reports(5, |x, loading, _| if loading && (3.0..3.3).contains(&x) {
+                30.0
+            } else {
+                0.0
+            }),
+            []
+        );
     }
 }

@@ -1,10 +1,11 @@
 //! Findings from the points of one loop (Table 5-1 of the Chula thesis), against the thesis' envelope lines.
 //!
 //! ```text
-//! chord slope between neighbours = k + c u + t [exp(-s/L)]        u displacement, s travel since the branch began
+//! loading    F = a + k u + c u'^2 / 2 - A exp(-s/L)       u displacement, u' from mid travel, s travel since the branch began
+//! unloading  F = b + k u + c u'^2 / 2 + B exp(-s/L)
 //! ```
-//! `[..]` is the mean over the chord. `t` and `L` are the transition after a reversal; `c` the stiffness that changes with
-//! deflection; it is left out where the chords do not show it. `L` is searched on a grid, its interval is where the fit is not worse than Fisher's F allows.
+//! `A`, `B` and `L` are the transitions at the two ends; `c` the stiffness that changes with deflection, left out where the
+//! points do not show it. `L` is searched on a grid, its interval is where the fit is not worse than Fisher's F allows.
 
 use super::regression::{Estimate, Line, line};
 use super::table::{Points, Table};
@@ -40,12 +41,10 @@ pub(super) fn diagnose(table: &Table, threads: usize) -> Result<AggregateDiagnos
         return Ok(out);
     }
     let residuals: Vec<f64> = all.iter().zip(&envelope.force_n).map(|(p, f)| p.1 - f).collect();
-    let chords: Vec<Chord> = chords(loading).into_iter().chain(chords(unloading)).collect();
     let enough = loading.len() >= LEAST && unloading.len() >= LEAST;
-    let travel_mm = span(all.iter().map(|p| p.0)).1;
-    if let Some(found) = enough.then(|| transition(&chords, travel_mm)).flatten() {
-        ends(&all, &residuals, &chords, &found, &mut out);
-        softening(&found, &chords, &mut out);
+    if let Some(found) = enough.then(|| transition(&table.points)).flatten() {
+        ends(&all, &residuals, &table.points, &found, &mut out);
+        softening(&found, &mut out);
     }
     out.not_testable = not_testable(&out.effects, &out.excluded, why);
     conclude(&mut out, envelope.rms_n, ours.rms_n);
@@ -118,7 +117,6 @@ fn blank(table: &Table, all: &[(f64, f64)], rerun: &Rerun, range_n: f64) -> Aggr
 /// Between two neighbours of a branch.
 struct Chord {
     slope: f64,
-    middle_mm: f64,
     /// Travel since the branch began.
     since_mm: [f64; 2],
 }
@@ -129,49 +127,62 @@ fn chords(branch: &[(f64, f64)]) -> Vec<Chord> {
     };
     let chord = |w: &[(f64, f64)]| Chord {
         slope: (w[1].1 - w[0].1) / (w[1].0 - w[0].0),
-        middle_mm: 0.5 * (w[0].0 + w[1].0),
         since_mm: [(w[0].0 - begin.0).abs(), (w[1].0 - begin.0).abs()],
     };
     branch.windows(2).map(chord).collect()
 }
 
 struct Transition {
-    /// Columns: k, t, and c where it was asked for.
+    /// Columns: a, b, k, A, B, and c where it was asked for.
     fit: Line,
+    travel_mm: f64,
     length_mm: f64,
     length_ci_mm: [f64; 2],
 }
 
 impl Transition {
-    /// Stiffness added after a reversal, N/mm.
-    fn jump(&self) -> Estimate {
-        self.fit.columns[1]
+    /// Stiffness where the transitions are over, N/mm.
+    fn rate(&self) -> Estimate {
+        self.fit.columns[2]
+    }
+
+    /// What the transition at the lower and the upper end hides of the branch, N.
+    fn hidden_n(&self) -> [Estimate; 2] {
+        [self.fit.columns[3], self.fit.columns[4]]
     }
 
     /// Change of stiffness with deflection, N/mm2, where it was asked for.
     fn change(&self) -> Option<Estimate> {
-        self.fit.columns.get(2).copied()
+        self.fit.columns.get(5).copied()
     }
 }
 
-/// With the stiffness that changes with deflection where the chords show one beside the transition.
-fn transition(chords: &[Chord], travel_mm: f64) -> Option<Transition> {
-    let with = search(chords, travel_mm, true);
+/// With the stiffness that changes with deflection where the points show one beside the transition.
+fn transition(points: &Points) -> Option<Transition> {
+    let with = search(points, true);
     let shown = |t: &Transition| t.change().is_some_and(|c| c.times(-1.0).above(0.0) >= SURE);
-    with.filter(shown).or_else(|| search(chords, travel_mm, false))
+    with.filter(shown).or_else(|| search(points, false))
 }
 
-fn search(chords: &[Chord], travel_mm: f64, bent: bool) -> Option<Transition> {
-    let slopes: Vec<f64> = chords.iter().map(|c| c.slope).collect();
+fn search(points: &Points, bent: bool) -> Option<Transition> {
+    let both = || points.loading.iter().chain(&points.unloading);
+    let (low, travel_mm) = span(both().map(|p| p.0));
+    let (begin, top) = (points.loading.first()?.0, low + travel_mm);
+    let force_n: Vec<f64> = both().map(|p| p.1).collect();
     let at = |length_mm: f64| {
-        let mean = |[a, b]: [f64; 2]| length_mm * ((-a / length_mm).exp() - (-b / length_mm).exp()) / (b - a);
-        let row = |c: &Chord| {
-            let mut row = vec![1.0, mean(c.since_mm)];
-            row.extend(bent.then_some(c.middle_mm - 0.5 * travel_mm));
+        let row = |u: f64, up: bool| {
+            let since = if up { u - begin } else { top - u };
+            let fade = (-since / length_mm).exp();
+            let [up, down] = if up { [1.0, 0.0] } else { [0.0, 1.0] };
+            let mut row = vec![up, down, u, -up * fade, down * fade];
+            row.extend(bent.then_some(0.5 * (u - low - 0.5 * travel_mm).powi(2)));
             row
         };
-        let design: Vec<_> = chords.iter().map(row).collect();
-        line(&design, &slopes).map(|fit| (length_mm, fit))
+        let loading = points.loading.iter().map(|p| row(p.0, true));
+        let design: Vec<_> = loading
+            .chain(points.unloading.iter().map(|p| row(p.0, false)))
+            .collect();
+        line(&design, &force_n).map(|fit| (length_mm, fit))
     };
     let [short, long] = LENGTHS.map(|share| share * travel_mm);
     let tried = (0..=TRIED).map(|i| short * (long / short).powf(i as f64 / TRIED as f64));
@@ -184,11 +195,12 @@ fn search(chords: &[Chord], travel_mm: f64, bent: bool) -> Option<Transition> {
     let spare = (fit.columns[0].spare - 1.0).max(1.0);
     let allowed = fit.scatter * (1.0 + student_975(spare).powi(2) / spare).sqrt();
     let fair = fits.iter().filter(|(_, f)| f.scatter <= allowed).map(|(l, _)| *l);
-    let (low, width) = span(fair);
+    let (shortest, width) = span(fair);
     Some(Transition {
         fit,
+        travel_mm,
         length_mm,
-        length_ci_mm: [low, low + width],
+        length_ci_mm: [shortest, shortest + width],
     })
 }
 
@@ -206,7 +218,7 @@ fn softening_since(chords: &[Chord]) -> Option<Estimate> {
 fn ends(
     all: &[(f64, f64)],
     residuals: &[f64],
-    chords: &[Chord],
+    points: &Points,
     found: &Transition,
     out: &mut AggregateDiagnosis,
 ) {
@@ -236,12 +248,17 @@ fn ends(
     };
     let lower = place("lower", low, low + END * travel_mm);
     let upper = place("upper", low + (1.0 - END) * travel_mm, low + travel_mm);
-    let jump = found.jump();
+    let hidden = found.hidden_n();
+    let sure = hidden.iter().map(|h| h.above(0.0)).fold(1.0, f64::min);
     // Ends that held no more than their part of the travel would be no ends.
-    if jump.above(0.0) < SURE || lower + upper < 3.0 * END {
+    if sure < SURE || lower + upper < 3.0 * END {
         return;
     }
     let [a, b] = found.length_ci_mm;
+    let chords: Vec<Chord> = [&points.loading, &points.unloading]
+        .into_iter()
+        .flat_map(|branch| chords(branch))
+        .collect();
     let mut parameters = vec![
         Value {
             name: "transition_length_mm".to_owned(),
@@ -249,22 +266,29 @@ fn ends(
             unit: "mm".to_owned(),
             ci95: Some(found.length_ci_mm),
         },
-        jump.named("stiffness added after a reversal", "N/mm"),
+        hidden[0].named("force that the transition at the lower end takes away", "N"),
+        hidden[1].named("force that the transition at the upper end adds", "N"),
         share_of_ends(lower + upper),
+        found
+            .rate()
+            .named("stiffness where the transitions are over", "N/mm"),
     ];
-    let softer = softening_since(chords);
-    parameters
-        .extend(softer.map(|s| s.named("change of stiffness with travel along a branch", "N/mm\u{b2}")));
+    let softer = softening_since(&chords);
+    parameters.extend(softer.map(|s| {
+        s.named(
+            "softening: change of stiffness with travel along a branch",
+            "N/mm\u{b2}",
+        )
+    }));
     let begin = chords.first().map_or(f64::NAN, |c| c.slope);
     let least = chords.iter().map(|c| c.slope).fold(f64::INFINITY, f64::min);
     out.effects.push(Finding {
         code: "presliding".to_owned(),
-        confidence: jump.above(0.0),
+        confidence: sure,
         statement: format!(
-            "Both ends of the loop are round: after a reversal the spring is stiffer by {:.0} N/mm and turns to the other branch over about \
-             {:.0} mm ({a:.0} to {b:.0} mm), so that either branch softens from {begin:.0} to {least:.0} N/mm. The envelope lines have one slope and jump at \
-             the ends: {:.0} % of their error lies there.",
-            jump.value,
+            "Both ends of the loop are round: after a reversal the spring turns to the other branch gradually, over about {:.0} mm ({a:.0} to \
+             {b:.0} mm), so that either branch softens from {begin:.0} to {least:.0} N/mm. The envelope lines have one slope and jump at the \
+             ends: {:.0} % of their error lies there.",
             found.length_mm,
             100.0 * (lower + upper)
         ),
@@ -282,7 +306,7 @@ fn share_of_ends(share: f64) -> Value {
 }
 
 /// A stiffness that falls with deflection on both branches, beyond the transition.
-fn softening(found: &Transition, chords: &[Chord], out: &mut AggregateDiagnosis) {
+fn softening(found: &Transition, out: &mut AggregateDiagnosis) {
     let Some(change) = found.change() else {
         if !out.effects.is_empty() {
             out.alternatives.push(Alternative {
@@ -297,7 +321,6 @@ fn softening(found: &Transition, chords: &[Chord], out: &mut AggregateDiagnosis)
         return;
     };
     let fall = change.times(-1.0);
-    let (_, travel_mm) = span(chords.iter().map(|c| c.middle_mm));
     out.effects.push(Finding {
         code: "geometric_stiffness".to_owned(),
         confidence: fall.above(0.0),
@@ -305,11 +328,11 @@ fn softening(found: &Transition, chords: &[Chord], out: &mut AggregateDiagnosis)
             "The spring softens as it goes down: beyond the transition its stiffness falls by {:.2} N/mm with each mm, {:.0} N/mm over the \
              test, on both branches. The envelope has one slope.",
             fall.value,
-            fall.value * travel_mm
+            fall.value * found.travel_mm
         ),
         parameters: vec![
             change.named("change of stiffness with deflection", "N/mm\u{b2}"),
-            found.fit.columns[0].named("stiffness at mid travel", "N/mm"),
+            found.rate().named("stiffness at mid travel", "N/mm"),
         ],
     });
 }
