@@ -12,11 +12,14 @@ use virtual_rig::{concealing, play, sine};
 fn rounds_are_run_and_kept_until_it_is_settled_or_nothing_helps() {
     let folder = tempfile::tempdir().expect("a folder");
     let text = |path: &std::path::Path| path.to_str().expect("UTF-8").to_owned();
-    let bench = concealing("viscous_damping", &[("damping_n_s_per_mm", 1.0)]);
+    let bench = concealing(
+        "progressive_stiffness",
+        &[("extra_rate_n_per_mm", 15.0), ("knee_mm", 8.0), ("width_mm", 2.0)],
+    );
     let file = folder.path().join("bench.toml");
     std::fs::write(&file, bench.to_toml()).expect("scratch folder is writable");
-    // One sine alone: what is in proportion to speed is not told from other losses.
-    let (_, csv) = play(&bench, &sine("one", 8.0, 1.0, 8), Some(folder.path()));
+    // One short sine about the knee alone: a knee and a smooth bend are alike there.
+    let (_, csv) = play(&bench, &sine("one", 9.0, 1.0, 8), Some(folder.path()));
     let out = folder.path().join("out");
     let ran = Command::new(env!("CARGO_BIN_EXE_leafbench"))
         .args([
