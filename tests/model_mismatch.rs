@@ -81,8 +81,14 @@ fn lost_motion_is_told_of_after_the_reversal() {
     println!("{}", events[0].text);
     // It begins with the way back: the spring waits for the gap to close.
     let [from, _] = interval(&events[0].text);
-    let after = events[0].text.split("ing, ").nth(1).and_then(|t| t.split(" mm to").next()?.split(" to").next());
-    let after: f64 = after.and_then(|t| t.trim_end_matches(" mm").parse().ok()).expect("a distance");
+    let after = events[0]
+        .text
+        .split("ing, ")
+        .nth(1)
+        .and_then(|t| t.split(" mm to").next()?.split(" to").next());
+    let after: f64 = after
+        .and_then(|t| t.trim_end_matches(" mm").parse().ok())
+        .expect("a distance");
     assert!(after < 1.0 && from < 14.0, "{}", events[0].text);
 }
 

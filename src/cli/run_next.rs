@@ -187,6 +187,9 @@ pub fn run(
         if let Some(why) = settled(&diagnosis) {
             break (diagnosis, true, why);
         }
+        if interrupts.load(Ordering::Relaxed) > 0 {
+            break (diagnosis, false, "stopped by Ctrl-C".to_owned());
+        }
         let next = match next(&diagnosis, &asked) {
             Err(why) => break (diagnosis, false, why),
             Ok(_) if number as u32 >= most => {

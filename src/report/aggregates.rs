@@ -151,20 +151,43 @@ fn rows(page: &mut String, d: &AggregateDiagnosis) -> std::fmt::Result {
     writeln!(page, "</table>")
 }
 
+/// Points of one loop in their order; tests by mounting, in the order of their peak force.
 fn plot(d: &AggregateDiagnosis) -> String {
-    let curve = |ink: Ink, of: &dyn Fn(&Compared) -> Option<[f64; 2]>| Line {
-        name: String::new(),
-        points: d.rows.iter().filter_map(|r| of(r).map(|[x, y]| (x, y))).collect(),
-        ink,
+    let tests = d.columns[0].starts_with("peak force");
+    let group = |r: &Compared| {
+        if tests {
+            r.name.split(", ").next().unwrap_or("").to_owned()
+        } else {
+            String::new()
+        }
     };
+    let mut groups: Vec<String> = d.rows.iter().map(group).collect();
+    groups.dedup();
+    let mut curves = Vec::new();
+    type Pick = fn(&Compared) -> Option<[f64; 2]>;
+    let picks: [(Ink, Pick); 3] = [
+        (Ink::Measured, |r| Some(r.measured)),
+        (Ink::Twin, |r| r.model),
+        (Ink::Improved, |r| r.ours),
+    ];
+    for (ink, pick) in picks {
+        for name in &groups {
+            let rows = d.rows.iter().filter(|r| group(r) == *name);
+            let mut points: Vec<(f64, f64)> = rows.filter_map(|r| pick(r).map(|[x, y]| (x, y))).collect();
+            if tests {
+                points.sort_by(|a, b| a.0.total_cmp(&b.0));
+            }
+            curves.push(Line {
+                name: String::new(),
+                points,
+                ink,
+            });
+        }
+    }
     Plot {
         x_label: &d.columns[0],
         y_label: &d.columns[1],
-        curves: &[
-            curve(Ink::Measured, &|r| Some(r.measured)),
-            curve(Ink::Twin, &|r| r.model),
-            curve(Ink::Improved, &|r| r.ours),
-        ],
+        curves: &curves,
         bands: &[],
         size: HALF,
     }

@@ -3,6 +3,7 @@
 
 pub mod aggregates;
 pub mod diagnosis;
+mod diagnosis_plots;
 pub mod html;
 pub mod pack;
 pub mod svg;

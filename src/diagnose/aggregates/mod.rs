@@ -1,10 +1,11 @@
 //! Recordings of which only aggregates are known: peak force and loop energy of each test, or a few points of one loop.
 //!
-//! - `table` what the files hold · `rows` findings from tests · `points` findings from one loop · `regression` lines and intervals
+//! - `table` what the files hold · `rows` findings from tests by the `laws` · `points` findings from one loop · `regression` lines and intervals
 //!
 //! Two numbers a test hide the loop's shape. What the rows can say is how the loss goes with rate, load and stroke, each as an
 //! exponent or a slope with its interval; everything that lives in the shape is answered "not testable".
 
+mod laws;
 mod points;
 mod regression;
 mod rows;
