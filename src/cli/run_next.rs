@@ -76,7 +76,7 @@ impl Tester for LiveRig {
         if ended.ending.as_deref() != Some("completed") {
             let ending = ended.ending.as_deref().unwrap_or("did not start");
             return Ok(Tested::CutShort(format!(
-                "run {} {ending}: {}",
+                "run {0} {ending}: {1}; what it recorded is kept: leafbench export {0}",
                 started.run_id, ended.cause
             )));
         }

@@ -118,14 +118,15 @@ fn text(d: &AggregateDiagnosis, folder: &Path) -> String {
     );
     lines.extend(d.location.iter().map(|l| format!("  where: {}", l.words)));
     lines.extend(d.alarms.iter().map(|a| format!("  look at: {a}")));
+    let [model, optimum, ours] = &d.models;
     lines.push(format!(
-        "  {:<28}{:>20}{:>20}{:>20}{:>20}",
-        "", "measured", "model", "its optimum", "ours"
+        "  {:<28}{:>20}{model:>32}{optimum:>32}{ours:>32}",
+        "", "measured"
     ));
     let pair = |p: Option<[f64; 2]>| p.map_or("-".to_owned(), |[a, b]| format!("{a:.1} {b:.3}"));
     for row in &d.rows {
         lines.push(format!(
-            "  {:<28}{:>20}{:>20}{:>20}{:>20}",
+            "  {:<28}{:>20}{:>32}{:>32}{:>32}",
             row.name,
             pair(Some(row.measured)),
             pair(row.model),

@@ -24,11 +24,12 @@ fn write_page(page: &mut String, d: &AggregateDiagnosis) -> std::fmt::Result {
          <title>Diagnosis from a table</title>\n<style>{STYLE}</style></head>\n<body>\n\
          <div class=\"verdict {}\"><h1>{}</h1>\n<p class=\"quiet\">From {} rows of {} and {}; no recordings.</p></div>\n",
         verdict_word(d.verdict),
-        escape(&d.summary),
+        escape(&d.summary).replace(" %", "&nbsp;%"),
         d.rows.len(),
         escape(&d.columns[0]),
         escape(&d.columns[1])
     )?;
+    at_a_glance(page, d)?;
     if !d.alarms.is_empty() {
         writeln!(page, "<h2>To be looked at first</h2>\n<ul>")?;
         for alarm in &d.alarms {
@@ -89,10 +90,9 @@ fn write_page(page: &mut String, d: &AggregateDiagnosis) -> std::fmt::Result {
 fn finding(page: &mut String, f: &Finding) -> std::fmt::Result {
     writeln!(
         page,
-        "<div class=\"block\"><h3>{}, {:.1} % sure</h3>\n<p>{}</p>",
+        "<div class=\"block\"><h3>{}, {:.1} % sure</h3>",
         spaced(&f.code),
-        100.0 * f.confidence,
-        escape(&f.statement)
+        100.0 * f.confidence
     )?;
     values(page, &f.parameters)?;
     writeln!(page, "</div>")
@@ -118,19 +118,39 @@ fn values(page: &mut String, values: &[Value]) -> std::fmt::Result {
     writeln!(page, "</table>")
 }
 
+/// What was found in a sentence each, beside the plot.
+fn at_a_glance(page: &mut String, d: &AggregateDiagnosis) -> std::fmt::Result {
+    writeln!(page, "<div class=\"pair block\"><div><ul>")?;
+    for f in d.effects.iter().chain(&d.excluded) {
+        writeln!(page, "<li>{}</li>", escape(&f.statement))?;
+    }
+    let entries = [
+        ("measured", Ink::Measured),
+        (&d.models[0], Ink::Twin),
+        (&d.models[2], Ink::Improved),
+    ];
+    writeln!(page, "</ul></div><div>{}<p class=\"legend\">", plot(d))?;
+    for (name, ink) in entries {
+        write!(
+            page,
+            "<span><i style=\"background:{}\"></i>{}</span>",
+            ink.css(),
+            escape(name)
+        )?;
+    }
+    writeln!(page, "</p></div></div>")
+}
+
 fn rows(page: &mut String, d: &AggregateDiagnosis) -> std::fmt::Result {
     writeln!(
         page,
-        "<h2>Row by row</h2>\n<p class=\"legend\"><span><i style=\"background:{}\"></i>measured</span><span><i style=\"background:{}\"></i>model</span>\
-         <span><i style=\"background:{}\"></i>ours</span></p>\n<div class=\"block\">{}</div>\n\
-         <p>Each pair: {}, {}.</p>\n<table><tr><th></th><th class=\"n\">measured</th><th class=\"n\">model</th>\
-         <th class=\"n\">its optimum</th><th class=\"n\">ours</th></tr>",
-        Ink::Measured.css(),
-        Ink::Twin.css(),
-        Ink::Improved.css(),
-        plot(d),
+        "<h2>Row by row</h2>\n<p>Each pair: {}, {}.</p>\n<table><tr><th></th><th class=\"n\">measured</th><th class=\"n\">{}</th>\
+         <th class=\"n\">{}</th><th class=\"n\">{}</th></tr>",
         escape(&d.columns[0]),
-        escape(&d.columns[1])
+        escape(&d.columns[1]),
+        escape(&d.models[0]),
+        escape(&d.models[1]),
+        escape(&d.models[2])
     )?;
     let pair = |p: Option<[f64; 2]>| {
         p.map_or("\u{2013}".to_owned(), |[a, b]| {

@@ -100,6 +100,8 @@ pub struct AggregateDiagnosis {
     pub not_testable: Vec<NotTestable>,
     /// Headings of the pairs in `rows`.
     pub columns: [String; 2],
+    /// What `model`, `optimum` and `ours` of a row are.
+    pub models: [String; 3],
     /// Row by row.
     pub rows: Vec<Compared>,
     /// The believable set, identified on all rows together.

@@ -88,6 +88,7 @@ fn blank(table: &Table, all: &[(f64, f64)], rerun: &Rerun, range_n: f64) -> Aggr
         alarm_figures: Vec::new(),
         not_testable: not_testable(&[], &[], why),
         columns: ["displacement in mm".to_owned(), "force in N".to_owned()],
+        models: [0, 1, 3].map(|k: usize| rerun.rows[k].model.to_owned()),
         rows: (0..all.len())
             .map(|i| Compared {
                 name: format!("{} at {:.1} mm", branch(i), all[i].0),

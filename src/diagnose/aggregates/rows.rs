@@ -106,6 +106,7 @@ fn blank(table: &Table) -> AggregateDiagnosis {
         alarm_figures: Vec::new(),
         not_testable: not_testable(&[], &[], why),
         columns: ["peak force in N".to_owned(), "loop energy in J".to_owned()],
+        models: ["model", "its reported optimum", "believable set"].map(str::to_owned),
         rows: table
             .rows
             .iter()
