@@ -112,6 +112,16 @@ fn the_first_papers_tables_tell_what_their_fit_conceals() {
     );
     assert!(worst(0) < 0.03 && worst(1) < 0.1);
     assert!(!d.parameters.is_empty());
+    // What is written for the twin is what was fitted: the static peak comes back at the travel of the fit.
+    for (mount, improved) in &d.improved {
+        let mut plant = improved.plant().expect("a sound model");
+        let peak = (0..=60)
+            .map(|k| plant.step(0.5 * f64::from(k), 1.0))
+            .fold(0.0, f64::max);
+        println!("{mount}: {peak:.0} N at 30 mm");
+        assert!(peak > 1900.0 && peak < 4000.0, "{mount}: {peak}");
+    }
+    assert_eq!(d.improved.len(), 2);
     assert_eq!(
         d.rows.iter().filter(|r| r.optimum.is_some()).count(),
         2,

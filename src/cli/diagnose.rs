@@ -98,7 +98,7 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
     let bench = local::bench(matches)?;
     let baseline = baseline(matches, &bench.model)?;
     if matches.contains_id("targets") {
-        return targets::run(matches, &baseline, output);
+        return targets::run(matches, &bench, &baseline, output);
     }
     let paths: Vec<&PathBuf> = matches
         .get_many::<PathBuf>("recordings")
@@ -258,7 +258,7 @@ fn with_progress(
 }
 
 /// The bench with the improved model in its specimen and its twin, so that twin, simulator and mock rig run it.
-fn improved_bench(bench: &Bench, improved: &ImprovedModel) -> Bench {
+pub fn improved_bench(bench: &Bench, improved: &ImprovedModel) -> Bench {
     let model = ModelConfig {
         name: improved.model.clone(),
         known: Vec::new(),

@@ -32,7 +32,7 @@ const LOOKS: u32 = 600;
 /// What came of a test.
 enum Tested {
     /// It ran to its end; the run file.
-    Ran(RunFile),
+    Ran(Box<RunFile>),
     /// The bench will not run this profile.
     NotAdmissible(String),
     /// It was stopped or came to another end.
@@ -80,10 +80,10 @@ impl Tester for LiveRig {
                 started.run_id, ended.cause
             )));
         }
-        Ok(Tested::Ran(RunFile::open(&export::find_run(
+        Ok(Tested::Ran(Box::new(RunFile::open(&export::find_run(
             &self.data,
             &started.run_id,
-        )?)?))
+        )?)?)))
     }
 }
 
@@ -129,7 +129,7 @@ impl Tester for VirtualRig<'_> {
         if self.interrupts.load(Ordering::Relaxed) > 0 {
             return Ok(Tested::CutShort("stopped by Ctrl-C".to_owned()));
         }
-        Ok(Tested::Ran(file))
+        Ok(Tested::Ran(Box::new(file)))
     }
 }
 

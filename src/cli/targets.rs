@@ -7,7 +7,8 @@ use std::time::Instant;
 use clap::ArgMatches;
 
 use super::progress::{Mark, Progress};
-use super::{CliError, Done, Output};
+use super::{CliError, Done, Output, diagnose};
+use crate::config::Bench;
 use crate::diagnose::Baseline;
 use crate::diagnose::aggregates::{AggregateDiagnosis, Row, TableReader, diagnose_table};
 use crate::identify::papers::first::Two;
@@ -16,7 +17,12 @@ use crate::identify::{Control, IdentifyError, Options, fit};
 use crate::report::aggregates::page;
 
 /// Reads the tables, diagnoses, writes and tells.
-pub fn run(matches: &ArgMatches, baseline: &Baseline, output: &Output) -> Result<Done, CliError> {
+pub fn run(
+    matches: &ArgMatches,
+    bench: &Bench,
+    baseline: &Baseline,
+    output: &Output,
+) -> Result<Done, CliError> {
     let paths: Vec<&PathBuf> = matches
         .get_many("targets")
         .map(Iterator::collect)
@@ -48,8 +54,8 @@ pub fn run(matches: &ArgMatches, baseline: &Baseline, output: &Output) -> Result
     );
     bar.finish();
     let diagnosis = diagnosis.map_err(CliError::Aggregates)?;
-    let folder = super::diagnose::out_folder(matches);
-    write_all(&folder, &diagnosis)?;
+    let folder = diagnose::out_folder(matches);
+    write_all(&folder, &diagnosis, bench)?;
     output.result(&diagnosis, || text(&diagnosis, &folder))?;
     Ok(Done::Well)
 }
@@ -82,10 +88,22 @@ fn simulate(rows: &[Row], baseline: &Baseline) -> Result<Vec<Two>, IdentifyError
     Ok(pairs.collect())
 }
 
-fn write_all(folder: &Path, diagnosis: &AggregateDiagnosis) -> Result<(), CliError> {
+fn write_all(folder: &Path, diagnosis: &AggregateDiagnosis, bench: &Bench) -> Result<(), CliError> {
     std::fs::create_dir_all(folder).map_err(CliError::file(folder, "making the folder"))?;
     let json = serde_json::to_string_pretty(diagnosis).map_err(|e| CliError::Internal(e.to_string()))?;
-    for (name, text) in [("diagnosis.json", json), ("report.html", page(diagnosis))] {
+    let mut files = vec![
+        ("diagnosis.json".to_owned(), json),
+        ("report.html".to_owned(), page(diagnosis)),
+    ];
+    // One bench config a mounting; the first also by the name that scripts know.
+    for (i, (mount, model)) in diagnosis.improved.iter().enumerate() {
+        let toml = diagnose::improved_bench(bench, model).to_toml();
+        if i == 0 {
+            files.push(("improved.toml".to_owned(), toml.clone()));
+        }
+        files.push((format!("improved-{}.toml", mount.replace(' ', "-")), toml));
+    }
+    for (name, text) in files {
         let path = folder.join(name);
         std::fs::write(&path, text).map_err(CliError::file(&path, "writing"))?;
     }
@@ -93,7 +111,7 @@ fn write_all(folder: &Path, diagnosis: &AggregateDiagnosis) -> Result<(), CliErr
 }
 
 fn text(d: &AggregateDiagnosis, folder: &Path) -> String {
-    let mut lines = vec![format!("{}: {}", super::diagnose::word(d.verdict), d.summary)];
+    let mut lines = vec![format!("{}: {}", diagnose::word(d.verdict), d.summary)];
     for f in &d.effects {
         lines.push(format!(
             "  {} ({:.1} % sure): {}",
@@ -139,6 +157,14 @@ fn text(d: &AggregateDiagnosis, folder: &Path) -> String {
         lines.push(format!("  not testable: {}", codes.join(", ")));
     }
     lines.extend(d.remarks.iter().map(|r| format!("  {r}")));
-    lines.push(format!("  {}: report.html, diagnosis.json", folder.display()));
+    let improved = if d.improved.is_empty() {
+        ""
+    } else {
+        ", improved.toml"
+    };
+    lines.push(format!(
+        "  {}: report.html, diagnosis.json{improved}",
+        folder.display()
+    ));
     lines.join("\n")
 }

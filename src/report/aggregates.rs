@@ -56,13 +56,6 @@ fn write_page(page: &mut String, d: &AggregateDiagnosis) -> std::fmt::Result {
             escape(&a.test)
         )?;
     }
-    if !d.location.is_empty() {
-        writeln!(page, "<h2>Where</h2>\n<ul>")?;
-        for l in &d.location {
-            writeln!(page, "<li>{}</li>", escape(&l.words))?;
-        }
-        writeln!(page, "</ul>")?;
-    }
     rows(page, d)?;
     if !d.parameters.is_empty() {
         writeln!(page, "<h2>One set of parameters for all rows</h2>")?;

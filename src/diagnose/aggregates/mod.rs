@@ -16,7 +16,7 @@ use serde::Serialize;
 pub use regression::{Estimate, Line, line};
 pub use table::{Fitted, Points, Row, Table, TableError, TableReader};
 
-use super::diagnosis::{Alternative, Location, NextTest, NotTestable, Value, Verdict};
+use super::diagnosis::{Alternative, ImprovedModel, Location, NextTest, NotTestable, Value, Verdict};
 use crate::effect::EFFECTS;
 use crate::identify::IdentifyError;
 use crate::identify::papers::first::Two;
@@ -106,6 +106,8 @@ pub struct AggregateDiagnosis {
     pub rows: Vec<Compared>,
     /// The believable set, identified on all rows together.
     pub parameters: Vec<Value>,
+    /// The believable set as a model for twin, simulator and mock rig: mounting and model.
+    pub improved: Vec<(String, ImprovedModel)>,
     /// What was left out of the files.
     pub remarks: Vec<String>,
 }

@@ -4,11 +4,12 @@
 use super::laws::{Strokes, constant, load, power_law, rate, viscous};
 use super::table::{Fitted, Row, Table, belief};
 use super::{AggregateDiagnosis, Compared, Errors, FitErrors, not_testable, worst};
-use crate::diagnose::diagnosis::{Value, Verdict};
+use crate::diagnose::diagnosis::{ImprovedModel, Value, Verdict};
 use crate::identify::IdentifyError;
 use crate::identify::papers::first::{
     self, Choice, MOUNTS, PhysicsFit, Printed, ROWS, Reading, Two, believable, column, mount_name,
 };
+use crate::model::leaf_pack::{self, Mounting};
 
 /// What a model may miss of a row (peak force, loop energy) and still be adequate.
 const ADEQUATE: [f64; 2] = first::ALLOWED;
@@ -23,7 +24,7 @@ pub(super) fn diagnose(
     progress: &mut dyn FnMut(f64),
 ) -> Result<AggregateDiagnosis, IdentifyError> {
     let mut out = blank(table);
-    if errors(&table.rows, |r| r.model).iter().all(|e| within(e)) {
+    if errors(&table.rows, |r| r.model).iter().all(within) {
         out.verdict = Verdict::Adequate;
         out.summary = format!(
             "The model gives every row within {:.0} % of peak force and {:.0} % of loop energy; two numbers a row can ask no more.",
@@ -119,6 +120,7 @@ fn blank(table: &Table) -> AggregateDiagnosis {
             })
             .collect(),
         parameters: Vec::new(),
+        improved: Vec::new(),
         remarks: table.remarks.clone(),
     }
 }
@@ -268,6 +270,12 @@ fn ours(fit: &PhysicsFit, out: &mut AggregateDiagnosis) {
             ci95: *ci95,
         })
         .collect();
+    out.improved = fit
+        .case
+        .mounts
+        .iter()
+        .filter_map(|&m| Some((mount_name(m).to_owned(), model_of(fit, m)?)))
+        .collect();
     let at = fit.at_bounds();
     if !at.is_empty() {
         out.alarms.push(format!(
@@ -278,6 +286,19 @@ fn ours(fit: &PhysicsFit, out: &mut AggregateDiagnosis) {
     for miss in fit.misses() {
         out.alarms.push(format!("The believable set misses {miss}."));
     }
+}
+
+/// None where the structure cannot be written, which a structure that was just run can.
+fn model_of(fit: &PhysicsFit, mounting: Mounting) -> Option<ImprovedModel> {
+    let (structure, values) = fit.pack(mounting);
+    let names = leaf_pack::MODEL.parameters.iter().map(|p| p.name.to_owned());
+    Some(ImprovedModel {
+        model: leaf_pack::MODEL.name.to_owned(),
+        parameters: names.zip(values.to_array()).collect(),
+        structure: toml::Table::try_from(&structure).ok()?,
+        effects: Vec::new(),
+        force_zero_n: 0.0,
+    })
 }
 
 fn conclude(out: &mut AggregateDiagnosis) {

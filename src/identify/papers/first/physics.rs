@@ -399,6 +399,12 @@ fn judge(case: &Case, problem: &RowProblem, fit: Fit) -> Result<PhysicsFit, Iden
 }
 
 impl PhysicsFit {
+    /// Structure and values of a mounting's pack, as a twin runs it.
+    pub fn pack(&self, mounting: Mounting) -> (Structure, Values) {
+        let (structure, values, _) = unpack(mounting, &self.fit.values);
+        (structure, values)
+    }
+
     /// Rows that miss more than is allowed, in words.
     pub fn misses(&self) -> Vec<String> {
         let mut out = Vec::new();
