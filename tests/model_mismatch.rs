@@ -99,7 +99,7 @@ fn a_mismatch_holds_the_run_where_the_bench_says_so() {
         "coulomb_friction",
         &[("friction_n", 60.0), ("transition_mm", 0.2)],
     );
-    bench.limits.model_mismatch = leafbench::config::MismatchAction::Hold;
+    bench.daemon.model_mismatch = leafbench::config::MismatchAction::Hold;
     let file = folder.path().join("bench.toml");
     std::fs::write(&file, bench.to_toml()).expect("scratch folder is writable");
     let data = folder.path().join("data");

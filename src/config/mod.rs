@@ -180,10 +180,6 @@ pub struct BenchLimits {
     pub tare_max_n: f64,
     /// Largest tare of the LVDT.
     pub tare_max_mm: f64,
-    /// What a model mismatch does to the run, beside being told. The one entry that may be left out: it guards the test's
-    /// worth, not the rig.
-    #[serde(default)]
-    pub model_mismatch: MismatchAction,
 }
 
 /// What follows when the twin's residual leaves its band.
@@ -207,6 +203,9 @@ pub struct DaemonConfig {
     pub listen: SocketAddr,
     /// Where runs are kept.
     pub data_folder: PathBuf,
+    /// What a model mismatch does to the run, beside being told.
+    #[serde(default)]
+    pub model_mismatch: MismatchAction,
 }
 
 /// A spring with the model that describes it.

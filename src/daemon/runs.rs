@@ -171,7 +171,7 @@ fn prepare(shared: &Arc<Shared>, request: StartRun) -> Result<Prepared, ApiError
     let watcher = Watcher {
         newest: Arc::clone(&shared.runs.newest),
         control: shared.control.clone(),
-        on_mismatch: bench.limits.model_mismatch,
+        on_mismatch: bench.daemon.model_mismatch,
         asks: tokio::runtime::Handle::current(),
     };
     let fan_out = FanOut(vec![
