@@ -33,13 +33,13 @@ th { font-weight: 600; opacity: .75; }
 td.n, th.n { text-align: right; }
 tr.chosen td { font-weight: 600; }
 .quiet { opacity: .75; }
-.legend i { display: inline-block; width: 24px; height: 4px; border-radius: 2px; margin: 0 6px 4px 0; }
+.legend i { display: inline-block; width: 24px; height: 4px; border-radius: 2px; margin: 0 6px 4px 0; print-color-adjust: exact; -webkit-print-color-adjust: exact; }
 .legend span { margin-right: 20px; }
 pre { font-size: 14px; line-height: 1.4; padding: 12px; border: 1px solid rgba(118,128,136,.4); overflow-x: auto; }
 @media (prefers-color-scheme: dark) { body { background: #14171a; color: #eef1f2; } }
-@media (max-width: 760px) { .pair { grid-template-columns: 1fr; } }
+@media screen and (max-width: 760px) { .pair { grid-template-columns: 1fr; } }
 @page { size: A4; margin: 14mm; }
-@media print { :root { color-scheme: light; } body { background: #fff; color: #000; max-width: none; padding: 0; font-size: 12px; } .block, .pair > div, tr, pre { break-inside: avoid; } thead, th { break-after: avoid; } h2, h3 { break-after: avoid; } }
+@media print { :root { color-scheme: light; } body { background: #fff; color: #000; max-width: none; padding: 0; font-size: 12px; } h1 { font-size: 20px; } .block, .pair > div, tr, pre { break-inside: avoid; } thead, th { break-after: avoid; } h2, h3 { break-after: avoid; } }
 ";
 
 /// What the report tells beside the diagnosis itself.
