@@ -76,12 +76,25 @@ fn a_diagnosis_leaves_three_files_and_its_model_runs_in_the_simulator() {
     assert!(csv.is_file());
 }
 
+/// A fair loop of a leaf spring with its columns in wrong units: the header says mm and N, the figures do not.
+fn in_other_units(per_mm: f64, per_n: f64) -> String {
+    let rows = (0..600).map(|k| {
+        let phase = std::f64::consts::TAU * f64::from(k) / 100.0;
+        let (x, n) = (
+            10.0 - 6.0 * phase.cos(),
+            800.0 - 480.0 * phase.cos() + 60.0 * phase.sin(),
+        );
+        format!("{},{},{}\n", f64::from(k) * 0.01, x * per_mm, n * per_n)
+    });
+    format!("time_s,displacement_mm,force_n\n{}", rows.collect::<String>())
+}
+
 #[test]
 fn unusable_input_ends_with_2_and_says_file_place_and_remedy() {
     let folder = tempfile::tempdir().expect("scratch folder");
     let path = folder.path().join("bad.csv");
     let rows = |n: usize| -> String { (0..n).map(|k| format!("{k},{k}.5,{k}\n")).collect() };
-    let cases: [(&str, Vec<u8>, &[&str]); 7] = [
+    let cases: [(&str, Vec<u8>, &[&str]); 12] = [
         ("empty", Vec::new(), &["empty"]),
         (
             "column",
@@ -107,6 +120,31 @@ fn unusable_input_ends_with_2_and_says_file_place_and_remedy() {
             "unit",
             b"time_s,displacement_m,force_n\n0,1,2\n".to_vec(),
             &["displacement_mm"],
+        ),
+        (
+            "kilonewtons by name",
+            b"time_s,displacement_mm,force_kn\n0,1,2\n1,2,3\n".to_vec(),
+            &["force_n", "row 1"],
+        ),
+        (
+            "metres by size",
+            in_other_units(1e-3, 1.0).into_bytes(),
+            &["displacement_mm", "row", "metres"],
+        ),
+        (
+            "kilonewtons by size",
+            in_other_units(1.0, 1e-3).into_bytes(),
+            &["force_n", "row", "kilonewtons"],
+        ),
+        (
+            "decimal comma",
+            b"time_s,displacement_mm,force_n\n0,\"1,5\",2\n".to_vec(),
+            &["row 2", "displacement_mm", "point"],
+        ),
+        (
+            "text",
+            b"time_s,displacement_mm,force_n\n0,1,2\n1,2,high\n".to_vec(),
+            &["row 3", "force_n"],
         ),
         ("binary", vec![0xff, 0xfe, 0x00, 0x81, 0x0a], &["row"]),
     ];

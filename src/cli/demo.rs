@@ -121,7 +121,7 @@ fn lead(bench: &Bench) -> String {
 }
 
 /// One profile from hello to unloaded rig, into a run file.
-fn play(
+pub(super) fn play(
     bench: &Bench,
     profile: &Profile,
     profile_toml: String,
@@ -147,7 +147,8 @@ fn play(
         bench.displacement_channel.noise_mm,
         Box::new(writer),
         || false,
-    );
+    )
+    .watching(bench.noise());
     let order = RunOrder {
         header,
         profile: profile.clone(),

@@ -6,7 +6,7 @@ use std::time::Instant;
 use clap::{Arg, ArgAction, ArgMatches};
 
 use super::progress::{Mark, Progress};
-use super::{CliError, Command, Done, Output, local};
+use super::{CliError, Command, Done, Output, client, local, run_next, targets};
 use crate::config::{Bench, EffectConfig, ModelConfig};
 use crate::diagnose::diagnosis::{Diagnosis, ImprovedModel};
 use crate::diagnose::{Baseline, Options, Verdict, diagnose};
@@ -27,11 +27,24 @@ fn arguments(command: clap::Command) -> clap::Command {
         .arg(
             Arg::new("recordings")
                 .value_name("RECORDING.csv")
-                .required(true)
+                .required_unless_present("targets")
                 .num_args(1..)
                 .action(ArgAction::Append)
                 .value_parser(clap::value_parser!(PathBuf))
                 .help("Recordings of one specimen on one rig: CSV with time_s, displacement_mm, force_n"),
+        )
+        .arg(
+            Arg::new("targets")
+                .long("targets")
+                .value_name("CSV")
+                .num_args(1..)
+                .action(ArgAction::Append)
+                .conflicts_with("recordings")
+                .value_parser(clap::value_parser!(PathBuf))
+                .help(
+                    "Tables instead of recordings: tests by peak_force_n (or fmax_kn) and loop_energy_j, with mount, amplitude_mm, \
+                     frequency_hz, source; or one loop by branch, displacement_mm, force_n",
+                ),
         )
         .arg(local::bench_argument())
         .arg(Arg::new("baseline").long("baseline").value_name("MODEL").help(
@@ -41,12 +54,36 @@ fn arguments(command: clap::Command) -> clap::Command {
             Arg::new("known")
                 .long("known")
                 .value_name("CODE,CODE")
+                .num_args(1)
                 .value_delimiter(',')
-                .num_args(0..)
                 .help(
                     "Physics that the baseline has already (\"\" for none) [default: the bench's list and the model's own]",
                 ),
         )
+        .arg(
+            Arg::new("run-next")
+                .long("run-next")
+                .value_name("WHERE")
+                .num_args(0..=1)
+                .require_equals(true)
+                .default_missing_value("live")
+                .value_parser(["live", "virtual"])
+                .conflicts_with("targets")
+                .help(
+                    "Run the test that the diagnosis asks for, add its recording and diagnose again, until it is settled: \
+                     live on the daemon's rig, =virtual on the bench's mock rig in virtual time",
+                ),
+        )
+        .arg(
+            Arg::new("rounds")
+                .long("rounds")
+                .value_name("N")
+                .requires("run-next")
+                .value_parser(clap::value_parser!(u32).range(1..=20))
+                .default_value("4")
+                .help("Most tests that --run-next runs"),
+        )
+        .arg(client::data_argument())
         .arg(
             Arg::new("out")
                 .long("out")
@@ -60,6 +97,9 @@ fn arguments(command: clap::Command) -> clap::Command {
 fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
     let bench = local::bench(matches)?;
     let baseline = baseline(matches, &bench.model)?;
+    if matches.contains_id("targets") {
+        return targets::run(matches, &bench, &baseline, output);
+    }
     let paths: Vec<&PathBuf> = matches
         .get_many::<PathBuf>("recordings")
         .map(Iterator::collect)
@@ -68,15 +108,99 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
         .iter()
         .map(|path| csv::read_file(path))
         .collect::<Result<Vec<_>, _>>()?;
-    let diagnosis = with_progress(&recordings, &baseline, output)?;
-    let folder = matches
-        .get_one::<PathBuf>("out")
-        .cloned()
-        .unwrap_or_else(|| PathBuf::from("diagnosis"));
-    let improved = improved_bench(&bench, &diagnosis.improved);
-    write_all(&folder, &diagnosis, &bench, &baseline, &recordings, &improved)?;
+    recordings.iter().try_for_each(in_mm_and_n)?;
+    let case = Case {
+        bench: &bench,
+        baseline: &baseline,
+        output,
+    };
+    let folder = out_folder(matches);
+    if matches.contains_id("run-next") {
+        return run_next::run(matches, &case, recordings, &folder);
+    }
+    let diagnosis = case.diagnose(&recordings, &folder)?;
     output.result(&diagnosis, || text(&diagnosis, &folder))?;
     Ok(Done::Well)
+}
+
+/// Between these a secant of force over displacement is a spring's, N/mm; a thousandfold off it is another unit's.
+const SPRINGS_N_PER_MM: [f64; 2] = [0.2, 10_000.0];
+/// Ranges that a test in the right units exceeds: mm, and N.
+const LEAST_RANGE: [f64; 2] = [0.2, 20.0];
+
+/// Refuses columns whose figures are metres or kilonewtons under a header that says mm and N.
+fn in_mm_and_n(recording: &Recording) -> Result<(), CliError> {
+    let range = |values: &[f64]| {
+        let (low, high) = values
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
+                (l.min(*v), h.max(*v))
+            });
+        high - low
+    };
+    let (mm, n) = (range(&recording.displacement_mm), range(&recording.force_n));
+    let (column, values, unit, wanted) = match n / mm {
+        rate if rate > SPRINGS_N_PER_MM[1] && mm < LEAST_RANGE[0] && n > LEAST_RANGE[1] => {
+            ("displacement_mm", &recording.displacement_mm, "metres", "mm")
+        }
+        rate if rate < SPRINGS_N_PER_MM[0] && n < LEAST_RANGE[1] && mm > LEAST_RANGE[0] => {
+            ("force_n", &recording.force_n, "kilonewtons", "N")
+        }
+        _ => return Ok(()),
+    };
+    let most = values
+        .iter()
+        .enumerate()
+        .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
+    let (index, value) = most.map_or((0, f64::NAN), |(i, v)| (i, *v));
+    Err(CliError::Input(format!(
+        "{}, row {}, column {column}: the largest value is {value}, while the force moves by {n:.3} and the displacement by {mm:.3}: no spring \
+         is like that, it looks like {unit}; convert the column to {wanted}",
+        recording.name,
+        index + 2
+    )))
+}
+
+/// What stays the same however many recordings there are.
+pub struct Case<'a> {
+    /// The rig and its specimen.
+    pub bench: &'a Bench,
+    /// What the diagnosis starts from.
+    pub baseline: &'a Baseline,
+    /// Where results go.
+    pub output: &'a Output,
+}
+
+impl Case<'_> {
+    /// Diagnoses and writes the files to `folder`.
+    pub fn diagnose(&self, recordings: &[Recording], folder: &Path) -> Result<Diagnosis, CliError> {
+        let diagnosis = with_progress(recordings, self.baseline, self.output)?;
+        let improved = improved_bench(self.bench, &diagnosis.improved);
+        write_all(
+            folder,
+            &diagnosis,
+            self.bench,
+            self.baseline,
+            recordings,
+            &improved,
+        )?;
+        Ok(diagnosis)
+    }
+}
+
+/// `--out`.
+pub fn out_folder(matches: &ArgMatches) -> PathBuf {
+    let named = matches.get_one::<PathBuf>("out").cloned();
+    named.unwrap_or_else(|| PathBuf::from("diagnosis"))
+}
+
+/// The verdict as the terminal has it.
+pub fn word(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Adequate => "ADEQUATE",
+        Verdict::MissingPhysics => "MISSING PHYSICS",
+        Verdict::Unexplained => "UNEXPLAINED",
+    }
 }
 
 /// What the diagnosis starts from: the bench's model, or the one named; its known physics, or what `--known` says.
@@ -134,7 +258,7 @@ fn with_progress(
 }
 
 /// The bench with the improved model in its specimen and its twin, so that twin, simulator and mock rig run it.
-fn improved_bench(bench: &Bench, improved: &ImprovedModel) -> Bench {
+pub fn improved_bench(bench: &Bench, improved: &ImprovedModel) -> Bench {
     let model = ModelConfig {
         name: improved.model.clone(),
         known: Vec::new(),
@@ -186,13 +310,8 @@ fn write_all(
 }
 
 /// What a person reads in the terminal.
-fn text(d: &Diagnosis, folder: &Path) -> String {
-    let word = match d.verdict {
-        Verdict::Adequate => "ADEQUATE",
-        Verdict::MissingPhysics => "MISSING PHYSICS",
-        Verdict::Unexplained => "UNEXPLAINED",
-    };
-    let mut lines = vec![format!("{word}: {}", d.summary)];
+pub fn text(d: &Diagnosis, folder: &Path) -> String {
+    let mut lines = vec![format!("{}: {}", word(d.verdict), d.summary)];
     for e in &d.effects {
         lines.push(format!(
             "  {} ({:.0} % sure): {}",

@@ -7,6 +7,7 @@ use crate::control::Refusal;
 use crate::daemon::DaemonError;
 use crate::daemon::library::LibraryError;
 use crate::diagnose::DiagnoseError;
+use crate::diagnose::aggregates::AggregateError;
 use crate::identify::IdentifyError;
 use crate::link::LinkError;
 use crate::mockrig::MockRigError;
@@ -88,6 +89,9 @@ pub enum CliError {
     /// Recordings or a baseline that cannot be diagnosed.
     #[error(transparent)]
     Diagnose(#[from] DiagnoseError),
+    /// Tables that cannot be diagnosed.
+    #[error(transparent)]
+    Aggregates(AggregateError),
     /// Our own fault.
     #[error("{0}: this is a defect of leafbench, please report it")]
     Internal(String),

@@ -124,7 +124,11 @@ fn run_path(matches: &ArgMatches, id: &str) -> Result<PathBuf, CliError> {
     if path.extension().is_some_and(|e| e == EXTENSION) {
         return Ok(path.to_owned());
     }
-    let folder = data_folder(matches);
+    find_run(&data_folder(matches), id)
+}
+
+/// The run file of a run by its id.
+pub(super) fn find_run(folder: &Path, id: &str) -> Result<PathBuf, CliError> {
     let missing = || {
         CliError::Input(format!(
             "there is no run \"{id}\" in {}: `leafbench runs` lists them; --data names another folder",
@@ -134,7 +138,7 @@ fn run_path(matches: &ArgMatches, id: &str) -> Result<PathBuf, CliError> {
     if !folder.is_dir() {
         return Err(missing());
     }
-    Ok(Store::new(&folder).find(id)?.ok_or_else(missing)?.path)
+    Ok(Store::new(folder).find(id)?.ok_or_else(missing)?.path)
 }
 
 fn selection(matches: &ArgMatches) -> (Selection, String) {

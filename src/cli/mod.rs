@@ -17,11 +17,13 @@ mod progress;
 mod reset;
 mod resume;
 mod run;
+mod run_next;
 mod runs;
 mod simulate;
 mod status;
 mod stop;
 mod tare;
+mod targets;
 pub mod virtual_bench;
 
 use std::io::Write;

@@ -79,7 +79,7 @@ fn order(matches: &ArgMatches) -> Result<StartRun, CliError> {
 }
 
 /// Counts Ctrl-C from now on instead of ending this process.
-fn interrupts() -> Arc<AtomicU32> {
+pub(super) fn interrupts() -> Arc<AtomicU32> {
     let count = Arc::new(AtomicU32::new(0));
     let counter = Arc::clone(&count);
     // Where no thread can be had Ctrl-C ends this process as usual; the run goes on.
@@ -98,7 +98,8 @@ fn interrupts() -> Arc<AtomicU32> {
     count
 }
 
-fn wait(
+/// Follows a run to its end; Ctrl-C stops it.
+pub(super) fn wait(
     client: &Client,
     run_id: &str,
     interrupts: &AtomicU32,

@@ -182,6 +182,19 @@ pub struct BenchLimits {
     pub tare_max_mm: f64,
 }
 
+/// What follows when the twin's residual leaves its band.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MismatchAction {
+    /// An event in the run and a line on the page.
+    #[default]
+    Tell,
+    /// The rig holds; an operator resumes or stops.
+    Hold,
+    /// The run ends and the rig unloads.
+    Stop,
+}
+
 /// The daemon's own settings.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -190,6 +203,9 @@ pub struct DaemonConfig {
     pub listen: SocketAddr,
     /// Where runs are kept.
     pub data_folder: PathBuf,
+    /// What a model mismatch does to the run, beside being told.
+    #[serde(default)]
+    pub model_mismatch: MismatchAction,
 }
 
 /// A spring with the model that describes it.

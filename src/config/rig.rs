@@ -1,9 +1,10 @@
-//! What control needs of a bench.
+//! What control and twin need of a bench.
 
 use super::Bench;
 use crate::control::RigConfig;
 use crate::control::channel::Channels;
 use crate::control::limits::DetectorLimits;
+use crate::twin::Noise;
 
 /// Fills the queue in 50 ms and keeps the bus below half of its load meanwhile.
 const COMMANDS_PER_POLL: u32 = 3;
@@ -13,6 +14,16 @@ const ACK_TIMEOUT_MS: u64 = 20;
 const STILL_SIGMAS: f64 = 5.0;
 
 impl Bench {
+    /// Noise of the two channels with the rounding of their counts: what a twin that is right may differ by.
+    pub fn noise(&self) -> Noise {
+        let (force, displacement) = (&self.force_channel, &self.displacement_channel);
+        let rounding = |step: f64| step / 12f64.sqrt();
+        Noise {
+            force_n: force.noise_n.hypot(rounding(force.n_per_count)),
+            displacement_mm: displacement.noise_mm.hypot(rounding(displacement.mm_per_count)),
+        }
+    }
+
     /// Figures for [`crate::control::Rig`]. `session`: 1 to 255, another one after each start of the program.
     pub fn rig_config(&self, session: u8) -> RigConfig {
         let channels = Channels {

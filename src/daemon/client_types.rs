@@ -85,6 +85,9 @@ pub struct RunProgress {
     pub cycles_completed: u32,
     /// Why the run file could not be written; empty where all is well.
     pub disk_problem: String,
+    /// Where twin and measurement part, as last told; empty where they agree.
+    #[serde(default)]
+    pub model_mismatch: String,
 }
 
 /// What to run.

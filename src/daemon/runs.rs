@@ -9,14 +9,15 @@ use super::api::ApiError;
 use super::backlog::{Backlog, Counted};
 use super::client_types::{RunProgress, RunState, StartRun, Started};
 use super::{Shared, header, plan, store};
+use crate::config::MismatchAction;
 use crate::control::Phase;
-use crate::control::realtime::Request;
+use crate::control::realtime::{Control, Request};
 use crate::control::run::RunOrder;
 use crate::profile::{Player, Profile};
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::recording::recorder::{self, FanOut, RecorderInput, RecorderThread};
 use crate::recording::run_file::{RunFile, RunFileStatus, RunFileWriter, check_space};
-use crate::recording::{Ending, Event, Header, Outcome, Recorder, Sample};
+use crate::recording::{Ending, Event, EventKind, Header, Outcome, Recorder, Sample};
 use crate::twin::Twin;
 
 /// The run under way, or the newest.
@@ -87,6 +88,7 @@ impl Runs {
                 lost: 0,
                 cycles_completed: 0,
                 disk_problem: String::new(),
+                model_mismatch: String::new(),
             },
             path: prepared.path.clone(),
             disk: prepared.disk,
@@ -168,6 +170,9 @@ fn prepare(shared: &Arc<Shared>, request: StartRun) -> Result<Prepared, ApiError
     let disk = writer.status();
     let watcher = Watcher {
         newest: Arc::clone(&shared.runs.newest),
+        control: shared.control.clone(),
+        on_mismatch: bench.daemon.model_mismatch,
+        asks: tokio::runtime::Handle::current(),
     };
     let fan_out = FanOut(vec![
         Box::new(writer),
@@ -183,7 +188,8 @@ fn prepare(shared: &Arc<Shared>, request: StartRun) -> Result<Prepared, ApiError
         bench.displacement_channel.noise_mm,
         Box::new(fan_out),
         move || asked.is_long(),
-    );
+    )
+    .watching(bench.noise());
     let (input, thread) =
         recorder::spawn(backlog.behind(twin)).map_err(|e| ApiError::internal(&e.to_string()))?;
     let input = backlog.before(input);
@@ -272,6 +278,9 @@ fn follow(shared: &Arc<Shared>, thread: Recording, path: PathBuf) {
 /// Last in the chain: when it hears of the end the file is closed already.
 struct Watcher {
     newest: Arc<Mutex<Option<Newest>>>,
+    control: Control,
+    on_mismatch: MismatchAction,
+    asks: tokio::runtime::Handle,
 }
 
 impl Watcher {
@@ -280,6 +289,21 @@ impl Watcher {
         if let Some(newest) = newest.as_mut() {
             change(&mut newest.progress);
         }
+    }
+
+    /// Asks control as an operator would, from a task of its own: neither the recording nor control waits for the other.
+    fn act_on_mismatch(&self, text: &str) {
+        let request = match self.on_mismatch {
+            MismatchAction::Tell => return,
+            MismatchAction::Hold => Request::Hold,
+            MismatchAction::Stop => Request::Stop(text.to_owned()),
+        };
+        let control = self.control.clone();
+        self.asks.spawn(async move {
+            if let Err(error) = control.ask(request).await {
+                tracing::warn!("model mismatch: control did not act on it: {error}");
+            }
+        });
     }
 }
 
@@ -292,6 +316,10 @@ impl Recorder for Watcher {
 
     fn event(&mut self, event: &Event) {
         tracing::info!("{:.3} s {:?}: {}", event.time_s, event.kind, event.text);
+        if event.kind == EventKind::ModelMismatch {
+            self.update(|p| p.model_mismatch = format!("{:.1} s: {}", event.time_s, event.text));
+            self.act_on_mismatch(&event.text);
+        }
     }
 
     fn end(&mut self, outcome: &Outcome) {

@@ -4,6 +4,7 @@
 //! data), `score` every candidate from one simulation, `select` by a search judged on held-out cycles, `residual` (where, and
 //! what nothing explains), `next_test`, `verdict`. Files, configs and pages are for others; `Diagnosis` has all they need.
 
+pub mod aggregates;
 mod baseline;
 mod condition;
 pub mod diagnosis;

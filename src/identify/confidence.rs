@@ -316,7 +316,7 @@ fn long_run_variance(series: &[f64], stretches: &[usize]) -> f64 {
 }
 
 /// 97.5 % point of Student's t: Cornish-Fisher expansion (Abramowitz and Stegun 26.7.5), within 1 % from 3 degrees on.
-fn student_975(degrees: f64) -> f64 {
+pub(crate) fn student_975(degrees: f64) -> f64 {
     let z = 1.959_963_985f64;
     let (z3, z5) = (z.powi(3), z.powi(5));
     let n = degrees.max(2.0);

@@ -3,22 +3,28 @@
 
 use std::fmt::Write;
 
+use super::diagnosis_plots::{at_a_glance, loops, maps};
 use super::html::escape;
-use super::svg::{Curve as Line, HALF, Ink, Plot};
 use crate::diagnose::Verdict;
-use crate::diagnose::diagnosis::{Axis, Curve, Diagnosis, Errors, Map, Value};
+use crate::diagnose::diagnosis::{CandidateRow, Diagnosis, Errors, Value};
 
-const STYLE: &str = "
+/// Rows of the table of candidates.
+const CANDIDATES: usize = 12;
+
+pub(super) const STYLE: &str = "
 :root { color-scheme: light dark; }
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 1180px; margin: 0 auto; padding: 24px; background: #fff; color: #16191c; }
 h1 { font-size: 26px; line-height: 1.3; margin: 0 0 8px; }
-h2 { font-size: 20px; margin: 34px 0 4px; }
+h2 { font-size: 20px; margin: 26px 0 4px; }
 h3 { font-size: 16px; margin: 18px 0 2px; }
 p { margin: 0 0 10px; }
 .verdict { border-left: 8px solid; padding: 2px 0 2px 16px; margin: 0 0 18px; }
 .adequate { border-color: rgb(22,138,84); }
 .missing_physics { border-color: rgb(222,117,26); }
 .unexplained { border-color: rgb(160,60,160); }
+dl.strip { display: flex; flex-wrap: wrap; gap: 6px 34px; margin: 0 0 10px; }
+dl.strip dt { font-size: 14px; opacity: .75; }
+dl.strip dd { margin: 0; font-size: 18px; font-weight: 600; font-variant-numeric: tabular-nums; white-space: nowrap; }
 .pair { display: grid; grid-template-columns: 1fr 1fr; gap: 12px; }
 svg { width: 100%; height: auto; display: block; }
 table { border-collapse: collapse; width: 100%; margin: 6px 0 14px; font-variant-numeric: tabular-nums; }
@@ -27,12 +33,13 @@ th { font-weight: 600; opacity: .75; }
 td.n, th.n { text-align: right; }
 tr.chosen td { font-weight: 600; }
 .quiet { opacity: .75; }
-.legend i { display: inline-block; width: 24px; height: 4px; border-radius: 2px; margin: 0 6px 4px 0; }
+.legend i { display: inline-block; width: 24px; height: 4px; border-radius: 2px; margin: 0 6px 4px 0; print-color-adjust: exact; -webkit-print-color-adjust: exact; }
 .legend span { margin-right: 20px; }
 pre { font-size: 14px; line-height: 1.4; padding: 12px; border: 1px solid rgba(118,128,136,.4); overflow-x: auto; }
 @media (prefers-color-scheme: dark) { body { background: #14171a; color: #eef1f2; } }
-@media (max-width: 760px) { .pair { grid-template-columns: 1fr; } }
-@media print { body { max-width: none; padding: 0; font-size: 12px; } .block, .pair, tr { break-inside: avoid; } h2, h3 { break-after: avoid; } }
+@media screen and (max-width: 760px) { .pair { grid-template-columns: 1fr; } }
+@page { size: A4; margin: 14mm; }
+@media print { :root { color-scheme: light; } body { background: #fff; color: #000; max-width: none; padding: 0; font-size: 12px; } h1 { font-size: 20px; } .block, .pair > div, tr, pre { break-inside: avoid; } thead, th { break-after: avoid; } h2, h3 { break-after: avoid; } }
 ";
 
 /// What the report tells beside the diagnosis itself.
@@ -55,11 +62,7 @@ pub fn page(diagnosis: &Diagnosis, context: &Context<'_>) -> String {
 }
 
 fn write_page(page: &mut String, d: &Diagnosis, context: &Context<'_>) -> std::fmt::Result {
-    let word = match d.verdict {
-        Verdict::Adequate => "adequate",
-        Verdict::MissingPhysics => "missing_physics",
-        Verdict::Unexplained => "unexplained",
-    };
+    let word = verdict_word(d.verdict);
     write!(
         page,
         "<!doctype html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\">\n\
@@ -67,10 +70,12 @@ fn write_page(page: &mut String, d: &Diagnosis, context: &Context<'_>) -> std::f
          <title>Diagnosis of {0}</title>\n<style>{STYLE}</style></head>\n<body>\n\
          <div class=\"verdict {word}\"><h1>{1}</h1>\n<p class=\"quiet\">Specimen {0}, baseline model {2}, {3}.</p></div>\n",
         escape(context.specimen),
-        escape(&d.summary),
+        escape(&d.summary).replace(" %", "&nbsp;%"),
         escape(context.baseline),
         counted(context.recordings.len(), "recording"),
     )?;
+    strip(page, d)?;
+    at_a_glance(page, d)?;
     findings(page, d)?;
     places(page, d)?;
     errors(page, d)?;
@@ -83,8 +88,66 @@ fn write_page(page: &mut String, d: &Diagnosis, context: &Context<'_>) -> std::f
     writeln!(page, "</body>\n</html>")
 }
 
+/// As in `diagnosis.json`; a class of the style too.
+pub(super) fn verdict_word(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Adequate => "adequate",
+        Verdict::MissingPhysics => "missing_physics",
+        Verdict::Unexplained => "unexplained",
+    }
+}
+
 fn counted(n: usize, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
+}
+
+/// The figures that a verdict stands on, before and after.
+fn strip(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
+    let (before, after, floor) = (
+        &d.fit.baseline,
+        &d.fit.improved,
+        d.fit.noise_floor_nrmse.max(1e-12),
+    );
+    let cells = [
+        (
+            "Error, held out",
+            format!(
+                "{:.3} \u{2192} {:.3} %",
+                100.0 * before.nrmse_heldout,
+                100.0 * after.nrmse_heldout
+            ),
+        ),
+        (
+            "In noise floors",
+            format!(
+                "{:.1} \u{2192} {:.2}",
+                before.nrmse_heldout / floor,
+                after.nrmse_heldout / floor
+            ),
+        ),
+        ("Noise floor", format!("{:.3} %", 100.0 * d.fit.noise_floor_nrmse)),
+        (
+            "Peak force",
+            format!(
+                "{:+.2} \u{2192} {:+.2} %",
+                100.0 * before.peak_force_error,
+                100.0 * after.peak_force_error
+            ),
+        ),
+        (
+            "Loop energy",
+            format!(
+                "{:+.2} \u{2192} {:+.2} %",
+                100.0 * before.loop_energy_error,
+                100.0 * after.loop_energy_error
+            ),
+        ),
+    ];
+    write!(page, "<dl class=\"strip\">")?;
+    for (name, value) in cells {
+        write!(page, "<div><dt>{name}</dt><dd>{value}</dd></div>")?;
+    }
+    writeln!(page, "</dl>")
 }
 
 fn findings(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
@@ -161,147 +224,6 @@ fn error_row(page: &mut String, what: &str, e: &Errors, floor: f64) -> std::fmt:
     )
 }
 
-fn legend(page: &mut String, entries: &[(&str, Ink)]) -> std::fmt::Result {
-    write!(page, "<p class=\"legend\">")?;
-    for (name, ink) in entries {
-        write!(
-            page,
-            "<span><i style=\"background:{}\"></i>{name}</span>",
-            ink.css()
-        )?;
-    }
-    writeln!(page, "</p>")
-}
-
-fn loops(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
-    writeln!(page, "<h2>Loops</h2>")?;
-    legend(
-        page,
-        &[
-            ("measured", Ink::Measured),
-            ("baseline, refitted", Ink::Twin),
-            ("improved model", Ink::Improved),
-        ],
-    )?;
-    for curve in &d.curves {
-        writeln!(
-            page,
-            "<div class=\"block\"><h3>{}: error {:.3} % before, {:.3} % after</h3>",
-            escape(file_name(&curve.name)),
-            100.0 * curve.nrmse_baseline,
-            100.0 * curve.nrmse_improved
-        )?;
-        writeln!(
-            page,
-            "<div class=\"pair\"><div>{}</div><div>{}</div></div>",
-            loop_plot(curve, &curve.baseline_n, Ink::Twin),
-            loop_plot(curve, &curve.improved_n, Ink::Improved)
-        )?;
-        for remark in &curve.remarks {
-            writeln!(page, "<p class=\"quiet\">{}</p>", escape(remark))?;
-        }
-        writeln!(page, "</div>")?;
-    }
-    Ok(())
-}
-
-fn loop_plot(curve: &Curve, model_n: &[f64], ink: Ink) -> String {
-    let points = |force: &[f64]| -> Vec<(f64, f64)> {
-        curve
-            .displacement_mm
-            .iter()
-            .copied()
-            .zip(force.iter().copied())
-            .collect()
-    };
-    let curves = [
-        line(points(&curve.measured_n), Ink::Measured),
-        line(points(model_n), ink),
-    ];
-    Plot {
-        x_label: "displacement in mm",
-        y_label: "force in N",
-        curves: &curves,
-        bands: &[],
-        size: HALF,
-    }
-    .render()
-}
-
-fn line(points: Vec<(f64, f64)>, ink: Ink) -> Line {
-    Line {
-        name: String::new(),
-        points,
-        ink,
-    }
-}
-
-fn maps(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
-    if d.maps.is_empty() {
-        return Ok(());
-    }
-    writeln!(
-        page,
-        "<h2>Residuals</h2>\n<p>Mean of measured minus model. Marked: where the diagnosis locates the difference.</p>"
-    )?;
-    legend(
-        page,
-        &[
-            ("baseline, loading", Ink::Loading),
-            ("baseline, unloading", Ink::Unloading),
-            ("improved model, both", Ink::Improved),
-        ],
-    )?;
-    writeln!(page, "<div class=\"pair\">")?;
-    for map in &d.maps {
-        writeln!(page, "<div class=\"block\">{}</div>", map_plot(map, d))?;
-    }
-    writeln!(page, "</div>")
-}
-
-fn map_plot(map: &Map, d: &Diagnosis) -> String {
-    let points = |values: &[Option<f64>]| -> Vec<(f64, f64)> {
-        map.edges
-            .windows(2)
-            .zip(values)
-            .filter_map(|(e, v)| v.map(|v| (0.5 * (e[0] + e[1]), v)))
-            .collect()
-    };
-    let curves = [
-        line(points(&map.loading_n), Ink::Loading),
-        line(points(&map.unloading_n), Ink::Unloading),
-        line(points(&map.improved_loading_n), Ink::Improved),
-        line(points(&map.improved_unloading_n), Ink::Improved),
-    ];
-    let bands: Vec<(f64, f64)> = d
-        .location
-        .iter()
-        .filter(|l| l.axis == map.axis)
-        .map(|l| (l.from, l.to))
-        .collect();
-    Plot {
-        x_label: axis_label(map.axis),
-        y_label: "residual in N",
-        curves: &curves,
-        bands: &bands,
-        size: HALF,
-    }
-    .render()
-}
-
-fn axis_label(axis: Axis) -> &'static str {
-    match axis {
-        Axis::DisplacementMm => "displacement in mm",
-        Axis::ForceN => "force in N",
-        Axis::VelocityMmS => "speed in mm/s",
-        Axis::AccelerationMmS2 => "acceleration in mm/s\u{b2}",
-        Axis::TimeS => "time in s",
-        Axis::Cycle => "cycle",
-        Axis::DistanceFromReversalMm => "travel since the last reversal in mm",
-        Axis::FrequencyHz => "frequency in Hz",
-    }
-}
-
 fn candidates(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
     if d.candidates.is_empty() {
         return Ok(());
@@ -311,7 +233,7 @@ fn candidates(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
         "<h2>Explanations compared</h2>\n<p>Gain over the refitted baseline in log-likelihood of effective samples; held out: on cycles that no \
          parameter was fitted on.</p>\n<table><tr><th>Added to the baseline</th><th class=\"n\">gain</th><th class=\"n\">held out</th><th></th></tr>"
     )?;
-    for c in &d.candidates {
+    for c in shown(&d.candidates) {
         let codes: Vec<String> = c.codes.iter().map(|c| spaced(c)).collect();
         let codes = if codes.is_empty() {
             "nothing".to_owned()
@@ -325,11 +247,24 @@ fn candidates(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
         };
         writeln!(
             page,
-            "<tr{class}><td>{codes}</td><td class=\"n\">{:.1}</td><td class=\"n\">{:.1}</td><td>{word}</td></tr>",
+            "<tr{class}><td>{codes}</td><td class=\"n\">{:.0}</td><td class=\"n\">{:.0}</td><td>{word}</td></tr>",
             c.gain, c.gain_heldout
         )?;
     }
-    writeln!(page, "</table>")
+    writeln!(page, "</table>")?;
+    let left = d.candidates.len() - shown(&d.candidates).count();
+    if left > 0 {
+        writeln!(page, "<p class=\"quiet\">{left} more are in diagnosis.json.</p>")?;
+    }
+    Ok(())
+}
+
+/// The best, and the chosen one wherever it stands.
+fn shown(rows: &[CandidateRow]) -> impl Iterator<Item = &CandidateRow> {
+    rows.iter()
+        .enumerate()
+        .filter(|(i, c)| *i < CANDIDATES || c.chosen)
+        .map(|(_, c)| c)
 }
 
 fn parameters(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
@@ -364,12 +299,12 @@ fn value_row(page: &mut String, of: &str, v: &Value) -> std::fmt::Result {
 }
 
 /// The last part of a path.
-fn file_name(name: &str) -> &str {
+pub(super) fn file_name(name: &str) -> &str {
     name.rsplit(['/', '\\']).next().unwrap_or(name)
 }
 
 /// Four figures that a person reads.
-fn figure(v: f64) -> String {
+pub(super) fn figure(v: f64) -> String {
     let size = v.abs();
     let digits = match size {
         _ if size == 0.0 || size >= 1000.0 => 0,
@@ -409,15 +344,15 @@ fn next_test(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
     let Some(next) = &d.next_test else { return Ok(()) };
     writeln!(
         page,
-        "<div class=\"block\"><h2>Next test</h2>\n<p>{} Expected difference {:.0} standard deviations of the noise in {:.0} s.</p>\n<pre>{}</pre></div>",
-        escape(&next.why),
+        "<div class=\"block\"><h2>Next test</h2>\n<p>{}. Expected difference {:.0} standard deviations of the noise in {:.0} s.</p>\n<pre>{}</pre></div>",
+        escape(next.why.trim_end_matches('.')),
         next.separation_sigma,
         next.duration_s,
         escape(&next.profile_toml)
     )
 }
 
-fn spaced(code: &str) -> String {
+pub(super) fn spaced(code: &str) -> String {
     escape(&code.replace('_', " "))
 }
 
@@ -462,7 +397,11 @@ mod tests {
         assert!(page.matches("<svg").count() >= 2 * d.curves.len());
         // Namespaces of the plots are names, not addresses; nothing else may point out of the page.
         let outside = page.replace("http://www.w3.org/2000/svg", "");
-        assert!(!outside.contains("http") && !outside.contains("<script") && !outside.contains("NaN"));
+        for asks in [
+            "http", "<script", "src=", "href=", "@import", "url(", "fetch(", "<link", "<iframe", "NaN",
+        ] {
+            assert!(!outside.contains(asks), "{asks}");
+        }
     }
 
     #[test]

@@ -2,15 +2,17 @@
 //! `dry_run` asks the same plant before anything moves. Neither knows the rig; the twin never delays who feeds it.
 
 mod dry_run;
+mod mismatch;
 
 pub use dry_run::{DryRun, Margin, Predicted, dry_run, dry_run_with};
+pub use mismatch::{Mismatch, Noise, Watch};
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::model::Plant;
 use crate::recording::play::Play;
-use crate::recording::{Event, Flags, Header, Outcome, Recorder, Sample};
+use crate::recording::{Event, EventKind, Flags, Header, Outcome, Recorder, Sample};
 
 /// How well twin and measurement agree so far; written by the twin, read by anyone.
 #[derive(Debug, Default)]
@@ -64,6 +66,8 @@ pub struct Twin {
     sums: Sums,
     sample_rate_hz: f64,
     last_tick: Option<u64>,
+    watch: Option<Watch>,
+    mismatch: Option<Mismatch>,
 }
 
 impl Twin {
@@ -84,7 +88,15 @@ impl Twin {
             sums: Sums::EMPTY,
             sample_rate_hz: 1.0,
             last_tick: None,
+            watch: None,
+            mismatch: None,
         }
+    }
+
+    /// Watches the residual against this noise and tells of a mismatch as an event of the run.
+    pub fn watching(mut self, noise: Noise) -> Self {
+        self.watch = Some(Watch::new(noise));
+        self
     }
 
     /// The score, to be read while the run goes on.
@@ -103,12 +115,15 @@ impl Twin {
             .last_tick
             .map_or(1, |last| sample.tick.saturating_sub(last).max(1));
         self.last_tick = Some(sample.tick);
-        let force_n = self.plant.step(
-            self.play.pass(sample.displacement_mm),
-            ticks as f64 / self.sample_rate_hz,
-        );
+        let displacement_mm = self.play.pass(sample.displacement_mm);
+        let force_n = self
+            .plant
+            .step(displacement_mm, ticks as f64 / self.sample_rate_hz);
         if sample.force_n.is_finite() && !sample.flags.has(Flags::FORCE_INVALID) {
             self.compare(sample.force_n, force_n);
+            // The unloading after the run is no test of the model.
+            let watch = self.watch.as_mut().filter(|_| sample.segment > 0);
+            self.mismatch = watch.and_then(|w| w.sample(displacement_mm, sample.force_n, force_n));
         }
         Some(force_n)
     }
@@ -131,6 +146,10 @@ impl Recorder for Twin {
         self.sums = Sums::EMPTY;
         self.sample_rate_hz = header.sample_rate_hz;
         self.last_tick = None;
+        self.mismatch = None;
+        if let Some(watch) = &mut self.watch {
+            watch.begin(header.sample_rate_hz);
+        }
         for counter in [&self.score.compared, &self.score.skipped, &self.score.nrmse_bits] {
             counter.store(0, Ordering::Relaxed);
         }
@@ -143,6 +162,14 @@ impl Recorder for Twin {
             twin_force_n,
             ..*sample
         });
+        if let Some(mismatch) = self.mismatch.take() {
+            self.next.event(&Event {
+                tick: sample.tick,
+                time_s: sample.time_s,
+                kind: EventKind::ModelMismatch,
+                text: mismatch.to_string(),
+            });
+        }
     }
 
     fn event(&mut self, event: &Event) {

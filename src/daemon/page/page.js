@@ -161,6 +161,9 @@ function showRun(rig) {
     $("run-remaining").textContent = run.cause;
     $("progress").value = run.ending === "completed" ? 1 : $("progress").value;
   }
+  const mismatch = (run && run.model_mismatch) || "";
+  $("mismatch").textContent = mismatch;
+  $("mismatch").hidden = !mismatch;
   if (run && run.disk_problem) say(`The run file cannot be written: ${run.disk_problem}. Stop and make room.`);
 }
 

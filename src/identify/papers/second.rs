@@ -62,16 +62,17 @@ const PRELOAD: Parameter = Parameter {
 };
 
 /// The five-link spring along the table's points; the last parameter is the preload.
-struct Table {
+struct Table<'a> {
     parameters: Vec<Parameter>,
+    points: &'a [(f64, f64)],
 }
 
-impl Table {
+impl Table<'_> {
     fn force_n(&self, values: &[f64]) -> Result<Vec<f64>, BuildError> {
         let (&preload_mm, spring) = values.split_last().expect("the preload is among the parameters");
         let mut plant = Model::plant(&five_link::MODEL, spring, &toml::Table::new())?;
         let mut at = 0.0;
-        let forces = TABLE_5_1.iter().map(|&(to, _)| {
+        let forces = self.points.iter().map(|&(to, _)| {
             let mut force_n = 0.0;
             let to = preload_mm + to;
             for i in 1..=STEPS {
@@ -85,34 +86,40 @@ impl Table {
     }
 }
 
-impl Residuals for Table {
+impl Residuals for Table<'_> {
     fn parameters(&self) -> &[Parameter] {
         &self.parameters
     }
 
     fn count(&self) -> usize {
-        TABLE_5_1.len()
+        self.points.len()
     }
 
     fn evaluate(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
-        for ((place, model), (_, measured)) in out.iter_mut().zip(self.force_n(values)?).zip(TABLE_5_1) {
+        for ((place, model), (_, measured)) in out.iter_mut().zip(self.force_n(values)?).zip(self.points) {
             *place = measured - model;
         }
         Ok(())
     }
 }
 
-/// Envelope lines 5-3 and 5-4 at the table's points, with the printed values.
-fn envelope_n() -> Vec<f64> {
+/// Envelope lines 5-3 and 5-4 at points, the first `loading` of them on the way up, with the printed values.
+fn envelope_n(points: &[(f64, f64)], loading: usize) -> Vec<f64> {
     let [a, b, d, e] = [0, 1, 2, 3].map(|i| five_link::MODEL.parameters[i].start);
-    let line = |(i, &(u, _)): (usize, &(f64, f64))| if i < LOADING { a * u + b } else { d * u + e };
-    TABLE_5_1.iter().enumerate().map(line).collect()
+    let line = |(i, &(u, _)): (usize, &(f64, f64))| if i < loading { a * u + b } else { d * u + e };
+    points.iter().enumerate().map(line).collect()
 }
 
 /// The four rows; the exponent mu stays at the printed 1.
 pub fn rerun(threads: usize) -> Result<Rerun, IdentifyError> {
+    rerun_over(&TABLE_5_1, LOADING, threads)
+}
+
+/// The same over other points of one loop, the first `loading` of them on the way up.
+pub fn rerun_over(points: &[(f64, f64)], loading: usize, threads: usize) -> Result<Rerun, IdentifyError> {
     let table = Table {
         parameters: [five_link::MODEL.parameters, &[PRELOAD]].concat(),
+        points,
     };
     let options = |fixed: &[&str]| Options {
         method: Method::LeastSquares(least_squares::Settings {
@@ -129,7 +136,8 @@ pub fn rerun(threads: usize) -> Result<Rerun, IdentifyError> {
     })?;
     let fit = fit(&table, &options(&["mu"]), &mut |_| Control::Continue)?;
     let printed: Vec<f64> = table.parameters.iter().map(|p| p.start).collect();
-    let envelope = envelope_n();
+    let envelope = envelope_n(points, loading);
+    let rms_n = |force_n: &[f64]| rms_n(force_n, points);
     let unit = rms_n(&envelope);
     let row = |model, force_n: Vec<f64>| Row {
         model,
@@ -146,10 +154,10 @@ pub fn rerun(threads: usize) -> Result<Rerun, IdentifyError> {
     Ok(Rerun { rows, fit })
 }
 
-fn rms_n(force_n: &[f64]) -> f64 {
+fn rms_n(force_n: &[f64], points: &[(f64, f64)]) -> f64 {
     let squares: f64 = force_n
         .iter()
-        .zip(TABLE_5_1)
+        .zip(points)
         .map(|(model, (_, measured))| (measured - model).powi(2))
         .sum();
     (squares / force_n.len() as f64).sqrt()

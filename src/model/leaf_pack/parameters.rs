@@ -175,6 +175,23 @@ impl Values {
         })
     }
 
+    /// One value a parameter, in the order of [`PARAMETERS`].
+    pub fn to_array(&self) -> [f64; 11] {
+        [
+            self.thickness_correction_mm,
+            self.clamp_length_mm,
+            self.interleaf_mu,
+            self.pin_mu,
+            self.pivot_torque_nmm,
+            self.rail_mu,
+            self.rail_constant_n,
+            self.board_mu,
+            self.shackle_angle_rad,
+            self.e_mpa,
+            self.preload_mm,
+        ]
+    }
+
     /// No friction anywhere, everything else at its start.
     pub fn frictionless() -> Self {
         Self {

@@ -13,7 +13,7 @@ mod physics;
 mod walk;
 
 pub use own_model::{OwnModel, OwnRow, OwnStatics, TwoNumbers, own_model, own_statics, two_numbers};
-pub use physics::{ALLOWED, Case, Judged, ModelRow, PARAMETERS, PhysicsFit, RowProblem, physics};
+pub use physics::{ALLOWED, Case, Judged, ModelRow, PARAMETERS, PhysicsFit, RowProblem, believable, physics};
 pub use walk::{Pass, walk};
 
 use crate::identify::IdentifyError;

@@ -5,7 +5,7 @@
 //! what that parameter goes to is what the rows demand beyond belief.
 
 pub use super::parameters::PARAMETERS;
-use super::{Choice, MOUNTS, ROWS, Reading, Two, column, mount_name, structure, walk};
+use super::{Choice, MOUNTS, Printed, ROWS, Reading, Two, column, mount_name, structure, walk};
 use crate::identify::objective::Residuals;
 use crate::identify::{Control, Fit, IdentifyError, Method, Options, fit, least_squares};
 use crate::model::leaf_pack::{LeafPack, MODEL, Mounting, Structure, Values};
@@ -112,11 +112,12 @@ pub struct RowProblem {
     mounts: Vec<Mounting>,
     allowed: [f64; 2],
     reading: Reading,
+    printed: [Printed; 5],
 }
 
 impl RowProblem {
-    /// Rows of `mounts`, with the bounds of `case`.
-    pub fn new(case: &Case, reading: Reading) -> Self {
+    /// Rows of `mounts`, with the bounds of `case`; `printed` stands for Tables 2 and 3.
+    pub fn new(case: &Case, printed: &[Printed; 5], reading: Reading) -> Self {
         let mut parameters = PARAMETERS.to_vec();
         if let Some((name, bounds)) = case.lifted {
             for p in parameters.iter_mut().filter(|p| p.name == name) {
@@ -128,6 +129,7 @@ impl RowProblem {
             mounts: case.mounts.clone(),
             allowed: case.allowed(),
             reading,
+            printed: *printed,
         }
     }
 
@@ -144,12 +146,13 @@ impl RowProblem {
             reason,
         })?;
         let strokes = AMPLITUDES_MM.map(|a| self.reading.stroke_mm(a));
-        let static_n = ROWS[0].measured[column(mounting)].peak_n;
+        let static_n = self.printed[0].measured[column(mounting)].peak_n;
         Ok(walk::walk(&mut pack, trough_mm, &strokes, static_n, longest_mm))
     }
 
     fn rows(&self, mounting: Mounting, pass: &walk::Pass) -> Vec<ModelRow> {
-        ROWS.iter()
+        self.printed
+            .iter()
             .zip(SINE_OF_ROW)
             .map(|(row, sine)| ModelRow {
                 mounting,
@@ -274,7 +277,28 @@ pub fn physics(
     choice: &Choice,
     watch: &mut dyn FnMut(&str, f64) -> bool,
 ) -> Result<Vec<PhysicsFit>, IdentifyError> {
-    let cases = cases(reading);
+    fit_cases(cases(reading), &ROWS, reading, choice, watch)
+}
+
+/// The sets within belief alone, for rows like those of Tables 2 and 3: one a mounting, then the one that both share.
+pub fn believable(
+    printed: &[Printed; 5],
+    reading: Reading,
+    choice: &Choice,
+    watch: &mut dyn FnMut(&str, f64) -> bool,
+) -> Result<Vec<PhysicsFit>, IdentifyError> {
+    let mut within = cases(reading);
+    within.retain(|case| case.lifted.is_none());
+    fit_cases(within, printed, reading, choice, watch)
+}
+
+fn fit_cases(
+    cases: Vec<Case>,
+    printed: &[Printed; 5],
+    reading: Reading,
+    choice: &Choice,
+    watch: &mut dyn FnMut(&str, f64) -> bool,
+) -> Result<Vec<PhysicsFit>, IdentifyError> {
     let weight = |case: &Case| (1 + 3 * usize::from(case.mounts.contains(&Mounting::Shackle))) as f64;
     let total: f64 = cases.iter().map(weight).sum();
     let mut done = 0.0;
@@ -286,7 +310,7 @@ pub fn physics(
         let each = share / starts.len() as f64;
         let mut best: Option<PhysicsFit> = None;
         for (i, start) in starts.into_iter().enumerate() {
-            let found = fit_case(&case, start, reading, choice, &mut |part| {
+            let found = fit_case(&case, start, printed, reading, choice, &mut |part| {
                 go_on = watch(case.name, done + each * (i as f64 + part));
                 go_on
             })?;
@@ -309,11 +333,12 @@ pub fn physics(
 fn fit_case(
     case: &Case,
     mut start: Vec<f64>,
+    printed: &[Printed; 5],
     reading: Reading,
     choice: &Choice,
     watch: &mut dyn FnMut(f64) -> bool,
 ) -> Result<PhysicsFit, IdentifyError> {
-    let problem = RowProblem::new(case, reading);
+    let problem = RowProblem::new(case, printed, reading);
     let mut fixed: Vec<&str> = Vec::new();
     if !case.mounts.contains(&Mounting::Rail) {
         fixed.extend(RAIL_ONLY);
@@ -374,6 +399,12 @@ fn judge(case: &Case, problem: &RowProblem, fit: Fit) -> Result<PhysicsFit, Iden
 }
 
 impl PhysicsFit {
+    /// Structure and values of a mounting's pack, as a twin runs it.
+    pub fn pack(&self, mounting: Mounting) -> (Structure, Values) {
+        let (structure, values, _) = unpack(mounting, &self.fit.values);
+        (structure, values)
+    }
+
     /// Rows that miss more than is allowed, in words.
     pub fn misses(&self) -> Vec<String> {
         let mut out = Vec::new();

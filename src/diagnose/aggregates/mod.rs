@@ -1,0 +1,195 @@
+//! Recordings of which only aggregates are known: peak force and loop energy of each test, or a few points of one loop.
+//!
+//! - `table` what the files hold · `rows` findings from tests by the `laws` · `points` findings from one loop · `regression` lines and intervals
+//!
+//! Two numbers a test hide the loop's shape. What the rows can say is how the loss goes with rate, load and stroke, each as an
+//! exponent or a slope with its interval; everything that lives in the shape is answered "not testable".
+
+mod laws;
+mod points;
+mod regression;
+mod rows;
+mod table;
+
+use serde::Serialize;
+
+pub use regression::{Estimate, Line, line};
+pub use table::{Fitted, Points, Row, Table, TableError, TableReader};
+
+use super::diagnosis::{Alternative, ImprovedModel, Location, NextTest, NotTestable, Value, Verdict};
+use crate::effect::EFFECTS;
+use crate::identify::IdentifyError;
+use crate::identify::papers::first::Two;
+
+/// Something that the figures say, with the figures that say it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Finding {
+    /// Code of contracts.md.
+    pub code: String,
+    /// 0 to 1.
+    pub confidence: f64,
+    /// A sentence that a technician understands.
+    pub statement: String,
+    /// Evidence: figures computed from the rows, with 95 % intervals.
+    pub parameters: Vec<Value>,
+}
+
+/// Errors as in `diagnosis.json`; `null` where aggregates cannot give them.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Errors {
+    /// Needs a curve.
+    pub nrmse_train: Option<f64>,
+    /// Needs data that no parameter was fitted on.
+    pub nrmse_heldout: Option<f64>,
+    /// Of the worst row.
+    pub peak_force_error: Option<f64>,
+    /// Of the worst row.
+    pub loop_energy_error: Option<f64>,
+}
+
+/// Before and after.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct FitErrors {
+    /// The baseline.
+    pub baseline: Errors,
+    /// The believable set.
+    pub improved: Errors,
+    /// Needs repeated cycles.
+    pub noise_floor_nrmse: Option<f64>,
+}
+
+/// One line of the table of rows.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Compared {
+    /// Mounting and test.
+    pub name: String,
+    /// Columns' units: N and J for tests, mm and N for points.
+    pub measured: [f64; 2],
+    /// The baseline's.
+    pub model: Option<[f64; 2]>,
+    /// The reported optimum's.
+    pub optimum: Option<[f64; 2]>,
+    /// The believable set's.
+    pub ours: Option<[f64; 2]>,
+}
+
+/// All of it: the fields of contracts.md and what stands beside them.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AggregateDiagnosis {
+    /// In one word.
+    pub verdict: Verdict,
+    /// In one sentence.
+    pub summary: String,
+    /// What is missing.
+    pub effects: Vec<Finding>,
+    /// What it could be instead.
+    pub alternatives: Vec<Alternative>,
+    /// Where; empty for tests known by two numbers.
+    pub location: Vec<Location>,
+    /// How good.
+    pub fit: FitErrors,
+    /// None: without a curve no profile can be weighed.
+    pub next_test: Option<NextTest>,
+    /// Physics that the rows say is not what is missing.
+    pub excluded: Vec<Finding>,
+    /// Impossible parameters and rows that contradict one another: findings in themselves.
+    pub alarms: Vec<String>,
+    /// The figures of the alarms, with intervals.
+    pub alarm_figures: Vec<Value>,
+    /// What aggregates cannot show.
+    pub not_testable: Vec<NotTestable>,
+    /// Headings of the pairs in `rows`.
+    pub columns: [String; 2],
+    /// What `model`, `optimum` and `ours` of a row are.
+    pub models: [String; 3],
+    /// Row by row.
+    pub rows: Vec<Compared>,
+    /// The believable set, identified on all rows together.
+    pub parameters: Vec<Value>,
+    /// The believable set as a model for twin, simulator and mock rig: mounting and model.
+    pub improved: Vec<(String, ImprovedModel)>,
+    /// What was left out of the files.
+    pub remarks: Vec<String>,
+}
+
+/// Why there is no diagnosis of a table.
+#[derive(Debug, thiserror::Error)]
+pub enum AggregateError {
+    /// A file cannot be read.
+    #[error(transparent)]
+    Table(#[from] TableError),
+    /// Nothing in it.
+    #[error("no file holds a test or a point: {0}")]
+    Empty(String),
+    /// Tests that nothing stands beside.
+    #[error(
+        "{name}: no model stands beside the tests: add rows with source \"simulation\", or the columns motion, stroke_mm, \
+         frequency_hz, valley_mm and duration_s, so that the baseline can run them"
+    )]
+    NoModel {
+        /// First test without.
+        name: String,
+    },
+    /// The fit.
+    #[error(transparent)]
+    Fit(#[from] IdentifyError),
+}
+
+/// Runs the baseline over tests of which all the motion is told: one pair a row.
+pub type Simulate<'a> = dyn FnMut(&[Row]) -> Result<Vec<Two>, IdentifyError> + 'a;
+
+/// Diagnoses a table. `simulate` is asked where the table has no model of its own.
+pub fn diagnose_table(
+    mut table: Table,
+    simulate: &mut Simulate<'_>,
+    threads: usize,
+    progress: &mut dyn FnMut(f64),
+) -> Result<AggregateDiagnosis, AggregateError> {
+    let any_points = table.points.loading.len() + table.points.unloading.len() > 0;
+    if table.rows.is_empty() && !any_points {
+        return Err(AggregateError::Empty(table.remarks.join("; ")));
+    }
+    if table.rows.is_empty() {
+        return Ok(points::diagnose(&table, threads)?);
+    }
+    if any_points {
+        let remark = "the loop's points were left out: give them in a call of their own";
+        table.remarks.push(remark.to_owned());
+    }
+    if table.rows.iter().any(|r| r.model.is_none()) {
+        if let Some(row) = table.rows.iter().find(|r| r.motion.is_none()) {
+            let name = format!("{}, {}", row.mount, row.name);
+            return Err(AggregateError::NoModel { name });
+        }
+        let given = simulate(&table.rows)?;
+        for (row, two) in table.rows.iter_mut().zip(given) {
+            row.model = Some(two);
+        }
+    }
+    Ok(rows::diagnose(&table, threads, progress)?)
+}
+
+/// Codes that no finding is about, and why: `why` knows those that a table of this kind can show.
+fn not_testable(
+    found: &[Finding],
+    excluded: &[Finding],
+    why: impl Fn(&str) -> &'static str,
+) -> Vec<NotTestable> {
+    let said = |code: &str| found.iter().chain(excluded).any(|f| f.code == code);
+    EFFECTS
+        .iter()
+        .filter(|e| !said(e.code))
+        .map(|e| NotTestable {
+            code: e.code.to_owned(),
+            surviving: 0.0,
+            why: why(e.code).to_owned(),
+        })
+        .collect()
+}
+
+/// Of several relative errors the one largest in size.
+fn worst(errors: impl Iterator<Item = f64>) -> Option<f64> {
+    errors
+        .filter(|e| e.is_finite())
+        .max_by(|a, b| a.abs().total_cmp(&b.abs()))
+}

@@ -1,0 +1,63 @@
+//! The whole chain: a concealed effect in the mock rig, runs, export, `diagnose`, and a twin that follows better with what it wrote.
+
+#[path = "support/bench.rs"]
+mod virtual_rig;
+
+use std::process::Command;
+
+use leafbench::config::Bench;
+use virtual_rig::{concealing, play, sine, twin_nrmse};
+
+#[test]
+fn what_is_concealed_is_found_and_the_improved_model_follows_the_rig() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let text = |path: &std::path::Path| path.to_str().expect("UTF-8").to_owned();
+    let bench = concealing(
+        "progressive_stiffness",
+        &[("extra_rate_n_per_mm", 15.0), ("knee_mm", 8.0), ("width_mm", 0.5)],
+    );
+    let bench_file = folder.path().join("bench.toml");
+    std::fs::write(&bench_file, bench.to_toml()).expect("scratch folder is writable");
+    let mut arguments = vec!["diagnose".to_owned(), "--bench".to_owned(), text(&bench_file)];
+    // What a technician would run: a slow loop and a quick one.
+    let profiles = [sine("slow", 12.0, 0.25, 5), sine("quick", 6.0, 2.0, 12)];
+    for profile in &profiles {
+        let (_, csv) = play(&bench, profile, Some(folder.path()));
+        arguments.push(text(&csv.expect("exported")));
+    }
+    let out = folder.path().join("out");
+    arguments.extend(["--out".to_owned(), text(&out)]);
+    let ran = Command::new(env!("CARGO_BIN_EXE_leafbench"))
+        .args(&arguments)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .expect("the program starts");
+    println!("{}", String::from_utf8_lossy(&ran.stdout));
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    let json = std::fs::read_to_string(out.join("diagnosis.json")).expect("written");
+    let json: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+    let codes: Vec<&str> = json["effects"]
+        .as_array()
+        .expect("a list")
+        .iter()
+        .filter_map(|e| e["code"].as_str())
+        .collect();
+    assert!(codes.contains(&"progressive_stiffness"), "{codes:?}");
+
+    // The rig stays what it is; only the twin learns. A motion that no fit has seen.
+    let improved = Bench::load(&out.join("improved.toml")).expect("runs as it is");
+    let fresh = sine("fresh", 10.0, 1.0, 8);
+    let (before, _) = play(&bench, &fresh, None);
+    let taught = Bench {
+        model: improved.model.clone(),
+        ..bench
+    };
+    let (after, _) = play(&taught, &fresh, None);
+    let [before, after] = [twin_nrmse(&before), twin_nrmse(&after)];
+    println!(
+        "twin's error on a fresh run: {:.3} % before, {:.3} % after",
+        100.0 * before,
+        100.0 * after
+    );
+    assert!(after < 0.5 * before, "{before} {after}");
+}

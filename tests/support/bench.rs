@@ -1,0 +1,119 @@
+//! Virtual benches with something concealed in the specimen, and their runs.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+
+use leafbench::cli::virtual_bench::VirtualBench;
+use leafbench::config::{Bench, EffectConfig};
+use leafbench::control::run::RunOrder;
+use leafbench::daemon::header::{self, Planned};
+use leafbench::profile::{Player, Profile};
+use leafbench::recording::export::{self, Selection};
+use leafbench::recording::recorder::{FanOut, Memory};
+use leafbench::recording::run_file::{RunFile, RunFileWriter};
+use leafbench::recording::{Event, Header, Outcome, Recorder, Sample};
+use leafbench::twin::Twin;
+
+/// The shipped mock bench.
+pub fn mock() -> Bench {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("bench-configs/benches/mock.toml");
+    Bench::load(&path).expect("shipped")
+}
+
+/// The same with an effect in the specimen of which the bench's model knows nothing.
+pub fn concealing(code: &str, parameters: &[(&str, f64)]) -> Bench {
+    let mut bench = mock();
+    bench.specimen.model.effects.push(EffectConfig {
+        code: code.to_owned(),
+        parameters: parameters.iter().map(|(n, v)| ((*n).to_owned(), *v)).collect(),
+    });
+    bench
+}
+
+/// What a run leaves in memory, to be looked at after the chain has gone.
+#[derive(Clone, Default)]
+pub struct Kept(pub Arc<Mutex<Memory>>);
+
+impl Recorder for Kept {
+    fn begin(&mut self, header: &Header) {
+        self.0.lock().expect("one thread").begin(header);
+    }
+    fn sample(&mut self, sample: &Sample) {
+        self.0.lock().expect("one thread").sample(sample);
+    }
+    fn event(&mut self, event: &Event) {
+        self.0.lock().expect("one thread").event(event);
+    }
+    fn end(&mut self, outcome: &Outcome) {
+        self.0.lock().expect("one thread").end(outcome);
+    }
+}
+
+/// Runs a profile's text on the bench in virtual time, its model as the twin; with a folder also into a run file and a CSV there.
+pub fn play(bench: &Bench, profile_toml: &str, folder: Option<&Path>) -> (Memory, Option<PathBuf>) {
+    let profile = Profile::from_toml(profile_toml, "test").expect("a profile");
+    let player = Player::new(&profile, 0.0, 1000.0).expect("plays");
+    let planned = Planned {
+        cycles: player.total_cycles(),
+        duration_s: player.duration_s(),
+    };
+    let now = "2026-01-01T00:00:00Z".parse().expect("a time");
+    let text = profile_toml.to_owned();
+    let header = header::new(profile.name.clone(), now, bench, &profile, text, planned);
+    let kept = Kept::default();
+    let mut into: Vec<Box<dyn Recorder + Send>> = vec![Box::new(kept.clone())];
+    let file = folder.map(|f| f.join(format!("{}.leafrun", profile.name)));
+    if let Some(path) = &file {
+        into.push(Box::new(
+            RunFileWriter::create(path, &header).expect("scratch folder is writable"),
+        ));
+    }
+    let plant = bench.model.plant().expect("a sound model");
+    let noise_mm = bench.displacement_channel.noise_mm;
+    let mut chain = Twin::new(plant, noise_mm, Box::new(FanOut(into)), || false).watching(bench.noise());
+    let order = RunOrder {
+        header,
+        profile,
+        first_cycle: 1,
+    };
+    VirtualBench::new(bench, None)
+        .and_then(|mut b| b.play(order, &mut chain, |_| {}))
+        .expect("runs");
+    drop(chain);
+    let csv = file.map(|path| {
+        let run = RunFile::open(&path).expect("closed");
+        export::export(&run, Selection::Whole, &path.with_extension("csv"))
+            .expect("exports")
+            .csv
+    });
+    let memory = kept.0.lock().expect("one thread").clone();
+    (memory, csv)
+}
+
+/// A sine in displacement from 2 mm up, and back to rest.
+pub fn sine(name: &str, stroke_mm: f64, frequency_hz: f64, cycles: u32) -> String {
+    let (mean, amplitude) = (2.0 + 0.5 * stroke_mm, 0.5 * stroke_mm);
+    format!(
+        "name = \"{name}\"\ncontrol = \"displacement\"\n[[block]]\n[[block.segment]]\nkind = \"ramp\"\nto_mm = {mean:?}\n\
+         duration_s = 2.0\n[[block.segment]]\nkind = \"sine\"\nmean_mm = {mean:?}\namplitude_mm = {amplitude:?}\n\
+         frequency_hz = {frequency_hz:?}\ncycles = {cycles}\ntaper_cycles = 1\n[[block.segment]]\nkind = \"ramp\"\nto_mm = 0.0\n\
+         duration_s = 2.0\n"
+    )
+}
+
+/// rms(measured - twin) / (max - min of measured force) over the run's own samples.
+pub fn twin_nrmse(memory: &Memory) -> f64 {
+    let pairs: Vec<(f64, f64)> = memory
+        .samples
+        .iter()
+        .filter(|s| s.segment > 0)
+        .filter_map(|s| Some((s.force_n, s.twin_force_n?)))
+        .collect();
+    let squares: f64 = pairs.iter().map(|(m, t)| (m - t).powi(2)).sum();
+    let (low, high) = pairs
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| {
+            (l.min(p.0), h.max(p.0))
+        });
+    (squares / pairs.len() as f64).sqrt() / (high - low)
+}
