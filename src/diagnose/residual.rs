@@ -206,8 +206,10 @@ pub(super) fn locate(data: &Data, residuals: &[f64], jacobian: &DMatrix<f64>) ->
     );
     fitted -= jacobian * normal.solve(&jacobian.tr_mul(&fitted));
     let above: f64 = (fitted.norm_squared() - data.count(Part::Fit) as f64).max(1e-9);
+    // Not along the measured force: it holds the residual, so that any misfit lies at some force.
     let mut found: Vec<(f64, Location)> = AXES
         .iter()
+        .filter(|&&axis| axis != Axis::ForceN)
         .filter_map(|&axis| binned(data, axis, BINS))
         .flat_map(|b| {
             [Branch::Both, Branch::Loading, Branch::Unloading]

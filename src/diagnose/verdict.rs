@@ -26,6 +26,8 @@ const NEAREST: f64 = 0.05;
 /// Two explanations closer than this in log-likelihood, or this share of what the finding brings, are not told apart.
 const CLOSE_GAIN: f64 = 6.0;
 const CLOSE_SHARE: f64 = 0.08;
+/// Whatever the finding brings, this much less is told apart.
+const FAR_GAIN: f64 = 60.0;
 /// A finding before it is put into words.
 struct Named {
     place: usize,
@@ -63,7 +65,10 @@ pub(super) fn conclude(
     let (power, power_before) = (after.select / counted, before.select / counted);
     let no_fit =
         power > NO_FIT && worth.correlation > 4.0 && power - 1.0 > NO_FIT_SHARE * (power_before - 1.0);
-    let unexplained = repeats || no_fit || power > FAR_OFF;
+    // What only the reporting cycles show (a specimen that changed late) is beyond a fit, but no reason to call it adequate.
+    let reported = data.sum(&after.residuals, Part::Report) / data.count(Part::Report).max(1) as f64;
+    let changed = reported > NO_FIT.max(2.0 * power);
+    let unexplained = repeats || no_fit || changed || power > FAR_OFF;
     let confidence = intervals(bench, after);
     let alarms = alarms(bench, after, &confidence);
     let verdict = match (unexplained, named.is_empty()) {
@@ -176,7 +181,7 @@ fn rivals(bench: &Bench<'_>, search: &mut Search, place: usize) -> Named {
         }
         let lack = search.worth.gain(node.cost() - search.nodes[chosen].cost());
         doubt += (-lack / (2.0 + 0.02 * loss)).exp();
-        if lack < CLOSE_GAIN.max(CLOSE_SHARE * loss) {
+        if lack < CLOSE_GAIN.max((CLOSE_SHARE * loss).min(FAR_GAIN)) {
             rivals.push((other, i, lack));
         }
     }

@@ -12,7 +12,7 @@ use crate::model::{Parameter, Plant};
 /// The entry of [`super::EFFECTS`].
 pub const EFFECT: Effect = Effect {
     code: "backlash",
-    stage: Stage::Pusher,
+    stage: Stage::Frame,
     what: "lost motion at a reversal",
     parameters: &[Parameter {
         name: "gap_mm",
