@@ -147,14 +147,13 @@ fn rows(
 ) -> Result<Vec<OwnRow>, BuildError> {
     let mount = column(structure.mounting);
     let strokes = super::AMPLITUDES_MM.map(|a| reading.stroke_mm(a));
-    let mut dry = pack(&super::structure(structure.mounting), values)?;
-    let dry = walk(
-        &mut dry,
-        trough_mm,
-        &strokes,
-        ROWS[0].simulated[mount].peak_n,
-        STEP_MM,
-    );
+    let dry = super::structure(structure.mounting);
+    let reach_n = ROWS[0].simulated[mount].peak_n;
+    let sines = walk(&mut pack(&dry, values)?, trough_mm, &strokes, reach_n, STEP_MM).sines;
+    let at_most = |row: &Printed, sine: usize| match row.amplitude_mm {
+        None => static_row(&dry, values, travel_mm),
+        Some(_) => Ok(sines[sine]),
+    };
     ROWS.iter()
         .zip(super::SINE_OF_ROW)
         .map(|(row, sine_of_row)| {
@@ -175,10 +174,7 @@ fn rows(
                 measured: row.measured[mount],
                 simulated: row.simulated[mount],
                 ours,
-                at_most_j: row
-                    .amplitude_mm
-                    .map_or(dry.statics, |_| dry.sines[sine_of_row])
-                    .loop_j,
+                at_most_j: at_most(row, sine_of_row)?.loop_j,
             })
         })
         .collect()
