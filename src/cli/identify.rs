@@ -9,7 +9,7 @@ use std::time::Instant;
 use clap::{Arg, ArgAction, ArgMatches, value_parser};
 
 use super::progress::{Mark, Progress};
-use super::{CliError, Command, Done, Output};
+use super::{CliError, Command, Done, Output, stop_on_ctrl_c};
 use crate::config::{ModelConfig, Specimen};
 use crate::identify::curve::Initial;
 use crate::identify::targets::{TargetProblem, read_targets};
@@ -274,21 +274,6 @@ fn watched_fit(problem: &dyn Residuals, options: &Options, output: &Output) -> R
     });
     progress.finish();
     fitted
-}
-
-/// Where signals cannot be had the fit runs to its end: that is all it costs.
-fn stop_on_ctrl_c(stop: Arc<AtomicBool>) {
-    let listen = move || {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build();
-        if let Ok(runtime) = runtime
-            && runtime.block_on(tokio::signal::ctrl_c()).is_ok()
-        {
-            stop.store(true, Ordering::Relaxed);
-        }
-    };
-    let _ = std::thread::Builder::new()
-        .name("ctrl-c".to_owned())
-        .spawn(listen);
 }
 
 fn text(fit: &Fit, out: Option<&PathBuf>) -> String {
