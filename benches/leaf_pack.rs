@@ -139,6 +139,25 @@ fn static_row(c: &mut Criterion<OwnTime>) {
     group.finish();
 }
 
+/// What the peers run: 2.5 s of the 1 Hz sine, in the thread's own time, five times; the middle one is printed.
+fn duty(_: &mut Criterion<OwnTime>) {
+    for (name, structure) in variants() {
+        let mut took_s: Vec<f64> = (0..5)
+            .map(|_| {
+                let mut p = pack(&structure);
+                p.step(sine(1.0, 0), 1.0);
+                let start = own_time_s();
+                for k in 0..2500 {
+                    black_box(p.step(sine(1.0, k), 1e-3));
+                }
+                own_time_s() - start
+            })
+            .collect();
+        took_s.sort_by(f64::total_cmp);
+        println!("{name}, 2.5 s at 1 Hz: real-time factor {:.1}", 2.5 / took_s[2]);
+    }
+}
+
 /// Not a mean but a tail: printed once, over 60 s of the 2.5 Hz sine, in the thread's own time.
 fn tail(_: &mut Criterion<OwnTime>) {
     for (name, structure) in variants() {
@@ -196,6 +215,6 @@ fn evolution(_: &mut Criterion<OwnTime>) {
 criterion_group! {
     name = benches;
     config = Criterion::default().with_measurement(OwnTime);
-    targets = step, static_row, tail, evolution
+    targets = step, static_row, duty, tail, evolution
 }
 criterion_main!(benches);

@@ -279,8 +279,8 @@ fn identify_gives_parameters_back_and_writes_a_specimen() {
             .and_then(|all| all.iter().find(|p| p["name"] == name))
             .expect("listed");
         let value = entry["value"].as_f64().expect("a number");
-        // The fit replays the first cycle before it counts, the recording began at rest: the virgin branch differs a little.
-        assert!((value / truth - 1.0).abs() < 0.08, "{name}: {value}");
+        // No noise: what is left is the CSV's six decimals and the fit's own tolerance.
+        assert!((value / truth - 1.0).abs() < 1e-4, "{name}: {value}");
         assert_eq!(specimen.model.parameters[name], value);
     }
 }

@@ -1,5 +1,8 @@
 //! The leaf pack identified from recordings that another leaf pack made: finer mesh, other steps, noise on the load cell. The
-//! parameters must lie within their own 95 % intervals.
+//! parameters must lie within their own 95 % intervals, as often as those promise.
+//!
+//! The fitted mesh has to be as fine as the recording is good. 240 samples with 2 N of noise know the shackle's angle to
+//! 0.5 mrad; the paper's 84 segments move it by 0.7 mrad (3 of 20 intervals held it), 172 by 0.07 mrad.
 
 use leafbench::identify::Method;
 use leafbench::identify::curve::{Initial, Weighting};
@@ -11,6 +14,11 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 const NOISE_N: f64 = 2.0;
+/// Segments of the pack that makes the recording, and of the one fitted to it.
+const SEGMENTS: [usize; 2] = [344, 172];
+/// Recordings, each with noise of its own. 9.5 intervals of 10 hold the truth; fewer than 8 happen once in 90 by chance.
+const RECORDINGS: u64 = 10;
+const LEAST_HELD: usize = 8;
 /// Samples of a recording, and steps between two of them.
 const SAMPLES: usize = 240;
 const FINER: usize = 3;
@@ -39,31 +47,27 @@ fn recording(structure: &Structure, truth: &Values, random: &mut ChaCha8Rng) -> 
     recording
 }
 
-/// Makes with 172 segments, fits with 84: `free` must come back.
-fn comes_back(mounting: Mounting, truth: &Values, free: &[(&str, f64)], seed: u64) {
+/// Made with other segments and steps than fitted: `free` must come back.
+fn comes_back(mounting: Mounting, truth: &Values, free: &[(&str, f64)]) {
     let made = Structure {
         mounting,
-        segments: 172,
+        segments: SEGMENTS[0],
         ..Structure::default()
     };
-    let recording = recording(&made, truth, &mut ChaCha8Rng::seed_from_u64(seed));
-    let fitted = Structure { segments: 84, ..made };
+    let fitted = Structure {
+        segments: SEGMENTS[1],
+        ..made.clone()
+    };
     let table = toml::Table::try_from(&fitted).expect("a table");
     let model = model::find("leaf-pack").expect("listed");
-    let problem = CurveProblem::of_model(
-        model,
-        &table,
-        &[recording],
-        &CurveOptions {
-            weighting: Weighting::Noise {
-                force_n: NOISE_N,
-                displacement_mm: 0.0,
-            },
-            initial: Initial::FromRest,
-            ..CurveOptions::default()
+    let curve_options = CurveOptions {
+        weighting: Weighting::Noise {
+            force_n: NOISE_N,
+            displacement_mm: 0.0,
         },
-    )
-    .expect("fair");
+        initial: Initial::FromRest,
+        ..CurveOptions::default()
+    };
     let is_free = |name: &str| free.iter().any(|(f, _)| *f == name);
     let mut start = vec![
         truth.thickness_correction_mm,
@@ -98,23 +102,31 @@ fn comes_back(mounting: Mounting, truth: &Values, free: &[(&str, f64)], seed: u6
             .collect(),
         ..Options::default()
     };
-    let found = fit(&problem, &options, &mut |_| Control::Continue).expect("fits");
-    for (i, p) in model
-        .parameters
-        .iter()
-        .enumerate()
-        .filter(|(_, p)| is_free(p.name))
-    {
-        let [low, high] = found.ci95[i].expect("an interval");
-        println!(
-            "{}: {:.5} ({low:.5} to {high:.5}), made with {}",
-            p.name, found.values[i], wanted[i]
-        );
-        assert!(
-            low <= wanted[i] && wanted[i] <= high,
-            "{} is outside of its own interval",
-            p.name
-        );
+    let free: Vec<usize> = (0..wanted.len())
+        .filter(|&i| is_free(model.parameters[i].name))
+        .collect();
+    let mut held = vec![0; free.len()];
+    for seed in 0..RECORDINGS {
+        let recording = recording(&made, truth, &mut ChaCha8Rng::seed_from_u64(seed));
+        let problem = CurveProblem::of_model(model, &table, &[recording], &curve_options).expect("fair");
+        let found = fit(&problem, &options, &mut |_| Control::Continue).expect("fits");
+        for (count, &i) in held.iter_mut().zip(&free) {
+            let [low, high] = found.ci95[i].expect("an interval");
+            let inside = low <= wanted[i] && wanted[i] <= high;
+            *count += usize::from(inside);
+            println!(
+                "{seed}: {} {:.5} ({low:.5} to {high:.5}), made with {:.5}{}",
+                model.parameters[i].name,
+                found.values[i],
+                wanted[i],
+                if inside { "" } else { ": outside" }
+            );
+        }
+    }
+    for (count, &i) in held.iter().zip(&free) {
+        let name = model.parameters[i].name;
+        println!("{name}: {count} of {RECORDINGS} intervals hold it");
+        assert!(*count >= LEAST_HELD, "{name}: {count} of {RECORDINGS}");
     }
 }
 
@@ -129,7 +141,6 @@ fn rail_from_another_mesh_and_step() {
         Mounting::Rail,
         &truth,
         &[("thickness_correction_mm", 0.05), ("rail_mu", 0.05)],
-        7,
     );
 }
 
@@ -145,6 +156,5 @@ fn shackle_from_another_mesh_and_step() {
         Mounting::Shackle,
         &truth,
         &[("interleaf_mu", 0.1), ("shackle_angle_rad", 0.4)],
-        8,
     );
 }

@@ -77,7 +77,7 @@ fn the_static_ramp_runs_on_every_paper_bench() {
             "{bench}: peak {peak:.1} N, loop {energy:.2} J, {} samples",
             samples.len()
         );
-        assert_eq!(outcome.ending, Ending::Completed, "{bench}");
+        assert_eq!(outcome.ending, Ending::Completed, "{bench}: {}", outcome.cause);
         // The command is 2 kN; the servo's overshoot and the cell's noise are below 1 %.
         assert!((peak / 2000.0 - 1.0).abs() < 0.01, "{bench}: {peak} N");
         assert!(energy > least_j, "{bench}: {energy} J: the friction must show");

@@ -9,8 +9,9 @@ use std::time::Instant;
 use clap::{Arg, ArgAction, ArgMatches, value_parser};
 
 use super::progress::{Mark, Progress};
-use super::{CliError, Command, Done, Output};
+use super::{CliError, Command, Done, Output, stop_on_ctrl_c};
 use crate::config::{ModelConfig, Specimen};
+use crate::identify::curve::Initial;
 use crate::identify::targets::{TargetProblem, read_targets};
 use crate::identify::{
     Control, CurveOptions, CurveProblem, Ending, Fit, IdentifyError, Method, Options, Residuals,
@@ -76,6 +77,13 @@ pub const COMMAND: Command = Command {
                     .value_name("NAMES")
                     .value_delimiter(',')
                     .help("Fit these alone, with commas between"),
+            )
+            .arg(
+                Arg::new("begin")
+                    .long("begin")
+                    .value_parser(["rest", "cycling", "unknown"])
+                    .default_value("unknown")
+                    .help("The spring at a recording's first sample: untouched before, or in a steady cycle; unknown: leave out the first half cycle unless it begins without load"),
             )
             .arg(
                 Arg::new("seed")
@@ -231,7 +239,15 @@ fn problem<'a>(
         .into_iter()
         .map(|path| csv::read_file(path))
         .collect::<Result<Vec<_>, _>>()?;
-    let problem = CurveProblem::of_model(model, structure, &recordings, &CurveOptions::default())?;
+    let options = CurveOptions {
+        initial: match matches.get_one::<String>("begin").map(String::as_str) {
+            Some("rest") => Initial::FromRest,
+            Some("cycling") => Initial::ReplayFirstCycle,
+            _ => Initial::Unknown,
+        },
+        ..CurveOptions::default()
+    };
+    let problem = CurveProblem::of_model(model, structure, &recordings, &options)?;
     Ok(Box::new(problem))
 }
 
@@ -258,21 +274,6 @@ fn watched_fit(problem: &dyn Residuals, options: &Options, output: &Output) -> R
     });
     progress.finish();
     fitted
-}
-
-/// Where signals cannot be had the fit runs to its end: that is all it costs.
-fn stop_on_ctrl_c(stop: Arc<AtomicBool>) {
-    let listen = move || {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build();
-        if let Ok(runtime) = runtime
-            && runtime.block_on(tokio::signal::ctrl_c()).is_ok()
-        {
-            stop.store(true, Ordering::Relaxed);
-        }
-    };
-    let _ = std::thread::Builder::new()
-        .name("ctrl-c".to_owned())
-        .spawn(listen);
 }
 
 fn text(fit: &Fit, out: Option<&PathBuf>) -> String {

@@ -1,10 +1,11 @@
 //! `leafbench mock-rig`.
 
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use clap::{Arg, ArgMatches};
 
-use super::{CliError, Command, Done, Output, local};
+use super::{CliError, Command, Done, Output, local, stop_on_ctrl_c};
 use crate::link::priority::raise_this_thread;
 use crate::link::{self, Side};
 
@@ -45,7 +46,10 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
             node: bench.link.node,
         },
     )?;
-    let health = std::sync::Arc::clone(&link.health);
+    let health = Arc::clone(&link.health);
+    // Between two ticks, as a power cut ends a rig.
+    let stop = Arc::new(AtomicBool::new(false));
+    stop_on_ctrl_c(Arc::clone(&stop));
     eprintln!(
         "mock rig of bench {} at {address}; end it with Ctrl-C",
         bench.name
@@ -55,9 +59,8 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
             "no real-time priority ({reason}): under load the rig may stall, and the daemon then trips"
         );
     }
-    // Ctrl-C ends the process, as a power cut ends a rig.
     let punctuality = rig
-        .run_realtime(link, &AtomicBool::new(false))
+        .run_realtime(link, &stop)
         .map_err(|e| CliError::Internal(format!("the monotonic clock failed: {e}")))?;
     let lost = if health.is_open() {
         ""
@@ -68,6 +71,7 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
         "ticks": punctuality.ticks,
         "late_ticks": punctuality.late_ticks,
         "worst_us": punctuality.worst_ns / 1000,
+        "stalls": punctuality.stalls,
     });
     output.result(&ticks, || {
         format!(

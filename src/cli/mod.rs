@@ -28,6 +28,8 @@ pub mod virtual_bench;
 
 use std::io::Write;
 use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::{Arg, ArgAction, ArgMatches};
 
@@ -158,6 +160,21 @@ fn command_line() -> clap::Command {
     COMMANDS.iter().fold(top, |top, c| {
         top.subcommand((c.arguments)(clap::Command::new(c.name).about(c.what)))
     })
+}
+
+/// Sets `stop` at Ctrl-C. Where signals cannot be had, what was begun runs to its end: that is all it costs.
+fn stop_on_ctrl_c(stop: Arc<AtomicBool>) {
+    let listen = move || {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build();
+        if let Ok(runtime) = runtime
+            && runtime.block_on(tokio::signal::ctrl_c()).is_ok()
+        {
+            stop.store(true, Ordering::Relaxed);
+        }
+    };
+    let _ = std::thread::Builder::new()
+        .name("ctrl-c".to_owned())
+        .spawn(listen);
 }
 
 #[cfg(test)]

@@ -147,18 +147,32 @@ fn drawn_pack(model: &ModelConfig) -> Result<LeafPack, CliError> {
     LeafPack::new(&structure, &values).map_err(refused)
 }
 
-/// Pictures along the way from the start to the third turning point: one loading, one whole cycle.
+/// Pictures of the cycle with the farthest turning point, or of the whole way where there is only one.
 fn draw_pack(mut pack: LeafPack, path_mm: &[f64], name: &Path) -> Result<(), CliError> {
-    let end = turning_points(path_mm).get(2).copied().unwrap_or(path_mm.len());
-    let every = (end / FRAMES).max(1);
+    let turns = turning_points(path_mm);
+    let farthest = (0..turns.len()).fold(0, |m, k| {
+        if path_mm[turns[k]] > path_mm[turns[m]] {
+            k
+        } else {
+            m
+        }
+    });
+    let peak_at = turns.get(farthest).copied().unwrap_or(0);
+    let start = farthest.checked_sub(2).map_or(0, |k| turns[k]);
+    let end = turns.get(farthest + 1).copied().unwrap_or(path_mm.len());
+    let every = ((end - start) / FRAMES).max(1);
     let mut shapes = Vec::new();
     // Between pictures at least this finely: friction remembers the way.
     let stride = (every / 10).max(1);
+    let mut before = 0;
     for (k, &displacement_mm) in path_mm[..end].iter().enumerate() {
-        if k % stride == 0 {
-            pack.step(displacement_mm, stride as f64 / f64::from(SAMPLE_RATE_HZ));
+        let pictured = k >= start && (k % every == 0 || k == peak_at);
+        if pictured || k % stride == 0 {
+            let ticks = (k - before).max(1);
+            pack.step(displacement_mm, ticks as f64 / f64::from(SAMPLE_RATE_HZ));
+            before = k;
         }
-        if k % every == 0 {
+        if pictured {
             shapes.push(pack.shape());
         }
     }

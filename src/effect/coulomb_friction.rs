@@ -36,7 +36,7 @@ pub const EFFECT: Effect = Effect {
     neutral: &[0.0, 0.05],
     amplitudes: &[0],
     kinks: &[],
-    starts: |_| vec![vec![1.0, 0.02], vec![1.0, 0.1], vec![1.0, 0.5]],
+    starts: |_| vec![vec![10.0, 0.02], vec![10.0, 0.1], vec![10.0, 0.5]],
     statement: |v| {
         format!(
             "A dry friction of {:.1} N that does not depend on the load acts against every motion: bushings, pusher on its board, guides or seals.",

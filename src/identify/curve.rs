@@ -33,7 +33,13 @@ pub enum Initial {
     DropFirstHalfCycle,
     /// The first cycle is run through once before it counts.
     ReplayFirstCycle,
+    /// `FromRest` for a recording whose first sample carries no load: what is not pressed remembers no friction. Else
+    /// `DropFirstHalfCycle`.
+    Unknown,
 }
+
+/// Share of the force's range below which a first sample carries no load.
+const UNLOADED: f64 = 0.02;
 
 /// What no parameter is fitted on.
 #[derive(Debug, Clone, PartialEq)]
@@ -306,7 +312,8 @@ impl Curve {
                 }
             }
         }
-        if initial == Initial::DropFirstHalfCycle {
+        let loaded = || self.force_n[0].abs() > UNLOADED * range(&self.force_n);
+        if initial == Initial::DropFirstHalfCycle || (initial == Initial::Unknown && loaded()) {
             // A single ramp has no second reversal: then its first one.
             let dropped = reversals.get(1).or(reversals.first()).copied().unwrap_or(0);
             self.weight[..dropped].fill(0.0);

@@ -72,6 +72,7 @@ fn initial_state_is_found_by_replaying_or_dropping() {
     assert!(late(Initial::FromRest) > 0.01);
     assert!(late(Initial::DropFirstHalfCycle) < 1e-6);
     assert!(late(Initial::ReplayFirstCycle) < 1e-6);
+    assert!(late(Initial::Unknown) < 1e-6);
 }
 
 #[test]

@@ -86,6 +86,11 @@ pub const ROWS: [Printed; 5] = [
     },
 ];
 
+/// Printed amplitudes that are walked: the 2.5 Hz row moves as the 6 mm row does.
+const AMPLITUDES_MM: [f64; 3] = [6.0, 10.0, 15.0];
+/// Place of each sine row among them.
+const SINE_OF_ROW: [usize; 5] = [0, 0, 1, 2, 0];
+
 /// Up and down of the static test, s.
 pub const STATIC_S: f64 = 120.0;
 

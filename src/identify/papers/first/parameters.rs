@@ -43,7 +43,14 @@ pub const PARAMETERS: [Parameter; 13] = [
         "pin above the middle of leaf 1",
     ),
     parameter("interleaf_mu", "", 0.15, [0.05, 0.3], "friction between leaves"),
-    parameter("pin_mu", "", 0.25, [0.1, 0.4], "friction in the pins"),
+    // 0.1 to 0.4, at a bolt's 6 mm to a bush's 15 mm in the eye: the paper prints neither.
+    parameter(
+        "pin_friction_mm",
+        "mm",
+        2.0,
+        [0.6, 6.0],
+        "friction coefficient of the pins times the radius at which they turn",
+    ),
     parameter(
         "shackle_pivot_torque_nmm",
         "N mm",
