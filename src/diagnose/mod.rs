@@ -16,6 +16,7 @@ mod score;
 mod select;
 mod smoothing;
 mod tables;
+mod travel;
 mod verdict;
 
 pub use baseline::{Baseline, BaselineError};

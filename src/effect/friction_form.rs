@@ -1,7 +1,7 @@
 //! The model's own load-proportional friction in another form: how it turns round after a reversal, free of any one law.
 //!
 //! ```text
-//! F = F_in + E sum c_i r_i,   r_i: mean of four elements dr = dx / l held within [-1, 1],  l within band i
+//! F = F_in + E sum c_i r_i,   r_i: mean of three elements dr = dx / l held within [-1, 1],  l within band i
 //! ```
 //! E: load carried. Elastic-plastic elements (Jenkins) in parallel, a Prandtl-Ishlinskii model; Iwan (1966). Any friction that
 //! turns round over 0.01 to 10 mm and returns to where it turned (Masing 1926) is such a sum. It names no missing physics:
@@ -12,13 +12,13 @@ use super::motion::{Elements, Steady};
 use super::{Effect, Stage, Wrap, everywhere, load_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
-/// Bands of length, mm: the first is what no sampling resolves, the others grow by 1.75.
+/// Bands of length, mm: the first is what no sampling resolves, the others grow by about 1.5.
 const BANDS_MM: [f64; COUNT + 1] = [
-    0.004, 0.02, 0.04, 0.07, 0.12, 0.21, 0.37, 0.65, 1.1, 2.0, 3.5, 6.0,
+    0.004, 0.02, 0.035, 0.055, 0.08, 0.12, 0.18, 0.26, 0.38, 0.56, 0.82, 1.2, 1.8, 2.6, 3.8, 5.6, 8.0,
 ];
 /// Bands, and elements in each.
-const COUNT: usize = 11;
-const EACH: usize = 4;
+const COUNT: usize = 16;
+const EACH: usize = 3;
 
 const fn strength(name: &'static str) -> Parameter {
     Parameter {
@@ -48,9 +48,14 @@ pub const FORM: Effect = Effect {
         strength("ratio_8"),
         strength("ratio_9"),
         strength("ratio_10"),
+        strength("ratio_11"),
+        strength("ratio_12"),
+        strength("ratio_13"),
+        strength("ratio_14"),
+        strength("ratio_15"),
     ],
     neutral: &[0.0; COUNT],
-    amplitudes: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10],
+    amplitudes: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15],
     kinks: &[],
     starts: |_| vec![vec![0.002; COUNT]],
     statement: |v| {
@@ -120,13 +125,13 @@ mod tests {
 
     #[test]
     fn force_by_hand() {
-        // Slid far up, then back by 1 mm: the first band is turned, of the last (3.7 to 5.6 mm) each element by 1 mm.
+        // Slid far up, then back by 1 mm: the first band is turned, of the last (5.6 to 8 mm) each element by 1 mm.
         let mut strengths = [0.0; COUNT];
-        (strengths[0], strengths[10]) = (0.02, 0.04);
+        (strengths[0], strengths[15]) = (0.02, 0.04);
         let mut plant = (FORM.attach)(&strengths, spring());
         plant.step(50.0, 0.1);
-        let lengths = [0.5, 1.5, 2.5, 3.5].map(|k: f64| 3.5 * (6.0f64 / 3.5).powf(k / 4.0));
-        let last = lengths.iter().map(|l| 1.0 - 1.0 / l).sum::<f64>() / 4.0;
+        let lengths = [0.5, 1.5, 2.5].map(|k: f64| 5.6 * (8.0f64 / 5.6).powf(k / 3.0));
+        let last = lengths.iter().map(|l| 1.0 - 1.0 / l).sum::<f64>() / 3.0;
         let expected = (100.0 + 80.0 * 49.0) * (1.0 - 0.02 + 0.04 * last);
         assert!((plant.step(49.0, 0.1) - expected).abs() < 1e-6);
     }
@@ -134,7 +139,7 @@ mod tests {
     #[test]
     fn parameters_come_back_from_clean_data() {
         let mut truth = [0.0; COUNT];
-        (truth[3], truth[5], truth[6]) = (0.01, 0.03, 0.02);
+        (truth[4], truth[7], truth[9]) = (0.01, 0.03, 0.02);
         comes_back(&FORM, &truth);
     }
 }

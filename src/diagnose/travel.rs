@@ -1,0 +1,78 @@
+//! Where each sample stands between two turning points. Columns in, columns out.
+
+use super::smoothing::{Turn, median};
+
+/// Half cycle, direction and travel since the reversal of every sample.
+pub(super) struct Travel {
+    pub half: Vec<u32>,
+    pub direction: Vec<f64>,
+    pub since_mm: Vec<f64>,
+    /// Travel to the next reversal in mm.
+    pub until_mm: Vec<f64>,
+    pub turns: Vec<usize>,
+}
+
+impl Travel {
+    pub fn new(x: &[f64], turns: &[usize]) -> Travel {
+        let n = x.len();
+        let mut motion = Travel {
+            half: Vec::with_capacity(n),
+            direction: Vec::with_capacity(n),
+            since_mm: Vec::with_capacity(n),
+            until_mm: Vec::with_capacity(n),
+            turns: turns.to_vec(),
+        };
+        let mut bounds = vec![0];
+        bounds.extend(turns);
+        bounds.push(n - 1);
+        let mut half = 0;
+        for i in 0..n {
+            while half + 2 < bounds.len() && i > bounds[half + 1] {
+                half += 1;
+            }
+            let sign = if x[bounds[half + 1]] >= x[bounds[half]] {
+                1.0
+            } else {
+                -1.0
+            };
+            motion.half.push(half as u32);
+            motion.direction.push(sign);
+            motion.since_mm.push((x[i] - x[bounds[half]]).abs());
+            motion.until_mm.push((x[bounds[half + 1]] - x[i]).abs());
+        }
+        motion
+    }
+
+    /// Turning points on either side of a sample, the lower first; without limit where the recording begins or ends.
+    pub fn reach(&self, i: usize, turned: &[Turn]) -> [f64; 2] {
+        let half = self.half[i] as usize;
+        let before = half.checked_sub(1).and_then(|k| turned.get(k)).map(|t| t.mm);
+        let after = turned.get(half).map(|t| t.mm);
+        let end = [f64::NEG_INFINITY, f64::INFINITY];
+        let [low, high] = if self.direction[i] > 0.0 {
+            [before, after]
+        } else {
+            [after, before]
+        };
+        [low.unwrap_or(end[0]), high.unwrap_or(end[1])]
+    }
+
+    /// How far the turning point before a sample may be off.
+    pub fn turn_error_mm(&self, i: usize, turned: &[Turn]) -> f64 {
+        let before = (self.half[i] as usize).checked_sub(1);
+        before.and_then(|k| turned.get(k)).map_or(0.0, |t| t.error_mm)
+    }
+
+    pub fn frequency_hz(&self, time_s: &[f64]) -> f64 {
+        let halves: Vec<f64> = self
+            .turns
+            .windows(2)
+            .map(|w| time_s[w[1]] - time_s[w[0]])
+            .collect();
+        if halves.is_empty() {
+            0.0
+        } else {
+            0.5 / median(halves)
+        }
+    }
+}
