@@ -1,7 +1,7 @@
 //! leafbench: controller of a hardware-in-the-loop test bench for leaf springs.
 //!
 //! One daemon drives a hydraulic load frame over CAN or serial, records the load cell and the LVDT, and steps a
-//! leaf-spring model beside the rig as a virtual twin. Saying which physics is missing where they differ is still to come.
+//! leaf-spring model beside the rig as a virtual twin. Where they differ, `diagnose` says which physics is missing.
 //!
 //! # Layers
 //! A module uses only modules of a lower rank. `tests/architecture.rs` reads this table and every `use crate::` line.

@@ -6,7 +6,7 @@
 
 pub(super) use super::smoothing::noise;
 use super::smoothing::{monotone, settle_turns, smoothed, turned};
-use super::travel::Travel;
+use super::travel::{Travel, settled_from};
 use crate::model::Motion;
 use crate::recording::{Flags, Recording, cycles};
 
@@ -242,14 +242,14 @@ impl<'a> Raw<'a> {
             remarks,
         };
         let settled = settled_from(&steady_mm, &force_n, &turns, stroke_mm);
-        for bin in bins {
+        for (bin, judged) in bins {
             let n = bin.len() as f64;
             let mean = |v: &[f64]| v[bin.clone()].iter().sum::<f64>() / n;
             let last = bin.end - 1;
             track.time_s.push(mean(&time_s));
             track.displacement_mm.push(mean(&steady_mm));
             track.force_n.push(mean(&force_n));
-            let masked = bin.start < settled || bin.clone().any(|i| clipped[i]);
+            let masked = !judged || bin.start < settled || bin.clone().any(|i| clipped[i]);
             let averaging = n.sqrt().min(LARGEST_AVERAGING);
             track.weight.push(if masked { 0.0 } else { averaging / sigma_n });
             track.direction.push(motion.direction[last]);
@@ -350,23 +350,6 @@ pub(super) fn range(values: &[f64]) -> f64 {
     high - low
 }
 
-/// First sample that is judged: the hysteresis has forgotten where it came from.
-///
-/// From rest at the unloaded end a tenth of the stroke is enough (every drag of less than that length has turned round);
-/// from anywhere else the first half cycle goes, unless there is nothing else.
-fn settled_from(x: &[f64], force_n: &[f64], turns: &[usize], stroke_mm: f64) -> usize {
-    let lowest_n = force_n.iter().copied().fold(f64::INFINITY, f64::min);
-    let low_mm = x.iter().copied().fold(f64::INFINITY, f64::min);
-    let from_rest = x[0] - low_mm < 0.03 * stroke_mm && force_n[0] - lowest_n < 0.05 * range(force_n);
-    match turns {
-        [first, _, ..] if !from_rest || turns.len() > 3 => *first,
-        _ => x
-            .iter()
-            .position(|v| (v - x[0]).abs() > 0.1 * stroke_mm)
-            .unwrap_or(0),
-    }
-}
-
 /// A displacement that stands at its extreme while the force goes on is a clipped LVDT: masked and named.
 fn clipped(x: &[f64], force_n: &[f64], noise_mm: f64, remarks: &mut Vec<String>) -> Vec<bool> {
     let mut mask = vec![false; x.len()];
@@ -396,32 +379,39 @@ fn clipped(x: &[f64], force_n: &[f64], noise_mm: f64, remarks: &mut Vec<String>)
     mask
 }
 
-/// Bins that are fine after reversals and in a few whole cycles spread over the recording, coarse elsewhere.
+/// Bins, and whether they are judged: in a few whole cycles spread over the recording they are, fine after reversals; all
+/// others are only gone through, in steps too coarse for a mean force to belong to a mean displacement.
 fn bins(
     time_s: &[f64],
     x: &[f64],
     motion: &Travel,
     stroke_mm: f64,
     budget: usize,
-) -> Vec<std::ops::Range<usize>> {
+) -> Vec<(std::ops::Range<usize>, bool)> {
     let n = time_s.len();
     if n <= budget {
-        return (0..n).map(|i| i..i + 1).collect();
+        return (0..n).map(|i| (i..i + 1, true)).collect();
     }
     let halves = motion.half[n - 1] + 1;
     let cycles = halves.div_ceil(2);
     let fine_cycles = 9;
     let every = cycles.div_ceil(fine_cycles).max(1);
     let duration_s = time_s[n - 1] - time_s[0];
+    let fine = |i: usize| {
+        let cycle = motion.half[i] / 2;
+        cycle.is_multiple_of(every) || cycle + 2 >= cycles || cycle <= 1
+    };
     let cost: Vec<f64> = (0..n)
         .map(|i| {
             if i == 0 {
                 return 0.0;
             }
-            let cycle = motion.half[i] / 2;
-            let fine = cycle.is_multiple_of(every) || cycle + 2 >= cycles || cycle <= 1;
-            let (share, slow) = if fine { (0.04, 1.0) } else { (0.3, 8.0) };
-            let resolution_mm = (stroke_mm / 600.0).max(share * motion.since_mm[i].min(motion.until_mm[i]));
+            let (resolution_mm, slow) = if fine(i) {
+                let turn_mm = motion.since_mm[i].min(motion.until_mm[i]);
+                ((stroke_mm / 600.0).max(0.04 * turn_mm), 1.0)
+            } else {
+                (stroke_mm / 25.0, 8.0)
+            };
             let dt_s = time_s[i] - time_s[i - 1];
             (x[i] - x[i - 1]).abs() / resolution_mm + 300.0 * dt_s / duration_s.min(30.0) / slow
         })
@@ -436,7 +426,7 @@ fn bins(
             let turns = (1..=2).any(|k| i + k < n && motion.half[i + k] != motion.half[i])
                 || (i > 0 && motion.half[i - 1] != motion.half[i]);
             if filled >= 1.0 || turns || i + 1 == n {
-                bins.push(start..i + 1);
+                bins.push((start..i + 1, fine(start)));
                 start = i + 1;
                 filled = 0.0;
             }

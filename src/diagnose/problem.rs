@@ -90,8 +90,9 @@ impl Data {
                 .unzip();
             let white = super::condition::noise(&times_s, &counted);
             if counted.len() > 20 && white > 0.0 {
+                let finest = 1.0 / (LINEARITY * self.force_range_n);
                 for i in piece {
-                    self.weight[i] /= white.clamp(0.05, 20.0);
+                    self.weight[i] = (self.weight[i] / white.clamp(0.05, 20.0)).min(finest);
                 }
             }
             from += length;
@@ -108,6 +109,8 @@ impl Data {
     }
 }
 
+/// No load cell is straighter than this share of what was measured, however little it rustles: less is no finding.
+const LINEARITY: f64 = 2e-4;
 /// Step of a difference quotient as a share of the parameter's scale.
 const RELATIVE_STEP: f64 = 1e-5;
 

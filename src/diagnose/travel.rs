@@ -1,5 +1,6 @@
 //! Where each sample stands between two turning points. Columns in, columns out.
 
+use super::condition::range;
 use super::smoothing::{Turn, median};
 
 /// Half cycle, direction and travel since the reversal of every sample.
@@ -74,5 +75,22 @@ impl Travel {
         } else {
             0.5 / median(halves)
         }
+    }
+}
+
+/// First sample that is judged: the hysteresis has forgotten where it came from.
+///
+/// From rest at the unloaded end a tenth of the stroke is enough (every drag of less than that length has turned round);
+/// from anywhere else the first half cycle goes, unless there is nothing else.
+pub(super) fn settled_from(x: &[f64], force_n: &[f64], turns: &[usize], stroke_mm: f64) -> usize {
+    let lowest_n = force_n.iter().copied().fold(f64::INFINITY, f64::min);
+    let low_mm = x.iter().copied().fold(f64::INFINITY, f64::min);
+    let from_rest = x[0] - low_mm < 0.03 * stroke_mm && force_n[0] - lowest_n < 0.05 * range(force_n);
+    match turns {
+        [first, _, ..] if !from_rest || turns.len() > 3 => *first,
+        _ => x
+            .iter()
+            .position(|v| (v - x[0]).abs() > 0.1 * stroke_mm)
+            .unwrap_or(0),
     }
 }

@@ -26,8 +26,8 @@ const NEAREST: f64 = 0.05;
 /// Two explanations closer than this in log-likelihood, or this share of what the finding brings, are not told apart.
 const CLOSE_GAIN: f64 = 6.0;
 const CLOSE_SHARE: f64 = 0.08;
-/// Whatever the finding brings, this much less is told apart.
-const FAR_GAIN: f64 = 60.0;
+/// Whatever the finding brings: a mean square above the best, in units of the noise, that is told apart.
+const ALIKE: f64 = 0.04;
 /// A finding before it is put into words.
 struct Named {
     place: usize,
@@ -165,6 +165,8 @@ fn rivals(bench: &Bench<'_>, search: &mut Search, place: usize) -> Named {
         search.nodes.extend(children);
     }
     let base = parent.key(extras);
+    let counted = bench.data.count(Part::Fit) + bench.data.count(Part::Select);
+    let alike = search.worth.gain(ALIKE * search.worth.spread * counted as f64);
     let mut rivals: Vec<(&'static str, usize, f64)> = Vec::new();
     let mut doubt = 0.0;
     for (i, node) in search.nodes.iter().enumerate() {
@@ -181,7 +183,7 @@ fn rivals(bench: &Bench<'_>, search: &mut Search, place: usize) -> Named {
         }
         let lack = search.worth.gain(node.cost() - search.nodes[chosen].cost());
         doubt += (-lack / (2.0 + 0.02 * loss)).exp();
-        if lack < CLOSE_GAIN.max((CLOSE_SHARE * loss).min(FAR_GAIN)) {
+        if lack < CLOSE_GAIN.max((CLOSE_SHARE * loss).min(alike)) {
             rivals.push((other, i, lack));
         }
     }
