@@ -95,7 +95,7 @@ pub(super) fn conclude(
         let names = (after.attached[n.place].effect.code, code);
         next_test::propose(bench, after, &search.nodes[node], names)
     });
-    let location = locations(bench, before, after, &named, unexplained);
+    let location = locations(bench, [plain, before, after], &named, unexplained);
     let fit = errors(bench, &search, plain, nominal);
     let summary = summary(verdict, &effects, &location, &fit);
     Diagnosis {
@@ -281,8 +281,7 @@ fn alternative(bench: &Bench<'_>, node: &Node, named: &Named, code: &str, lack: 
 
 fn locations(
     bench: &Bench<'_>,
-    before: &Node,
-    after: &Node,
+    [plain, before, after]: [&Node; 3],
     named: &[Named],
     unexplained: bool,
 ) -> Vec<Location> {
@@ -295,7 +294,11 @@ fn locations(
         )
     };
     if unexplained {
-        return residual::locate(bench.data, &after.residuals, &jacobian(after));
+        // Where the baseline goes wrong, then where what is left lies: freeing its friction may have moved it.
+        let mut list = residual::locate(bench.data, &plain.residuals, &jacobian(plain));
+        let left = residual::locate(bench.data, &after.residuals, &jacobian(after));
+        list.extend(left.into_iter().filter(|l| l.share > LEFT_SHARE));
+        return list;
     }
     let mut list = Vec::new();
     for n in named {
