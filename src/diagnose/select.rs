@@ -252,7 +252,7 @@ pub(super) fn search(bench: &Bench<'_>, baseline: Node, progress: &mut dyn FnMut
     let mut nodes = vec![baseline];
     let mut seen = vec![nodes[0].key(extras)];
     let mut beam = vec![0];
-    for size in 0..LARGEST {
+    for (size, &count) in FITTED.iter().enumerate() {
         let parents: Vec<(Node, Tangent)> = bench
             .side_by_side(&beam, |&i| bench.settled(&nodes[i]))
             .into_iter()
@@ -267,7 +267,7 @@ pub(super) fn search(bench: &Bench<'_>, baseline: Node, progress: &mut dyn FnMut
             .fold(f64::INFINITY, f64::min);
         let mut grown = Vec::new();
         for (parent, tangent) in &parents {
-            for child in bench.children(parent, tangent, &seen, FITTED[size]) {
+            for child in bench.children(parent, tangent, &seen, count) {
                 seen.push(child.key(extras));
                 nodes.push(child);
                 grown.push(nodes.len() - 1);

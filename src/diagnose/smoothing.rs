@@ -320,7 +320,8 @@ pub(super) fn turned(
             turn.mm = mm;
             turn.between = Some((i, time_s[i] + after_s));
         }
-        if !(a.sure && b.sure) && !round(time_s, x, i) {
+        let resolved = (a.sure && b.sure) || round(time_s, x, i);
+        if !resolved {
             // Somewhere between the samples and where their straight neighbours would meet.
             let line =
                 |p: usize, q: usize, t: f64| x[p] + (x[q] - x[p]) / (time_s[q] - time_s[p]) * (t - time_s[p]);
