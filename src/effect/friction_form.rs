@@ -137,9 +137,15 @@ mod tests {
     }
 
     #[test]
-    fn parameters_come_back_from_clean_data() {
-        let mut truth = [0.0; COUNT];
-        (truth[4], truth[7], truth[9]) = (0.01, 0.03, 0.02);
-        comes_back(&FORM, &truth);
+    fn strengths_are_linear() {
+        let force = |strengths: &[f64]| drive(&mut (FORM.attach)(strengths, spring()));
+        let (mut a, mut b, mut both) = ([0.0; COUNT], [0.0; COUNT], [0.0; COUNT]);
+        (a[4], b[9]) = (0.01, 0.03);
+        (both[4], both[9]) = (0.01, 0.03);
+        let (a, b, both, none) = (force(&a), force(&b), force(&both), force(FORM.neutral));
+        assert!(a != none && b != none);
+        for k in 0..none.len() {
+            assert!((both[k] + none[k] - a[k] - b[k]).abs() < 1e-9);
+        }
     }
 }
