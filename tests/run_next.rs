@@ -13,9 +13,12 @@ use nix::sys::signal::{Signal, kill};
 use support::{Daemon, config, json, until};
 use virtual_rig::{concealing, play, sine};
 
-/// A bench that conceals a damping, and one short sine: a damping and a lag of the force channel are alike there.
+/// A bench that conceals a weak helper leaf, and one short sine about its knee: a knee and a smooth bend are alike there.
 fn confounded(folder: &Path) -> (PathBuf, PathBuf) {
-    let bench = concealing("viscous_damping", &[("damping_n_s_per_mm", 0.02)]);
+    let bench = concealing(
+        "progressive_stiffness",
+        &[("extra_rate_n_per_mm", 1.0), ("knee_mm", 8.0), ("width_mm", 2.0)],
+    );
     let file = folder.join("bench.toml");
     std::fs::write(&file, bench.to_toml()).expect("scratch folder is writable");
     let (_, csv) = play(&bench, &sine("one", 9.0, 1.0, 8), Some(folder));

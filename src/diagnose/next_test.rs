@@ -12,7 +12,7 @@ use crate::identify::Residuals;
 use crate::identify::jacobian::typical;
 
 /// Separation that settles the matter, in standard deviations.
-const ENOUGH_SIGMA: f64 = 8.0;
+const ENOUGH_SIGMA: f64 = 5.0;
 /// Samples a second of the simulated test.
 const SAMPLE_HZ: f64 = 250.0;
 

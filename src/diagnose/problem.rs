@@ -92,7 +92,7 @@ impl Data {
             if counted.len() > 20 && white > 0.0 {
                 let finest = 1.0 / (LINEARITY * self.force_range_n);
                 for i in piece {
-                    self.weight[i] = (self.weight[i] / white.clamp(0.05, 20.0)).min(finest);
+                    self.weight[i] = (self.weight[i] / white.clamp(0.05, 200.0)).min(finest);
                 }
             }
             from += length;
