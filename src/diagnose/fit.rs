@@ -22,6 +22,9 @@ const STEPS: usize = 9;
 const FIRST_TRIAL: f64 = 0.02;
 const LAST_TRIAL: f64 = 2e-4;
 const ROUNDS: usize = 12;
+/// Least half width of a kink's interval, as a share of what the recordings cover, and halvings of the last stretch.
+const NEAREST_END: f64 = 1e-5;
+const HALVINGS: usize = 5;
 
 /// One way down: values, their residuals as the fit sees them, their sum of squares.
 struct Descent<'s, 'a> {
@@ -78,24 +81,11 @@ impl<'s, 'a> Descent<'s, 'a> {
         scale: &[f64],
         gradient: &dyn Fn(&DVector<f64>) -> DVector<f64>,
     ) {
-        let bounds = self.structure.parameters_bounds();
-        let mut held = normal.clone();
-        held.row_mut(place).fill(0.0);
-        held.column_mut(place).fill(0.0);
-        held[(place, place)] = 1.0;
+        let held = holding(normal, place);
         let mut size = FIRST_TRIAL * width;
         while size > LAST_TRIAL * width {
             let lower = [size, -size].into_iter().find_map(|by| {
-                let mut values = self.values.clone();
-                values[place] = (values[place] + by).clamp(bounds[place][0], bounds[place][1]);
-                let mut trial = Descent::new(self.structure, values)?;
-                for _ in 0..2 {
-                    let mut slope = gradient(&trial.residuals);
-                    slope[place] = 0.0;
-                    if trial.step(&held, &slope, scale) < SETTLED {
-                        break;
-                    }
-                }
+                let trial = self.moved(place, self.values[place] + by, &held, scale, gradient)?;
                 (trial.cost < self.cost - SETTLED).then_some(trial)
             });
             match lower {
@@ -105,9 +95,85 @@ impl<'s, 'a> Descent<'s, 'a> {
         }
     }
 
+    /// One parameter put to a value, the others following it; `held` is the normal matrix that leaves it there.
+    fn moved(
+        &self,
+        place: usize,
+        value: f64,
+        held: &DMatrix<f64>,
+        scale: &[f64],
+        gradient: &dyn Fn(&DVector<f64>) -> DVector<f64>,
+    ) -> Option<Self> {
+        let [low, high] = self.structure.parameters_bounds()[place];
+        let mut values = self.values.clone();
+        values[place] = value.clamp(low, high);
+        let mut trial = Descent::new(self.structure, values)?;
+        for _ in 0..2 {
+            let mut slope = gradient(&trial.residuals);
+            slope[place] = 0.0;
+            if trial.step(held, &slope, scale) < SETTLED {
+                break;
+            }
+        }
+        Some(trial)
+    }
+
     fn node(self) -> Option<Node> {
         Node::new(self.structure, self.values)
     }
+}
+
+/// A normal matrix under which one parameter stays.
+fn holding(normal: &DMatrix<f64>, place: usize) -> DMatrix<f64> {
+    let mut held = normal.clone();
+    held.row_mut(place).fill(0.0);
+    held.column_mut(place).fill(0.0);
+    held[(place, place)] = 1.0;
+    held
+}
+
+/// How far the place of a kink may go, up and down, until the fit's sum of squares has risen by `rise`: a kink between samples
+/// has no slope that an interval could be made of. `width` is what the recordings cover.
+pub(super) fn profile(
+    structure: &Structure<'_>,
+    node: &Node,
+    tangent: &Tangent,
+    place: usize,
+    width: f64,
+    rise: f64,
+) -> Option<[f64; 2]> {
+    let descent = Descent::new(structure, node.values.clone())?;
+    let held = holding(&tangent.normal, place);
+    let [low, high] = structure.parameters_bounds()[place];
+    let too_far = |value: f64| {
+        value <= low
+            || value >= high
+            || descent
+                .moved(place, value, &held, &tangent.scale, &|residuals| {
+                    tangent.jacobian.tr_mul(residuals)
+                })
+                .is_none_or(|there| there.cost > descent.cost + rise)
+    };
+    let at = node.values[place];
+    let end = |sign: f64| {
+        let (mut inside, mut outside) = (0.0, NEAREST_END * width);
+        while !too_far(at + sign * outside) {
+            (inside, outside) = (outside, 2.0 * outside);
+            if outside > width {
+                return None;
+            }
+        }
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (inside + outside);
+            if too_far(at + sign * middle) {
+                outside = middle;
+            } else {
+                inside = middle;
+            }
+        }
+        Some(at + sign * outside)
+    };
+    Some([end(-1.0)?, end(1.0)?])
 }
 
 /// A child of a settled node: one effect more, from one start, with the node's Jacobian kept.

@@ -1,7 +1,8 @@
 //! One structure (baseline and effects) against all tracks, as a problem that `identify` can solve.
 //!
 //! Residuals of samples that are held out are zero here; a zero of the force channel is fitted within its prior, because
-//! a tare is never exact.
+//! a tare is never exact. Each recording has a small one of its own besides, which is linear and thus solved for on the way
+//! (variable projection, Golub and Pereyra 1973): hum that the sampling folds to a constant, what moved since the last run.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -114,6 +115,9 @@ const LINEARITY: f64 = 2e-4;
 /// Step of a difference quotient as a share of the parameter's scale.
 const RELATIVE_STEP: f64 = 1e-5;
 
+/// Expected size of a recording's own zero in units of its noise: hum stays below the noise that is seen beside it.
+const OWN_ZERO: f64 = 0.2;
+
 /// Zero of the force channel: an instrument parameter of every structure.
 const ZERO: Parameter = Parameter {
     name: "force_zero_n",
@@ -169,11 +173,34 @@ impl<'a> Structure<'a> {
     /// Weighted residuals (measured less model) of every point, whatever its part.
     pub fn residuals(&self, values: &[f64]) -> Option<Vec<f64>> {
         let mut out = vec![0.0; self.data.len()];
-        self.predict(values, &mut out).ok()?;
-        for ((o, f), w) in out.iter_mut().zip(&self.data.force_n).zip(&self.data.weight) {
+        self.compare(values, &mut out).ok()?;
+        out.iter().all(|r| r.is_finite()).then_some(out)
+    }
+
+    /// Weighted residuals of every point; returns each recording's own zero, in units of what is expected of one.
+    fn compare(&self, values: &[f64], out: &mut [f64]) -> Result<Vec<f64>, BuildError> {
+        self.predict(values, out)?;
+        let data = self.data;
+        for ((o, f), w) in out.iter_mut().zip(&data.force_n).zip(&data.weight) {
             *o = (f - *o) * w;
         }
-        out.iter().all(|r| r.is_finite()).then_some(out)
+        let mut from = 0;
+        let zeros = data.tracks.iter().zip(&data.lengths).map(|(track, &length)| {
+            let piece = from..from + length;
+            from += length;
+            let sigma_n = OWN_ZERO * track.noise_n;
+            let (mut along, mut power) = (0.0, 0.0);
+            for i in piece.clone().filter(|&i| data.part[i] == Part::Fit) {
+                along += data.weight[i] * out[i];
+                power += data.weight[i] * data.weight[i];
+            }
+            let zero_n = along * sigma_n * sigma_n / (1.0 + power * sigma_n * sigma_n);
+            for i in piece {
+                out[i] -= data.weight[i] * zero_n;
+            }
+            if sigma_n > 0.0 { zero_n / sigma_n } else { 0.0 }
+        });
+        Ok(zeros.collect())
     }
 
     /// Bounds of every parameter.
@@ -188,7 +215,7 @@ impl<'a> Structure<'a> {
         Structure::new(self.setup, self.data, attached)
     }
 
-    /// Residuals as a fit sees them: held-out points zero, the prior's row last. None where the model has no finite force.
+    /// Residuals as a fit sees them: held-out points zero, the priors' rows last. None where the model has no finite force.
     pub fn fitted(&self, values: &[f64]) -> Option<DVector<f64>> {
         let mut out = DVector::zeros(self.count());
         self.evaluate(values, out.as_mut_slice()).ok()?;
@@ -241,26 +268,25 @@ impl Residuals for Structure<'_> {
     }
 
     fn count(&self) -> usize {
-        self.data.len() + 1
+        self.data.len() + self.data.lengths.len() + 1
     }
 
     fn evaluate(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
-        let (prior, out) = out.split_last_mut().expect("count is at least one");
-        self.predict(values, out)?;
-        for (i, o) in out.iter_mut().enumerate() {
-            *o = if self.data.part[i] == Part::Fit {
-                (self.data.force_n[i] - *o) * self.data.weight[i]
-            } else {
-                0.0
-            };
+        let (samples, priors) = out.split_at_mut(self.data.len());
+        let zeros = self.compare(values, samples)?;
+        for (o, part) in samples.iter_mut().zip(&self.data.part) {
+            if *part != Part::Fit {
+                *o = 0.0;
+            }
         }
-        *prior = -values[values.len() - 1] / self.data.zero_sigma_n;
+        priors[..zeros.len()].copy_from_slice(&zeros);
+        priors[zeros.len()] = -values[values.len() - 1] / self.data.zero_sigma_n;
         Ok(())
     }
 
     fn stretches(&self) -> Vec<usize> {
         let mut lengths = self.data.lengths.clone();
-        lengths.push(1);
+        lengths.extend(std::iter::repeat_n(1, self.data.lengths.len() + 1));
         lengths
     }
 }

@@ -147,18 +147,23 @@ impl<'a> Bench<'a> {
     /// A node with the baseline's own friction in a freer form, where the data ask for one.
     pub fn freed(&self, node: &Node, form: Attached) -> Option<Node> {
         let structure = self.structure(node.attached.clone()).with(&form);
-        let start = spliced(&node.values, form.effect.neutral);
-        // From the baseline's own law, and from an even spread: strengths at their bounds hold each other there.
-        let spread = (form.effect.starts)(&self.span)
+        // Without the baseline's own law to begin with: one that forgets where it turned holds the fit back where it stands.
+        let mut without = node.values.clone();
+        for (value, p) in without.iter_mut().zip(self.setup.model.parameters) {
+            if p.name == "friction_ratio" {
+                *value = p.bounds[0];
+            }
+        }
+        let starts: Vec<Vec<f64>> = (form.effect.starts)(&self.span)
             .into_iter()
-            .map(|group| spliced(&node.values, &group));
-        let starts: Vec<Vec<f64>> = std::iter::once(start).chain(spread).collect();
+            .map(|group| spliced(&without, &group))
+            .collect();
         let free = self
             .side_by_side(&starts, |start| settle(&structure, start.clone()))
             .into_iter()
             .flatten()
             .map(|(node, _)| node)
-            .min_by(|a, b| a.fit.total_cmp(&b.fit))?;
+            .min_by(|a, b| a.cost().total_cmp(&b.cost()))?;
         (0.5 * (node.cost() - free.cost()) > PRICE).then_some(free)
     }
 
@@ -297,6 +302,7 @@ pub(super) fn search(bench: &Bench<'_>, baseline: Node, progress: &mut dyn FnMut
     }
     let worth = Worth::of(bench.data, &nodes[best].residuals);
     let chosen = choose(bench, &mut nodes, worth);
+    if std::env::var("DBG").is_ok() { eprintln!("worth {worth:?}"); for n in &nodes { eprintln!("{:?} fit {} select {} values {:?}", n.key(extras), n.fit, n.select, n.values); } }
     Search { nodes, chosen, worth }
 }
 

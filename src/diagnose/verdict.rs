@@ -2,10 +2,11 @@
 
 use super::condition::Part;
 use super::diagnosis::*;
+use super::fit::profile;
 use super::next_test;
 use super::problem::Structure;
 use super::residual;
-use super::select::{Bench, Node, Search, without};
+use super::select::{Bench, Node, Search, Worth, without};
 use super::tables::{baseline_parameters, candidates, curves, errors, not_testable, offset, values_of};
 use crate::identify::Residuals;
 use crate::identify::confidence::{Confidence, confidence};
@@ -28,6 +29,9 @@ const CLOSE_GAIN: f64 = 6.0;
 const CLOSE_SHARE: f64 = 0.08;
 /// Whatever the finding brings: a mean square above the best, in units of the noise, that is told apart.
 const ALIKE: f64 = 0.04;
+/// Rise of the sum of squares, in variances, at the ends of a 95 % interval.
+const RISE: f64 = 3.84;
+
 /// A finding before it is put into words.
 struct Named {
     place: usize,
@@ -69,7 +73,7 @@ pub(super) fn conclude(
     let reported = data.sum(&after.residuals, Part::Report) / data.count(Part::Report).max(1) as f64;
     let changed = reported > NO_FIT.max(2.0 * power);
     let unexplained = repeats || no_fit || changed || power > FAR_OFF;
-    let confidence = intervals(bench, after);
+    let confidence = intervals(bench, after, worth);
     let alarms = alarms(bench, after, &confidence);
     let verdict = match (unexplained, named.is_empty()) {
         (true, _) => Verdict::Unexplained,
@@ -196,10 +200,10 @@ fn rivals(bench: &Bench<'_>, search: &mut Search, place: usize) -> Named {
     }
 }
 
-fn intervals(bench: &Bench<'_>, node: &Node) -> Confidence {
+fn intervals(bench: &Bench<'_>, node: &Node, worth: Worth) -> Confidence {
     let structure = Structure::new(bench.setup, bench.data, node.attached.clone());
     let mut evaluator = Evaluator::new(&structure, bench.threads);
-    let mut residuals = vec![0.0; bench.data.len() + 1];
+    let mut residuals = vec![0.0; structure.count()];
     evaluator.residuals(&node.values, &mut residuals);
     let mut found = confidence(&mut evaluator, &node.values, &residuals, 1e-5);
     // Zeros of held-out points pass for a perfect fit there; only what was fitted tells the variance.
@@ -208,6 +212,20 @@ fn intervals(bench: &Bench<'_>, node: &Node) -> Confidence {
         *sigma *= wider;
         if let Some(ends) = interval {
             *ends = ends.map(|end| value + wider * (end - value));
+        }
+    }
+    if let Some((settled, tangent)) = bench.settled(node) {
+        let rise = RISE * worth.spread * worth.correlation;
+        for (k, attached) in node.attached.iter().enumerate() {
+            for &(i, axis) in attached.effect.kinks {
+                let place = offset(bench, &node.attached, k) + i;
+                let width = bench.span.width(axis);
+                let profiled = profile(&structure, &settled, &tangent, place, width, rise);
+                found.ci95[place] = match (found.ci95[place], profiled) {
+                    (Some(a), Some(b)) => Some([a[0].min(b[0]), a[1].max(b[1])]),
+                    (a, b) => a.or(b),
+                };
+            }
         }
     }
     found

@@ -8,8 +8,9 @@
 //! a model that has presliding friction may have another law of it than the spring. The strengths are linear, so that a fit
 //! needs no luck with its start.
 
-use super::motion::{Elements, Steady};
+use super::motion::Steady;
 use super::{Effect, Stage, Wrap, everywhere, load_n, wrapped};
+use crate::model::friction::elements::Elements;
 use crate::model::{Motion, Parameter, Plant};
 
 /// Bands of length, mm: the first is what no sampling resolves, the others grow by about 1.5.

@@ -265,7 +265,8 @@ impl<'e, 'p, 'b> Descent<'e, 'p, 'b> {
 
 /// Damped step in scaled parameters that ends within `room`, the way to the lower and to the upper bound.
 ///
-/// Solves `(N + damping diag N) d = -g` on the parameters that are free to move.
+/// Least of `d'(N + damping diag N) d / 2 + g'd` in the box, by active sets: a bound that is met holds its parameter until the
+/// slope there leads back inside (Lawson and Hanson 1974, chapter 23; with upper bounds Stark and Parker 1995).
 pub(crate) fn bounded_step(
     normal: &DMatrix<f64>,
     gradient: &DVector<f64>,
@@ -273,45 +274,60 @@ pub(crate) fn bounded_step(
     room: &[[f64; 2]],
 ) -> DVector<f64> {
     let n = room.len();
-    let largest = normal.diagonal().amax();
+    let least = 1e-9 * normal.diagonal().amax();
+    let mut damped = normal.clone();
+    for i in 0..n {
+        damped[(i, i)] += damping * normal[(i, i)].max(least);
+    }
     let mut step = DVector::zeros(n);
-    // Standing at a bound with the way down leading out: not free.
-    let mut free: Vec<usize> = (0..n)
-        .filter(|&i| {
-            let [low, high] = room[i];
-            !(low >= 0.0 && gradient[i] > 0.0 || high <= 0.0 && gradient[i] < 0.0)
-        })
-        .collect();
-    while !free.is_empty() {
-        let m = free.len();
-        let damped = DMatrix::from_fn(m, m, |r, c| {
-            let (i, j) = (free[r], free[c]);
-            let diagonal = if r == c {
-                damping * normal[(i, i)].max(1e-9 * largest)
-            } else {
-                0.0
+    let held = |step: &DVector<f64>, slope: &DVector<f64>, i: usize| {
+        let [low, high] = room[i];
+        step[i] <= low && slope[i] >= 0.0 || step[i] >= high && slope[i] <= 0.0
+    };
+    let mut free: Vec<usize> = (0..n).filter(|&i| !held(&step, gradient, i)).collect();
+    // Each round frees one parameter; more than a few times their number is rounding going in circles.
+    for _ in 0..3 * n {
+        while !free.is_empty() {
+            let m = free.len();
+            let inner = DMatrix::from_fn(m, m, |r, c| damped[(free[r], free[c])]);
+            let slope = gradient + &damped * &step;
+            let right = DVector::from_fn(m, |r, _| -slope[free[r]]);
+            let Some(way) = inner.cholesky().map(|c| c.solve(&right)) else {
+                return step;
             };
-            normal[(i, j)] + diagonal
-        });
-        let pushed = normal * &step;
-        let right = DVector::from_fn(m, |r, _| -gradient[free[r]] - pushed[free[r]]);
-        let Some(solution) = damped.cholesky().map(|c| c.solve(&right)) else {
-            break;
-        };
-        let outside = |r: usize| {
-            let [low, high] = room[free[r]];
-            solution[r] < low || solution[r] > high
-        };
-        if let Some(r) = (0..m).find(|&r| outside(r)) {
-            let [low, high] = room[free[r]];
-            step[free[r]] = solution[r].clamp(low, high);
-            free.remove(r);
-        } else {
+            let share = |r: usize| {
+                let [low, high] = room[free[r]];
+                let end = if way[r] < 0.0 { low } else { high };
+                let there = (end - step[free[r]]) / way[r];
+                if there.is_finite() { there.max(0.0) } else { f64::INFINITY }
+            };
+            let first = (0..m).map(share).fold(1.0, f64::min);
+            let met: Vec<bool> = (0..m).map(|r| share(r) <= first && first < 1.0).collect();
             for (r, &i) in free.iter().enumerate() {
-                step[i] = solution[r];
+                let [low, high] = room[i];
+                step[i] = match (met[r], way[r] < 0.0) {
+                    (true, true) => low,
+                    (true, false) => high,
+                    _ => (step[i] + first * way[r]).clamp(low, high),
+                };
             }
-            break;
+            let mut met = met.into_iter();
+            free.retain(|_| !met.next().unwrap_or(false));
+            if first >= 1.0 {
+                break;
+            }
         }
+        let slope = gradient + &damped * &step;
+        // Of those that would rather come back inside, the one that gains most.
+        let gain = |i: usize| slope[i] * slope[i] / damped[(i, i)];
+        let Some(next) = (0..n)
+            .filter(|i| !free.contains(i) && !held(&step, &slope, *i))
+            .max_by(|&a, &b| gain(a).total_cmp(&gain(b)))
+            .filter(|&i| gain(i) > 1e-12 * gradient.dot(&step).abs())
+        else {
+            break;
+        };
+        free.push(next);
     }
     step
 }

@@ -229,7 +229,7 @@ impl RateEstimate {
     /// Distance between the two places, mm: 20 counts of the LVDT.
     const BASE_MM: f64 = 0.01;
     /// How much stiffer a spring is taken to be just after a reversal.
-    const REVERSAL: f64 = 3.0;
+    const REVERSAL: f64 = 6.0;
 
     fn new(nominal: f64) -> Self {
         RateEstimate {

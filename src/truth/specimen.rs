@@ -103,7 +103,7 @@ struct Contact<'a> {
     time_s: f64,
     position_mm: f64,
     pin_mm: f64,
-    friction_n: f64,
+    drag: f64,
     direction: f64,
     turned_mm: f64,
     half_cycles: f64,
@@ -135,7 +135,7 @@ impl<'a> Contact<'a> {
             time_s: 0.0,
             position_mm: 0.0,
             pin_mm: 0.0,
-            friction_n: 0.0,
+            drag: 0.0,
             direction: 0.0,
             turned_mm: 0.0,
             half_cycles: 0.0,
@@ -214,14 +214,53 @@ impl<'a> Contact<'a> {
         self.force(to_s)
     }
 
-    /// Position of the specimen behind a fixture that gives; its friction is that of the step before.
+    /// Position of the specimen behind a fixture that gives: pin and specimen carry the same force. It grows with the
+    /// position, so that halving finds it.
     fn seat(&self, pin_mm: f64) -> f64 {
         let Some(h) = self.get("series_compliance") else {
             return pin_mm;
         };
         let gives = 1e-3 * h.size;
+        let too_far = |x: f64| {
+            let travel = x - self.position_mm;
+            let drag = match self.form {
+                Form::Smoothed { .. } => self.drag,
+                Form::Gradual | Form::Sharp => dragged(&self.elements, travel),
+            };
+            let own = dragged(&self.bushings[0], travel);
+            x + gives * (self.carried(x) + self.friction(x, drag, own)) > pin_mm
+        };
+        let (mut low, mut high) = (pin_mm - gives * 2.0 * self.specimen.top_n(), pin_mm);
+        // To 1e-9 of some millimetres.
+        for _ in 0..32 {
+            let middle = 0.5 * (low + high);
+            if too_far(middle) {
+                high = middle;
+            } else {
+                low = middle;
+            }
+        }
+        low
+    }
+
+    /// Friction of contact and bushing at a position, by how far they are dragged along.
+    fn friction(&self, x: f64, drag: f64, own: f64) -> f64 {
         let s = self.specimen;
-        (pin_mm - gives * (s.preload_n + self.friction_n)) / (1.0 + gives * s.rate_n_per_mm)
+        let mut ratio = s.friction_ratio;
+        if let Some(h) = self
+            .get("load_dependent_friction")
+            .or(self.get("rate_independent_friction"))
+        {
+            ratio += h.size;
+        }
+        if let Some(h) = self.get("run_in") {
+            ratio += h.size * (1.0 - (-0.5 * self.half_cycles / h.place).exp());
+        }
+        if let Some(h) = self.get("local_friction") {
+            let bump = 1.0 - ((x - h.place) / (0.5 * h.width)).powi(2);
+            ratio += h.size * bump.max(0.0);
+        }
+        self.carried(x) * ratio * drag + s.bushing_n * own
     }
 
     /// Half cycles, by turning points more than 2 % of the range apart.
@@ -240,7 +279,6 @@ impl<'a> Contact<'a> {
 
     /// Force without moving.
     fn force(&mut self, time_s: f64) -> f64 {
-        let s = self.specimen;
         let x = self.position_mm;
         let speed = self.motion.speed_mm_s(time_s);
         let carried = self.carried(x);
@@ -249,22 +287,8 @@ impl<'a> Contact<'a> {
             Form::Gradual | Form::Sharp => mean(&self.elements),
         };
         let [own, extra, sticky] = [0, 1, 2].map(|k: usize| mean(&self.bushings[k]));
-        let mut ratio = s.friction_ratio;
-        if let Some(h) = self
-            .get("load_dependent_friction")
-            .or(self.get("rate_independent_friction"))
-        {
-            ratio += h.size;
-        }
-        if let Some(h) = self.get("run_in") {
-            ratio += h.size * (1.0 - (-0.5 * self.half_cycles / h.place).exp());
-        }
-        if let Some(h) = self.get("local_friction") {
-            let bump = 1.0 - ((x - h.place) / (0.5 * h.width)).powi(2);
-            ratio += h.size * bump.max(0.0);
-        }
-        self.friction_n = carried * ratio * drag + s.bushing_n * own;
-        let mut force_n = carried + self.friction_n;
+        self.drag = drag;
+        let mut force_n = carried + self.friction(x, drag, own);
         if let Some(h) = self.get("stribeck") {
             force_n += carried * h.size * sticky * (-(speed / h.place).powi(2)).exp();
         }
@@ -320,6 +344,12 @@ fn elements(lengths_mm: Vec<f64>) -> Vec<[f64; 2]> {
 
 fn mean(elements: &[[f64; 2]]) -> f64 {
     elements.iter().map(|e| e[1]).sum::<f64>() / elements.len() as f64
+}
+
+/// Mean after a travel that is only thought of.
+fn dragged(elements: &[[f64; 2]], travel_mm: f64) -> f64 {
+    let moved = elements.iter().map(|[stiffness, drag]| (drag + travel_mm * stiffness).clamp(-1.0, 1.0));
+    moved.sum::<f64>() / elements.len() as f64
 }
 
 /// Lengths in mm at which the elements begin to slide: half of what a reversal takes.

@@ -6,6 +6,7 @@ use super::{BuildError, Parameter};
 
 pub mod coulomb;
 pub mod dahl;
+pub mod elements;
 pub mod maxwell_slip;
 pub mod tanh;
 
