@@ -105,7 +105,6 @@ pub fn diagnose(
     let (plain, _) = started.settled(&first).ok_or(DiagnoseError::OutOfDomain)?;
     // The law of the baseline's friction is a choice of its author, no physics: it is freed before anything is missed.
     let freed = setup.form.clone().and_then(|form| started.freed(&plain, form));
-    if std::env::var("DBG").is_ok() { eprintln!("plain {} freed {:?} {:?}", plain.cost(), freed.as_ref().map(|f| f.cost()), freed.as_ref().map(|f| f.values.clone())); }
     if let Some(freed) = &freed {
         setup.extras.clone_from(&freed.attached);
     }

@@ -302,7 +302,6 @@ pub(super) fn search(bench: &Bench<'_>, baseline: Node, progress: &mut dyn FnMut
     }
     let worth = Worth::of(bench.data, &nodes[best].residuals);
     let chosen = choose(bench, &mut nodes, worth);
-    if std::env::var("DBG").is_ok() { eprintln!("worth {worth:?}"); for n in &nodes { eprintln!("{:?} fit {} select {} values {:?}", n.key(extras), n.fit, n.select, n.values); } }
     Search { nodes, chosen, worth }
 }
 

@@ -125,21 +125,45 @@ impl Rates {
     }
 }
 
-/// Counts reversals of the motion by a band.
+/// Counts reversals of the motion: by a band, and so late by its width, which is narrow with hindsight.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Reversals {
     extreme_mm: Option<f64>,
+    turned_mm: f64,
     direction: f64,
+    free_of_noise: bool,
     /// Reversals so far.
     pub count: u32,
 }
 
 impl Reversals {
+    /// See [`Steady::tell`].
+    pub fn tell(&mut self) {
+        self.free_of_noise = true;
+    }
+
     /// Moves to `displacement_mm`.
     pub fn step(&mut self, displacement_mm: f64) {
+        if self.extreme_mm.is_none() {
+            self.turned_mm = displacement_mm;
+        }
         let extreme_mm = self.extreme_mm.get_or_insert(displacement_mm);
         let past = displacement_mm - *extreme_mm;
-        if self.direction == 0.0 {
+        if std::mem::take(&mut self.free_of_noise) {
+            if past * self.direction < 0.0 && past.abs() < BAND_MM {
+                // A dwell at the turning point is no way back yet.
+                return;
+            }
+            if past * self.direction < 0.0 {
+                // Only a branch of some length ends in a reversal.
+                self.count += u32::from((*extreme_mm - self.turned_mm).abs() >= REVERSAL_MM);
+                self.turned_mm = *extreme_mm;
+            }
+            if past != 0.0 {
+                self.direction = past.signum();
+            }
+            *extreme_mm = displacement_mm;
+        } else if self.direction == 0.0 {
             if past.abs() >= REVERSAL_MM {
                 self.direction = past.signum();
                 *extreme_mm = displacement_mm;

@@ -138,6 +138,7 @@ impl Wrap for RunIn {
 
     fn told(&mut self, _motion: &Motion) {
         self.drag.tell();
+        self.reversals.tell();
     }
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {

@@ -299,7 +299,11 @@ pub(crate) fn bounded_step(
                 let [low, high] = room[free[r]];
                 let end = if way[r] < 0.0 { low } else { high };
                 let there = (end - step[free[r]]) / way[r];
-                if there.is_finite() { there.max(0.0) } else { f64::INFINITY }
+                if there.is_finite() {
+                    there.max(0.0)
+                } else {
+                    f64::INFINITY
+                }
             };
             let first = (0..m).map(share).fold(1.0, f64::min);
             let met: Vec<bool> = (0..m).map(|r| share(r) <= first && first < 1.0).collect();

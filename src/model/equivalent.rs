@@ -262,7 +262,10 @@ mod tests {
         let expected = 2.0 * 0.12 * carried_mean * (6.0 * (2.0 - r) - 0.8 * r);
         // Midpoints of 32 equal shares: the mean length of the elements is 0.5 % short, and it counts for 15 % of the loop.
         let found = loop_energy_nmm(6000);
-        assert!((found / expected - 1.0).abs() < 1e-3, "{found} against {expected}");
+        assert!(
+            (found / expected - 1.0).abs() < 1e-3,
+            "{found} against {expected}"
+        );
     }
 
     #[test]

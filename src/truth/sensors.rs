@@ -93,7 +93,11 @@ impl Sensors {
         let times_s = self.times_s(random, motion);
         let seen_s: Vec<f64> = times_s.iter().map(|t| t - self.lag_s).collect();
         // The amplifier clips what it gets, noise included: deep in the clip it shows its rail and nothing else.
-        let unclipped: Vec<Hidden> = hidden.iter().filter(|h| h.code != "sensor_saturation").copied().collect();
+        let unclipped: Vec<Hidden> = hidden
+            .iter()
+            .filter(|h| h.code != "sensor_saturation")
+            .copied()
+            .collect();
         let clean = specimen.forces(&unclipped, motion, &seen_s);
         let rail_n = hidden
             .iter()

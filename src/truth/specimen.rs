@@ -348,7 +348,9 @@ fn mean(elements: &[[f64; 2]]) -> f64 {
 
 /// Mean after a travel that is only thought of.
 fn dragged(elements: &[[f64; 2]], travel_mm: f64) -> f64 {
-    let moved = elements.iter().map(|[stiffness, drag]| (drag + travel_mm * stiffness).clamp(-1.0, 1.0));
+    let moved = elements
+        .iter()
+        .map(|[stiffness, drag]| (drag + travel_mm * stiffness).clamp(-1.0, 1.0));
     moved.sum::<f64>() / elements.len() as f64
 }
 
