@@ -20,7 +20,7 @@ pub const EFFECT: Effect = Effect {
             name: "friction_n",
             unit: "N",
             start: 10.0,
-            bounds: [0.0, 50_000.0],
+            bounds: [0.0, 5000.0],
             belief: [0.0, 300.0],
             what: "friction force, the same at any load",
         },
