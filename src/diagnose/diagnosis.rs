@@ -245,6 +245,29 @@ pub struct Diagnosis {
     pub improved: ImprovedModel,
 }
 
+impl Diagnosis {
+    /// Why no further test is asked for, where none is.
+    pub fn settled(&self) -> Option<&'static str> {
+        match self.verdict {
+            Verdict::Adequate => Some("the baseline explains all recordings"),
+            Verdict::MissingPhysics if self.alternatives.is_empty() => Some("no alternative is left"),
+            _ => None,
+        }
+    }
+
+    /// The next test, if there is one that is not among those `asked` for before, or why there is none.
+    pub fn next(&self, asked: &[String]) -> Result<&NextTest, &'static str> {
+        let next = self
+            .next_test
+            .as_ref()
+            .ok_or("no admissible profile tells the rest apart")?;
+        match asked.contains(&next.profile_toml) {
+            true => Err("the test that would tell was run already; no other profile helps"),
+            false => Ok(next),
+        }
+    }
+}
+
 impl ImprovedModel {
     /// Builds the plant, effects attached.
     pub fn plant(&self) -> Result<Box<dyn crate::model::Plant>, crate::effect::EffectError> {
