@@ -14,6 +14,7 @@ fn ask(recordings: &[Recording], case: &Case) -> Diagnosis {
     let options = Options {
         points: POINTS,
         threads: 0,
+        limits: None,
     };
     diagnose(recordings, &baseline(&case.start), &options, &mut |_, _| {}).expect("sound recordings")
 }
@@ -68,8 +69,8 @@ fn shuffled_residuals_hold_no_physics() {
 fn an_examination_repeats() {
     let case = Case::single("sensor_drift", 6, 20.0).expect("visible");
     let (once, again) = (
-        examine(&case.recordings, &case.start, 1),
-        examine(&case.recordings, &case.start, 2),
+        examine(&case, &case.recordings, 1),
+        examine(&case, &case.recordings, 2),
     );
     assert_eq!(once.map(|d| d.summary), again.map(|d| d.summary));
 }

@@ -62,13 +62,18 @@ pub fn baseline(start: &Start) -> Baseline {
     baseline
 }
 
-/// Diagnoses what a case shows, and nothing of its label.
-pub fn examine(recordings: &[Recording], start: &Start, threads: usize) -> Result<Diagnosis, DiagnoseError> {
+/// Diagnoses recordings of a case with what it tells of its start and its bench, and nothing of its label.
+pub fn examine(
+    case_shown: &Case,
+    recordings: &[Recording],
+    threads: usize,
+) -> Result<Diagnosis, DiagnoseError> {
     let options = Options {
         threads,
+        limits: Some(case_shown.limits()),
         ..Options::default()
     };
-    diagnose(recordings, &baseline(start), &options, &mut |_, _| {})
+    diagnose(recordings, &baseline(&case_shown.start), &options, &mut |_, _| {})
 }
 
 /// Draws, seals, diagnoses, opens and marks every case. `sealed` hears all seals before the first diagnosis begins;
@@ -88,7 +93,7 @@ pub fn run(
         let n = seal.number;
         let case = Case::draw(request.seed, n, request.strength);
         let begun = Instant::now();
-        let first = examine(&case.recordings, &case.start, 1);
+        let first = examine(&case, &case.recordings, 1);
         let seconds = begun.elapsed().as_secs_f64();
         let answer = first.as_ref().map(Answer::of).map_err(ToString::to_string);
         let settling = match first {

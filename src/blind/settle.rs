@@ -39,7 +39,7 @@ pub fn is_open(case: &Case, first: &Answer) -> bool {
 pub fn settle(case: &Case, first: Diagnosis) -> Settling {
     let begun = Instant::now();
     let mut recordings = case.recordings.clone();
-    let (mut diagnosis, mut asked) = (first, Vec::new());
+    let mut diagnosis = first;
     let mut settling = Settling {
         tests: Vec::new(),
         path: vec![Answer::of(&diagnosis).in_words()],
@@ -51,19 +51,18 @@ pub fn settle(case: &Case, first: Diagnosis) -> Settling {
         if let Some(why) = diagnosis.settled() {
             break why.to_owned();
         }
-        let next = match diagnosis.next(&asked) {
+        let next = match diagnosis.next() {
             Err(why) => break why.to_owned(),
-            Ok(_) if asked.len() == ROUNDS => break format!("{ROUNDS} tests were run"),
-            Ok(next) => next.profile_toml.clone(),
+            Ok(_) if settling.tests.len() == ROUNDS => break format!("{ROUNDS} tests were run"),
+            Ok(next) => &next.profile_toml,
         };
-        let (name, points) = match motion(&next) {
+        let (name, points) = match motion(next) {
             Err(why) => break why,
             Ok(motion) => motion,
         };
-        asked.push(next);
         settling.tests.push(name);
-        recordings.push(case.play(&points, asked.len() as u32));
-        diagnosis = match examine(&recordings, &case.start, 1) {
+        recordings.push(case.play(&points, settling.tests.len() as u32));
+        diagnosis = match examine(case, &recordings, 1) {
             Ok(diagnosis) => diagnosis,
             Err(refused) => {
                 settling.seconds = begun.elapsed().as_secs_f64();

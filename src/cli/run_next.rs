@@ -175,7 +175,6 @@ pub fn run(
         }),
     };
     let mut rounds: Vec<Round> = Vec::new();
-    let mut asked: Vec<String> = Vec::new();
     let (diagnosis, settled, why) = loop {
         let number = rounds.len();
         let at = folder.join(format!("round-{number}"));
@@ -190,7 +189,7 @@ pub fn run(
         if interrupts.load(Ordering::Relaxed) > 0 {
             break (diagnosis, false, "stopped by Ctrl-C".to_owned());
         }
-        let next = match diagnosis.next(&asked).map(Clone::clone) {
+        let next = match diagnosis.next().map(Clone::clone) {
             Err(why) => break (diagnosis, false, why.to_owned()),
             Ok(_) if number as u32 >= most => {
                 let why = format!("{most} tests were run, as many as --rounds allows");
@@ -198,7 +197,6 @@ pub fn run(
             }
             Ok(next) => next,
         };
-        asked.push(next.profile_toml.clone());
         let profile = Profile::from_toml(&next.profile_toml, "next-test.toml")?;
         if !case.output.json {
             eprintln!(

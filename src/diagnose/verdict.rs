@@ -24,10 +24,10 @@ const FAR_OFF: f64 = 25.0;
 /// Sets within this share of the best gain are named as the nearest where nothing explains.
 const NEAREST: f64 = 0.05;
 /// Two explanations closer than this in log-likelihood, or this share of what the finding brings, are not told apart.
-const CLOSE_GAIN: f64 = 6.0;
+pub(super) const CLOSE_GAIN: f64 = 6.0;
 const CLOSE_SHARE: f64 = 0.08;
 /// Whatever the finding brings: a mean square above the best, in units of the noise, that is told apart.
-const ALIKE: f64 = 0.04;
+pub(super) const ALIKE: f64 = 0.04;
 /// A finding before it is put into words.
 struct Named {
     place: usize,
@@ -91,9 +91,13 @@ pub(super) fn conclude(
         alternatives = nearest(bench, &search);
     }
     let next_test = named.iter().filter(|n| !n.rivals.is_empty()).find_map(|n| {
-        let (code, node, _) = n.rivals[0];
-        let names = (after.attached[n.place].effect.code, code);
-        next_test::propose(bench, after, &search.nodes[node], names)
+        let rival = |&(code, node, lack): &(&'static str, usize, f64)| next_test::Rival {
+            code,
+            node: &search.nodes[node],
+            lack,
+        };
+        let rivals: Vec<_> = n.rivals.iter().map(rival).collect();
+        next_test::propose(bench, after, after.attached[n.place].effect.code, &rivals)
     });
     let location = locations(bench, [plain, before, after], &named, unexplained);
     let fit = errors(bench, &search, plain, nominal);
@@ -165,8 +169,8 @@ fn rivals(bench: &Bench<'_>, search: &mut Search, place: usize) -> Named {
         search.nodes.extend(children);
     }
     let base = parent.key(extras);
-    let counted = bench.data.count(Part::Fit) + bench.data.count(Part::Select);
-    let alike = search.worth.gain(ALIKE * search.worth.spread * counted as f64);
+    let counted = bench.data.counted() as f64;
+    let alike = search.worth.gain(ALIKE * search.worth.spread * counted);
     let mut rivals: Vec<(&'static str, usize, f64)> = Vec::new();
     let mut doubt = 0.0;
     for (i, node) in search.nodes.iter().enumerate() {
