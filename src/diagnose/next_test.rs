@@ -3,7 +3,7 @@
 //! Both are simulated over every test that the bench can run; a rival may refit itself to the prediction, as far as the
 //! recordings at hand let it (T-criterion, Atkinson and Fedorov 1975, linearised). What a test would bring counts as it will
 //! be judged: against the lack that the verdict asks for once the test's own samples are there. The test that brings all
-//! rivals furthest wins, the shortest of those that are nearly as good.
+//! rivals furthest wins, the shortest of those that settle it.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -11,17 +11,15 @@ use super::diagnosis::NextTest;
 use super::problem::Structure;
 use super::select::{Bench, Node, Worth};
 use super::trial::{Course, Reach, Trial, trials};
-use super::verdict::{ALIKE, CLOSE_GAIN};
+use super::verdict::{ALIKE, told_apart};
 use crate::identify::Residuals;
 use crate::identify::jacobian::typical;
+use crate::profile::ProfileLimits;
 
-/// Gain in log-likelihood below which a test is not worth the bench's time: twice what tells two explanations apart, because
-/// the noise may take half of it.
-const TELLING: f64 = 2.0 * CLOSE_GAIN;
-/// How far beyond what settles a rival a test is welcome to go.
-const AMPLE: f64 = 2.0;
-/// A test that brings this share of the best is as good.
-const AS_GOOD: f64 = 0.9;
+/// A test is worth the bench's time where as many like it would settle a rival.
+const WORTH_IT: f64 = 4.0;
+/// A rival is settled for certain where this many times what is asked for is promised: the noise takes a part of it.
+const AMPLE: f64 = 1.5;
 /// Rivals that a test is chosen for; there are seldom more.
 const RIVALS: usize = 3;
 /// Share of a test's cycles that is fitted or compared, not kept for reporting.
@@ -31,6 +29,17 @@ const AVERAGED: f64 = 16.0;
 const JUDGED_CYCLES: f64 = 11.0;
 /// Finest share of the range of force that a sample is believed to (`problem` says the same).
 const LINEARITY: f64 = 2e-4;
+
+/// What a test is to tell.
+pub(super) struct Question<'n> {
+    pub chosen: &'n Node,
+    /// The finding that is in question.
+    pub code: &'static str,
+    /// The set without it.
+    pub without: Rival<'n>,
+    /// What it could be instead.
+    pub rivals: Vec<Rival<'n>>,
+}
 
 /// Something that could stand in place of a finding.
 pub(super) struct Rival<'n> {
@@ -109,8 +118,8 @@ fn forces(
     values: &[f64],
     course: &Course,
 ) -> Option<DVector<f64>> {
-    let own = &values[..values.len() - 1];
-    let mut plant = super::baseline::build(bench.setup, &structure.attached, own, 0.0).ok()?;
+    let (zero_n, own) = values.split_last()?;
+    let mut plant = super::baseline::build(bench.setup, &structure.attached, own, *zero_n).ok()?;
     let mut before_s = 0.0;
     let force_n = course.points.iter().map(|p| {
         plant.told(&p.motion);
@@ -158,11 +167,8 @@ impl<'a, 'n> Opponent<'a, 'n> {
             Some(force_n.component_mul(weights))
         };
         let here = run(values)?;
-        // The zero of the force channel is as free in a new recording as in those before.
-        let (zero, own) = (values.len() - 1, &self.structure.parameters()[..values.len() - 1]);
         let mut jacobian = DMatrix::zeros(course.points.len(), values.len());
-        jacobian.set_column(zero, &(weights * self.scale[zero]));
-        for (n, p) in own.iter().enumerate() {
+        for (n, p) in self.structure.parameters().iter().enumerate() {
             let size = typical(values[n], p.belief, p.bounds);
             let mut moved = values.clone();
             let step = if moved[n] + 1e-4 * size <= p.bounds[1] {
@@ -187,25 +193,23 @@ impl<'a, 'n> Opponent<'a, 'n> {
 struct Promise {
     /// Mean over the rivals of how near each comes to being settled.
     score: f64,
-    /// Largest gain against one of them, and which.
+    /// Largest gain against one of those that it is worth running for, and which.
     gain: f64,
     against: usize,
     duration_s: f64,
 }
 
-/// The most telling test between the set chosen, by the name of its finding, and its rivals; `None` where none tells enough.
-pub(super) fn propose(
-    bench: &Bench<'_>,
-    chosen: &Node,
-    name: &str,
-    rivals: &[Rival<'_>],
-) -> Option<NextTest> {
+/// The most telling test between the set chosen and its rivals; `None` where none tells enough.
+pub(super) fn propose(bench: &Bench<'_>, question: &Question<'_>) -> Option<NextTest> {
+    let (chosen, name) = (question.chosen, question.code);
     let ours = Structure::new(bench.setup, bench.data, chosen.attached.clone());
-    let opponents: Vec<Opponent<'_, '_>> = rivals
+    let opponents: Vec<Opponent<'_, '_>> = question
+        .rivals
         .iter()
         .take(RIVALS)
         .filter_map(|rival| Opponent::new(bench, rival))
         .collect();
+    let without = Opponent::new(bench, &question.without)?;
     let (noise, worth) = (Noise::of(bench), Worth::of(bench.data, &chosen.residuals));
     let reach = Reach::new(
         bench.span.displacement_mm,
@@ -217,25 +221,33 @@ pub(super) fn propose(
     let judge = |trial: &Trial| {
         let course = trial.course(&reach, bench.limits.as_ref())?;
         let truth = forces(bench, &ours, &chosen.values, &course)?;
+        let allowed = |l: &ProfileLimits| truth.iter().all(|f| (l.force_min_n..=l.force_max_n).contains(f));
+        if !bench.limits.as_ref().is_none_or(allowed) {
+            return None;
+        }
         let weights = noise.weights(&course, &truth);
+        let gain = |o: &Opponent<'_, '_>| Some(worth.gain(o.left(bench, &course, &truth, &weights)?));
         let counted = bench.data.counted() as f64 + noise.counted(&course);
-        let asked = CLOSE_GAIN.max(worth.gain(ALIKE * worth.spread * counted));
-        let gains: Vec<f64> = opponents
+        let alike = worth.gain(ALIKE * worth.spread * counted);
+        // More of the effect is seen too, and with it more asked of what could stand in its place.
+        let loss = question.without.lack + gain(&without)?;
+        let mut each: Vec<(f64, f64, bool)> = Vec::with_capacity(opponents.len());
+        for o in &opponents {
+            let (gain, lack) = (gain(o)?, o.rival.lack);
+            let asked = told_apart(o.rival.node, loss, alike);
+            each.push((
+                ((lack + gain) / asked).min(AMPLE),
+                gain,
+                lack + WORTH_IT * gain >= asked,
+            ));
+        }
+        let (against, &(_, gain, _)) = each
             .iter()
-            .map(|o| {
-                o.left(bench, &course, &truth, &weights)
-                    .map(|left| worth.gain(left))
-            })
-            .collect::<Option<_>>()?;
-        let nearness = |(o, gain): (&Opponent<'_, '_>, &f64)| ((o.rival.lack + gain) / asked).min(AMPLE);
-        let score = opponents.iter().zip(&gains).map(nearness).sum::<f64>() / gains.len().max(1) as f64;
-        let (against, gain) = gains
-            .iter()
-            .copied()
             .enumerate()
-            .max_by(|a, b| a.1.total_cmp(&b.1))?;
+            .filter(|(_, (_, _, worth_it))| *worth_it)
+            .max_by(|(_, a), (_, b)| a.1.total_cmp(&b.1))?;
         Some(Promise {
-            score,
+            score: each.iter().map(|e| e.0).sum::<f64>() / each.len() as f64,
             gain,
             against,
             duration_s: course.duration_s,
@@ -245,31 +257,18 @@ pub(super) fn propose(
         .iter()
         .zip(bench.side_by_side(&trials, judge))
         .filter_map(|(trial, promise)| Some((trial, promise?)))
-        .filter(|(_, p)| p.gain >= TELLING)
         .collect();
-    if std::env::var("LBD").is_ok() {
-        let names: Vec<_> = opponents
-            .iter()
-            .map(|o| (o.rival.code, o.rival.lack as f32))
-            .collect();
-        eprintln!(
-            "  {name} {names:?} asked {:.1} reach {reach:?} spread {:.2} corr {:.2}",
-            worth.gain(ALIKE * worth.spread * bench.data.counted() as f64),
-            worth.spread,
-            worth.correlation
-        );
-        for (t, p) in &promised {
-            eprintln!(
-                "    {:24} score {:.2} gain {:.1} {:.0} s",
-                t.name, p.score, p.gain, p.duration_s
-            );
-        }
-    }
-    let best = promised.iter().map(|(_, p)| p.score).fold(0.0, f64::max);
-    let (trial, promise) = promised
-        .into_iter()
-        .filter(|(_, p)| p.score >= AS_GOOD * best)
-        .min_by(|(_, a), (_, b)| a.duration_s.total_cmp(&b.duration_s))?;
+    // The shortest of those that settle it; where none does, the one that comes nearest.
+    let (settling, others): (Vec<_>, Vec<_>) = promised.into_iter().partition(|(_, p)| p.score >= AMPLE);
+    let (trial, promise) = if settling.is_empty() {
+        others
+            .into_iter()
+            .max_by(|(_, a), (_, b)| a.score.total_cmp(&b.score))
+    } else {
+        settling
+            .into_iter()
+            .min_by(|(_, a), (_, b)| a.duration_s.total_cmp(&b.duration_s))
+    }?;
     let other = opponents[promise.against].rival.code;
     let separation_sigma = (2.0 * promise.gain * worth.spread * worth.correlation).sqrt();
     Some(NextTest {

@@ -10,6 +10,8 @@ const COMMANDS_HZ: f64 = 1000.0;
 const SAMPLES_A_CYCLE: f64 = 20.0;
 /// Share of the bench's limits that is used: a servo overshoots.
 const MARGIN: f64 = 0.6;
+/// Farthest beyond what was recorded, as a share of the travel: what bends goes on, what is a knee does not.
+const BEYOND: f64 = 0.25;
 /// Points after a turn lie this share of the way since then apart, and no closer than this share of the whole travel.
 const COARSENING: f64 = 0.04;
 const FINEST: f64 = 1.0 / 600.0;
@@ -20,26 +22,31 @@ const POINTS: f64 = 400.0;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reach {
     pub displacement_mm: [f64; 2],
+    /// Largest displacement of a test that goes beyond what was recorded.
+    pub beyond_mm: f64,
     pub speed_mm_s: f64,
     pub acceleration_mm_s2: f64,
     pub sample_hz: f64,
 }
 
 impl Reach {
-    /// What the recordings covered, as fast as `limits` allow; where there are none, as fast as was recorded.
+    /// What the recordings covered and a little beyond it, as fast as `limits` allow; where there are none, as fast as was recorded.
     pub fn new(
         displacement_mm: [f64; 2],
         recorded_mm_s: f64,
         sample_hz: f64,
         limits: Option<&ProfileLimits>,
     ) -> Reach {
-        let [low, high] = displacement_mm;
+        let [low, high] = [displacement_mm[0].max(0.0), displacement_mm[1]];
         let (speed_mm_s, acceleration_mm_s2) = match limits {
             Some(l) => (MARGIN * l.velocity_max_mm_s, MARGIN * l.acceleration_max_mm_s2),
             None => (0.9 * recorded_mm_s, f64::INFINITY),
         };
         Reach {
-            displacement_mm: [low.max(0.0), high],
+            displacement_mm: [low, high],
+            beyond_mm: limits.map_or(high, |l| {
+                (high + BEYOND * (high - low)).min(l.displacement_max_mm)
+            }),
             speed_mm_s: speed_mm_s.max(1.0),
             acceleration_mm_s2,
             sample_hz,
@@ -190,6 +197,7 @@ pub(super) fn trials(reach: &Reach) -> Vec<Trial> {
         segments
     };
     let up_and_down = |branch_s: f64| vec![ramp(at(0.98), branch_s), ramp(at(0.02), branch_s)];
+    let beyond = |branch_s: f64| vec![ramp(reach.beyond_mm, branch_s), ramp(at(0.02), branch_s)];
     let holds = |first: f64, second: f64| {
         vec![
             ramp(at(first), 5.0),
@@ -203,6 +211,8 @@ pub(super) fn trials(reach: &Reach) -> Vec<Trial> {
         ("ramp-2-s".to_owned(), up_and_down(2.0)),
         ("ramp-20-s".to_owned(), up_and_down(20.0)),
         ("ramp-120-s".to_owned(), up_and_down(60.0)),
+        ("ramp-20-s-beyond".to_owned(), beyond(20.0)),
+        ("ramp-120-s-beyond".to_owned(), beyond(60.0)),
         ("holds-high-and-middle".to_owned(), holds(0.9, 0.3)),
         ("holds-high-and-low".to_owned(), holds(0.95, 0.05)),
         ("nests-high".to_owned(), nests(0.85)),
@@ -278,7 +288,11 @@ mod tests {
                     trial.name
                 );
                 for p in &course.points {
-                    assert!((-1e-9..=24.0).contains(&p.displacement_mm), "{}", trial.name);
+                    assert!(
+                        (-1e-9..=reach.beyond_mm).contains(&p.displacement_mm),
+                        "{}",
+                        trial.name
+                    );
                     let [low, high] = p.motion.reach_mm;
                     assert!(
                         low <= p.displacement_mm && p.displacement_mm <= high,
