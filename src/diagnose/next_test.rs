@@ -16,8 +16,9 @@ use crate::identify::Residuals;
 use crate::identify::jacobian::typical;
 use crate::profile::ProfileLimits;
 
-/// A test is worth the bench's time where as many like it would settle a rival.
-const WORTH_IT: f64 = 4.0;
+/// A test is worth the bench's time where as many like it would settle a rival: twice what `--run-next` runs by itself,
+/// because tests were seen to bring about twice what is promised here.
+const WORTH_IT: f64 = 8.0;
 /// A rival is settled for certain where this many times what is asked for is promised: the noise takes a part of it.
 const AMPLE: f64 = 1.5;
 /// Rivals that a test is chosen for; there are seldom more.
