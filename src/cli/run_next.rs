@@ -189,7 +189,7 @@ pub fn run(
         if interrupts.load(Ordering::Relaxed) > 0 {
             break (diagnosis, false, "stopped by Ctrl-C".to_owned());
         }
-        let next = match diagnosis.next().map(Clone::clone) {
+        let next = match diagnosis.next().cloned() {
             Err(why) => break (diagnosis, false, why.to_owned()),
             Ok(_) if number as u32 >= most => {
                 let why = format!("{most} tests were run, as many as --rounds allows");
