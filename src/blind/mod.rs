@@ -70,7 +70,7 @@ pub fn examine(
 ) -> Result<Diagnosis, DiagnoseError> {
     let options = Options {
         threads,
-        limits: Some(case_shown.limits()),
+        limits: Some(settle::limits(case_shown)),
         ..Options::default()
     };
     diagnose(recordings, &baseline(&case_shown.start), &options, &mut |_, _| {})

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use super::{Answer, examine};
 use crate::diagnose::Diagnosis;
-use crate::profile::{Player, Profile};
+use crate::profile::{Player, Profile, ProfileLimits};
 use crate::truth::{Case, Family};
 
 /// Tests that are played at most, as many as `--rounds` allows where nothing is said.
@@ -33,6 +33,19 @@ pub fn is_open(case: &Case, first: &Answer) -> bool {
     let truth: Vec<&str> = case.label.hidden.iter().map(|h| h.code).collect();
     let nothing_claimed = first.word() == "none";
     case.label.family == Family::Confounded && !nothing_claimed && !first.is_just(&truth)
+}
+
+/// What the bench allows a test: as fast as the shipped mock bench, and a quarter beyond what was recorded.
+pub fn limits(case: &Case) -> ProfileLimits {
+    let [top_mm, top_n] = case.label.top;
+    ProfileLimits {
+        force_min_n: -200.0,
+        force_max_n: 1.5 * top_n,
+        displacement_min_mm: -1.0,
+        displacement_max_mm: 1.25 * top_mm,
+        velocity_max_mm_s: 150.0,
+        acceleration_max_mm_s2: 3000.0,
+    }
 }
 
 /// Plays the rounds that follow a first diagnosis.

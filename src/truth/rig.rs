@@ -5,7 +5,6 @@ use rand_chacha::ChaCha8Rng;
 
 use super::sensors::Sensors;
 use super::{Case, Motion, Specimen, path::Path};
-use crate::profile::ProfileLimits;
 use crate::recording::Recording;
 
 /// What is tested and what it is measured with.
@@ -16,19 +15,6 @@ pub(super) struct Rig {
 }
 
 impl Case {
-    /// What the rig allows a test: as fast as the shipped mock bench, and a quarter beyond what was recorded.
-    pub fn limits(&self) -> ProfileLimits {
-        let [top_mm, top_n] = self.label.top;
-        ProfileLimits {
-            force_min_n: -200.0,
-            force_max_n: 1.5 * top_n,
-            displacement_min_mm: -1.0,
-            displacement_max_mm: 1.25 * top_mm,
-            velocity_max_mm_s: 150.0,
-            acceleration_max_mm_s2: 3000.0,
-        }
-    }
-
     /// Plays one more test, the `number`th from 1, on the case's specimen with its hidden effects and records it with its
     /// sensors; `points` are time in s and displacement in mm. The same case and number give the same noise.
     pub fn play(&self, points: &[[f64; 2]], number: u32) -> Recording {
