@@ -14,6 +14,7 @@ fn ask(recordings: &[Recording], case: &Case) -> Diagnosis {
     let options = Options {
         points: POINTS,
         threads: 0,
+        limits: None,
     };
     diagnose(recordings, &baseline(&case.start), &options, &mut |_, _| {}).expect("sound recordings")
 }
@@ -67,7 +68,10 @@ fn shuffled_residuals_hold_no_physics() {
 #[test]
 fn an_examination_repeats() {
     let case = Case::single("sensor_drift", 6, 20.0).expect("visible");
-    let (once, again) = (examine(&case, 1), examine(&case, 2));
+    let (once, again) = (
+        examine(&case, &case.recordings, 1),
+        examine(&case, &case.recordings, 2),
+    );
     assert_eq!(once.map(|d| d.summary), again.map(|d| d.summary));
 }
 
@@ -79,6 +83,7 @@ fn sixty_sealed_cases() {
         cases: 60,
         seed: 20_261,
         strength: None,
+        family: None,
         threads: std::thread::available_parallelism().map_or(1, usize::from),
     };
     let marks = run(&request, &mut |seals| assert_eq!(seals.len(), 60), &|_| {}).expect("seals open");

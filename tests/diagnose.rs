@@ -131,7 +131,11 @@ fn same_input_same_diagnosis_whatever_the_cores() {
     let recordings = recordings(&["coulomb_friction"], 3.0, 51);
     let baseline = Baseline::of(leafbench::model::find("equivalent").expect("listed"));
     let run = |threads| {
-        let options = Options { points: 600, threads };
+        let options = Options {
+            points: 600,
+            threads,
+            ..Options::default()
+        };
         let diagnosis = diagnose(&recordings, &baseline, &options, &mut |_, _| {}).expect("diagnosed");
         serde_json::to_string(&diagnosis).expect("serialises")
     };

@@ -241,7 +241,12 @@ fn the_command_writes_its_files_and_refuses_with_row_and_column() {
     let text = |path: &Path| path.to_str().expect("UTF-8").to_owned();
     let out = folder.path().join("out");
     let points = table_path("p001_table5_1_load_deflection.csv");
-    let ran = leafbench(&["diagnose", "--targets", &text(&points), "--out", &text(&out)]);
+    // From a folder that has no bench file.
+    let ran = Command::new(env!("CARGO_BIN_EXE_leafbench"))
+        .args(["diagnose", "--targets", &text(&points), "--out", &text(&out)])
+        .current_dir(folder.path())
+        .output()
+        .expect("the program starts");
     assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
     let json = std::fs::read_to_string(out.join("diagnosis.json")).expect("written");
     let json: serde_json::Value = serde_json::from_str(&json).expect("JSON");

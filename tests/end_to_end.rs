@@ -53,7 +53,7 @@ fn what_is_concealed_is_found_and_the_improved_model_follows_the_rig() {
         ..bench
     };
     let (after, _) = play(&taught, &fresh, None);
-    let [before, after] = [twin_nrmse(&before), twin_nrmse(&after)];
+    let [before, after] = [twin_nrmse(&before.samples), twin_nrmse(&after.samples)];
     println!(
         "twin's error on a fresh run: {:.3} % before, {:.3} % after",
         100.0 * before,

@@ -41,7 +41,7 @@ fn a_twin_with_all_the_physics_tells_of_nothing() {
     for profile in &profiles {
         let (memory, _) = play(&mock(), profile, None);
         let head = memory.header.as_ref().map(|h| h.profile_name.clone());
-        println!("{head:?}: twin {:.4} %", 100.0 * twin_nrmse(&memory));
+        println!("{head:?}: twin {:.4} %", 100.0 * twin_nrmse(&memory.samples));
         assert!(told(&memory).is_empty(), "{head:?}: {:?}", told(&memory));
     }
     // Both sides with the same effect: still all the physics.

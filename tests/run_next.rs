@@ -81,6 +81,13 @@ fn rounds_are_run_and_kept_until_it_is_settled_or_nothing_helps() {
     assert!(!rounds.is_empty() && rounds.len() <= 3);
     assert!(ended["why"].as_str().is_some_and(|w| !w.is_empty()));
     check_rounds(rounds, &out);
+    let last = rounds.last().expect("one at least");
+    assert_eq!(ended["settled"], true, "{}", ended["why"]);
+    assert!(
+        rounds.len() > 1,
+        "one sine about a knee does not settle it by itself"
+    );
+    assert_eq!(last["effects"], serde_json::json!(["progressive_stiffness"]));
 }
 
 #[test]

@@ -97,6 +97,7 @@ pub fn figures(marks: &[Mark]) -> Vec<Figure> {
         .iter()
         .filter(|m| m.exact() && !m.label.hidden.is_empty())
         .filter_map(|m| m.answer.as_ref().map(|a| a.heldout));
+    let settlings = marks.iter().filter_map(|m| m.settling.as_ref());
     let (ece, claims) = calibration_error(marks);
     vec![
         row(
@@ -168,6 +169,13 @@ pub fn figures(marks: &[Mark]) -> Vec<Figure> {
             |v| v <= 1.15,
         ),
         row(
+            "settled by `--run-next`, one with a look-alike, all strengths",
+            "at least 80 %",
+            share(marks.iter().filter_map(Mark::settled)),
+            "%",
+            |v| v >= 80.0,
+        ),
+        row(
             "expected calibration error of the confidence",
             "at most 0.05",
             (ece, claims),
@@ -180,6 +188,13 @@ pub fn figures(marks: &[Mark]) -> Vec<Figure> {
             median(marks.iter().map(|m| m.seconds).collect()),
             "s",
             |v| v <= 10.0,
+        ),
+        row(
+            "time of all tests and diagnoses of `--run-next` on one core, median",
+            "none",
+            median(settlings.map(|s| s.seconds).collect()),
+            "s",
+            |_| true,
         ),
     ]
 }

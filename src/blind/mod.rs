@@ -7,6 +7,7 @@ pub mod figures;
 pub mod page;
 pub mod score;
 pub mod seal;
+pub mod settle;
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -14,7 +15,8 @@ use std::time::Instant;
 
 use crate::diagnose::{Baseline, DiagnoseError, Diagnosis, Options, diagnose};
 use crate::model::equivalent;
-use crate::truth::{Case, Start};
+use crate::recording::Recording;
+use crate::truth::{Case, Family, Start};
 
 pub use score::{Answer, Mark};
 pub use seal::Seal;
@@ -28,8 +30,19 @@ pub struct Request {
     pub seed: u64,
     /// Strength of every effect; drawn where `None`.
     pub strength: Option<f64>,
+    /// Only the cases of this family, under the numbers that they have among all.
+    pub family: Option<Family>,
     /// Cores; one case runs on one.
     pub threads: usize,
+}
+
+impl Request {
+    /// Numbers of the cases that are examined.
+    pub fn numbers(&self) -> Vec<u64> {
+        (0..self.cases)
+            .filter(|&n| self.family.is_none_or(|f| Family::of(n) == f))
+            .collect()
+    }
 }
 
 /// The baseline that a case's start tells.
@@ -49,18 +62,18 @@ pub fn baseline(start: &Start) -> Baseline {
     baseline
 }
 
-/// Diagnoses what a case shows, and nothing of its label.
-pub fn examine(case_shown: &Case, threads: usize) -> Result<Diagnosis, DiagnoseError> {
+/// Diagnoses recordings of a case with what it tells of its start and its bench, and nothing of its label.
+pub fn examine(
+    case_shown: &Case,
+    recordings: &[Recording],
+    threads: usize,
+) -> Result<Diagnosis, DiagnoseError> {
     let options = Options {
         threads,
+        limits: Some(settle::limits(case_shown)),
         ..Options::default()
     };
-    diagnose(
-        &case_shown.recordings,
-        &baseline(&case_shown.start),
-        &options,
-        &mut |_, _| {},
-    )
+    diagnose(recordings, &baseline(&case_shown.start), &options, &mut |_, _| {})
 }
 
 /// Draws, seals, diagnoses, opens and marks every case. `sealed` hears all seals before the first diagnosis begins;
@@ -70,24 +83,32 @@ pub fn run(
     sealed: &mut dyn FnMut(&[Seal]),
     done: &(dyn Fn(u64) + Sync),
 ) -> Result<Vec<Mark>, String> {
-    let numbers: Vec<u64> = (0..request.cases).collect();
+    let numbers = request.numbers();
     let seals = side_by_side(&numbers, request.threads, &|&n| {
         seal::Seal::of(&Case::draw(request.seed, n, request.strength).label, request.seed)
     });
     sealed(&seals);
     let finished = AtomicU64::new(0);
-    let marks = side_by_side(&numbers, request.threads, &|&n| {
+    let marks = side_by_side(&seals, request.threads, &|seal| {
+        let n = seal.number;
         let case = Case::draw(request.seed, n, request.strength);
         let begun = Instant::now();
-        let answer = examine(&case, 1).map(|d| Answer::of(&d));
+        let first = examine(&case, &case.recordings, 1);
         let seconds = begun.elapsed().as_secs_f64();
-        let opened = seals[n as usize].open(&case.label);
+        let answer = first.as_ref().map(Answer::of).map_err(ToString::to_string);
+        let settling = match first {
+            Ok(first) if settle::is_open(&case, &Answer::of(&first)) => Some(settle::settle(&case, first)),
+            _ => None,
+        };
+        let opened = seal.open(&case.label);
         done(finished.fetch_add(1, Ordering::Relaxed) + 1);
-        opened.then(|| Mark::new(case.label, answer, seconds))
+        (
+            n,
+            opened.then(|| Mark::new(case.label, answer, seconds, settling)),
+        )
     });
     marks
         .into_iter()
-        .enumerate()
         .map(|(n, mark)| mark.ok_or_else(|| format!("case {n}: the label is not the one that was sealed")))
         .collect()
 }

@@ -50,10 +50,13 @@ fn write_page(page: &mut String, request: &Request, seal: &str, marks: &[Mark]) 
     let strength = request
         .strength
         .map_or(String::new(), |s| format!(" --strength {s}"));
+    let kind = request
+        .family
+        .map_or(String::new(), |f| format!(" --kind {}", f.key()));
     writeln!(page, "# Proof on concealed effects\n")?;
     writeln!(
         page,
-        "`leafbench blind --cases {} --seed {}{strength}`; SHA-256 over all sealed labels, taken before the first diagnosis:\n`{seal}`\n",
+        "`leafbench blind --cases {} --seed {}{strength}{kind}`; SHA-256 over all sealed labels, taken before the first diagnosis:\n`{seal}`\n",
         request.cases, request.seed
     )?;
     writeln!(
@@ -81,6 +84,7 @@ fn write_page(page: &mut String, request: &Request, seal: &str, marks: &[Mark]) 
         )?;
     }
     write_strengths(page, marks)?;
+    write_settlings(page, marks)?;
     write_reliability(page, marks)?;
     write_confusion(page, marks)?;
     write_wrong(page, marks)
@@ -113,6 +117,37 @@ fn family_name(family: Family) -> &'static str {
         Family::Outside => "outside the library",
         Family::Concealed => "one, concealed by a tuned baseline",
     }
+}
+
+/// Every case that had something to settle, test by test.
+fn write_settlings(page: &mut String, marks: &[Mark]) -> std::fmt::Result {
+    writeln!(
+        page,
+        "\n## Settled by the tests it asks for\n\n\
+         Cases with a look-alike whose first answer was neither the true effect alone nor none at all. What `--run-next` does:\n\
+         the profile that the diagnosis proposes is played on the case's own specimen and sensors, its recording is added, the\n\
+         diagnosis judges again, {} tests at most. The bench is as fast as the shipped one and allows a quarter more travel than\n\
+         was recorded. Settled: at the end the true effect is named, it alone, and nothing is left that it could be instead.\n\
+         What is wrong and sure of it, or `unknown`, counts as not settled.\n\n\
+         | case | strength | hidden | answers | tests | settled |\n|---|---|---|---|---|---|",
+        super::settle::ROUNDS
+    )?;
+    for m in marks {
+        let Some(s) = &m.settling else { continue };
+        let settled = match m.settled() {
+            Some(true) => "yes".to_owned(),
+            _ => format!("**no**: {}", s.ended),
+        };
+        let (hidden, answers) = (m.truth().join(", "), s.path.join("; "));
+        writeln!(
+            page,
+            "| {} | {} | {hidden} | {answers} | {} | {settled} |",
+            m.label.number,
+            m.label.strength,
+            s.tests.join(", ")
+        )?;
+    }
+    Ok(())
 }
 
 fn write_reliability(page: &mut String, marks: &[Mark]) -> std::fmt::Result {
@@ -206,6 +241,7 @@ mod tests {
             cases: 2,
             seed: 7,
             strength: None,
+            family: None,
             threads: 1,
         };
         let page = markdown(&request, "abc", &marks);

@@ -1,6 +1,7 @@
 //! One answer against one label.
 
-use crate::diagnose::{DiagnoseError, Diagnosis, Verdict};
+use super::settle::Settling;
+use crate::diagnose::{Diagnosis, Verdict};
 use crate::truth::{Family, Label};
 
 /// What of a diagnosis is judged.
@@ -61,6 +62,23 @@ impl Answer {
         codes
     }
 
+    /// Are exactly these effects named, with nothing that it could be instead?
+    pub fn is_just(&self, truth: &[&str]) -> bool {
+        self.verdict != Verdict::Unexplained && self.codes() == truth && self.alternatives.is_empty()
+    }
+
+    /// What is named, and what it could be instead.
+    pub fn in_words(&self) -> String {
+        let named = match (self.verdict, self.codes().as_slice()) {
+            (Verdict::MissingPhysics, codes) => codes.join(" and "),
+            _ => self.word(),
+        };
+        match self.alternatives.as_slice() {
+            [] => named,
+            others => format!("{named} or {}", others.join(", ")),
+        }
+    }
+
     /// In one word for the confusion matrix.
     pub fn word(&self) -> String {
         match (self.verdict, self.codes().as_slice()) {
@@ -91,17 +109,25 @@ pub struct Mark {
     pub refused: Option<String>,
     /// Time of the diagnosis on one core.
     pub seconds: f64,
+    /// The tests that followed, where there was something to settle.
+    pub settling: Option<Settling>,
 }
 
 impl Mark {
     /// Puts label and answer together.
-    pub fn new(label: Label, answer: Result<Answer, DiagnoseError>, seconds: f64) -> Mark {
-        let refused = answer.as_ref().err().map(ToString::to_string);
+    pub fn new(
+        label: Label,
+        answer: Result<Answer, String>,
+        seconds: f64,
+        settling: Option<Settling>,
+    ) -> Mark {
+        let refused = answer.as_ref().err().cloned();
         Mark {
             label,
             answer: answer.ok(),
             refused,
             seconds,
+            settling,
         }
     }
 
@@ -131,6 +157,13 @@ impl Mark {
         self.label.family != Family::Outside
             && self.verdict() != Verdict::Unexplained
             && self.answer.as_ref().is_some_and(|a| a.codes() == self.truth())
+    }
+
+    /// Whether the rounds ended with the true effects alone; none where there was nothing to settle.
+    pub fn settled(&self) -> Option<bool> {
+        let settling = self.settling.as_ref()?;
+        let answer = settling.answer.as_ref();
+        Some(answer.is_some_and(|a| a.is_just(&self.truth())))
     }
 
     /// One entry a true effect: is it named or among the alternatives?
@@ -245,7 +278,7 @@ pub(crate) mod tests {
             heldout: 1.05,
             heldout_before: 3.0,
         };
-        Mark::new(label, Ok(answer), 1.0)
+        Mark::new(label, Ok(answer), 1.0, None)
     }
 
     #[test]

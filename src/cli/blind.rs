@@ -10,7 +10,7 @@ use super::progress::{Mark as Progressed, Progress};
 use super::{CliError, Command, Done, Output};
 use crate::blind::figures::{Bin, Figure, figures, reliability};
 use crate::blind::{Mark, Request, page, run as run_cases, seal};
-use crate::truth::{Case, sensors};
+use crate::truth::{Case, Family, sensors};
 
 /// See [`super::COMMANDS`].
 pub const COMMAND: Command = Command {
@@ -44,6 +44,15 @@ fn arguments(command: clap::Command) -> clap::Command {
                 .value_name("LIMITS")
                 .value_parser(clap::value_parser!(f64))
                 .help("Strength of every effect in detection limits [default: drawn from 1, 2, 5, 10]"),
+        )
+        .arg(
+            Arg::new("kind")
+                .long("kind")
+                .value_name("KIND")
+                .value_parser(clap::builder::PossibleValuesParser::new(
+                    Family::ALL.map(Family::key),
+                ))
+                .help("Only the cases of one kind; they keep their numbers"),
         )
         .arg(
             Arg::new("out")
@@ -86,6 +95,9 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
         cases: number("cases").unwrap_or(400),
         seed: number("seed").unwrap_or(1),
         strength,
+        family: matches
+            .get_one::<String>("kind")
+            .and_then(|key| Family::ALL.into_iter().find(|f| f.key() == key)),
         threads: std::thread::available_parallelism().map_or(1, usize::from),
     };
     let out = matches.get_one::<PathBuf>("out");
@@ -98,6 +110,13 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
         );
     }
     let mut sealed = String::new();
+    let cases = request.numbers().len() as u64;
+    if cases == 0 {
+        return Err(CliError::Input(format!(
+            "--cases {}: no case of that kind is among so few; every kind comes once in 20",
+            request.cases
+        )));
+    }
     let begun = Instant::now();
     let progress = Mutex::new(Progress::new("blind", output.json));
     let marks = run_cases(
@@ -113,7 +132,7 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
             if let Ok(mut bar) = progress.lock() {
                 bar.show(Progressed {
                     elapsed_s,
-                    remaining_s: elapsed_s * (request.cases - done) as f64 / done as f64,
+                    remaining_s: elapsed_s * (cases - done) as f64 / done as f64,
                     cycles: 0,
                     cycles_total: 0,
                 });
@@ -128,7 +147,7 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
         write_results(folder, &request, &sealed, &marks)?;
     }
     let result = Summary {
-        cases: request.cases,
+        cases,
         seed: request.seed,
         sealed_sha256: sealed,
         figures: figures(&marks),

@@ -174,7 +174,7 @@ pub struct Case<'a> {
 impl Case<'_> {
     /// Diagnoses and writes the files to `folder`.
     pub fn diagnose(&self, recordings: &[Recording], folder: &Path) -> Result<Diagnosis, CliError> {
-        let diagnosis = with_progress(recordings, self.baseline, self.output)?;
+        let diagnosis = with_progress(recordings, self.bench, self.baseline, self.output)?;
         let improved = improved_bench(self.bench, &diagnosis.improved);
         write_all(
             folder,
@@ -237,12 +237,17 @@ fn baseline(matches: &ArgMatches, config: &ModelConfig) -> Result<Baseline, CliE
 
 fn with_progress(
     recordings: &[Recording],
+    bench: &Bench,
     baseline: &Baseline,
     output: &Output,
 ) -> Result<Diagnosis, CliError> {
     let mut bar = Progress::new("diagnose", output.json);
     let begun = Instant::now();
-    let diagnosis = diagnose(recordings, baseline, &Options::default(), &mut |share, _| {
+    let options = Options {
+        limits: Some(bench.profile_limits()),
+        ..Options::default()
+    };
+    let diagnosis = diagnose(recordings, baseline, &options, &mut |share, _| {
         let elapsed_s = begun.elapsed().as_secs_f64();
         if share > 0.0 {
             bar.show(Mark {

@@ -31,13 +31,13 @@ pub fn profiles_argument() -> Arg {
         .help("Folder of the profiles that go by name [default: bench-configs/profiles]")
 }
 
-/// The bench asked for.
+/// The bench asked for; the default one is built in, for folders where the shipped configs are not.
 pub fn bench(matches: &ArgMatches) -> Result<Bench, CliError> {
-    let path = match matches.get_one::<PathBuf>("bench") {
-        Some(path) => path.clone(),
-        None => configs()?.join(DEFAULT_BENCH),
-    };
-    Ok(Bench::load(&path)?)
+    Ok(match (matches.get_one::<PathBuf>("bench"), configs()) {
+        (Some(path), _) => Bench::load(path)?,
+        (None, Ok(folder)) => Bench::load(&folder.join(DEFAULT_BENCH))?,
+        (None, Err(_)) => Bench::shipped()?,
+    })
 }
 
 /// The folder of profiles asked for.

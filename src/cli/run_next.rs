@@ -18,7 +18,7 @@ use crate::control::Phase;
 use crate::daemon::client_types::{StartRun, Started, Status};
 use crate::daemon::plan;
 use crate::diagnose::Verdict;
-use crate::diagnose::diagnosis::{Diagnosis, NextTest};
+use crate::diagnose::diagnosis::Diagnosis;
 use crate::profile::Profile;
 use crate::recording::export::Selection;
 use crate::recording::run_file::RunFile;
@@ -175,7 +175,6 @@ pub fn run(
         }),
     };
     let mut rounds: Vec<Round> = Vec::new();
-    let mut asked: Vec<String> = Vec::new();
     let (diagnosis, settled, why) = loop {
         let number = rounds.len();
         let at = folder.join(format!("round-{number}"));
@@ -184,21 +183,20 @@ pub fn run(
         keep(folder, &at)?;
         tell(number, &diagnosis, case.output);
         rounds.push(round(&at, &diagnosis));
-        if let Some(why) = settled(&diagnosis) {
-            break (diagnosis, true, why);
+        if let Some(why) = diagnosis.settled() {
+            break (diagnosis, true, why.to_owned());
         }
         if interrupts.load(Ordering::Relaxed) > 0 {
             break (diagnosis, false, "stopped by Ctrl-C".to_owned());
         }
-        let next = match next(&diagnosis, &asked) {
-            Err(why) => break (diagnosis, false, why),
+        let next = match diagnosis.next().cloned() {
+            Err(why) => break (diagnosis, false, why.to_owned()),
             Ok(_) if number as u32 >= most => {
                 let why = format!("{most} tests were run, as many as --rounds allows");
                 break (diagnosis, false, why);
             }
-            Ok(next) => next.clone(),
+            Ok(next) => next,
         };
-        asked.push(next.profile_toml.clone());
         let profile = Profile::from_toml(&next.profile_toml, "next-test.toml")?;
         if !case.output.json {
             eprintln!(
@@ -246,27 +244,6 @@ pub fn run(
         )
     })?;
     Ok(Done::Well)
-}
-
-/// Why no further test is asked for, where none is.
-fn settled(d: &Diagnosis) -> Option<String> {
-    match d.verdict {
-        Verdict::Adequate => Some("the baseline explains all recordings".to_owned()),
-        Verdict::MissingPhysics if d.alternatives.is_empty() => Some("no alternative is left".to_owned()),
-        _ => None,
-    }
-}
-
-/// The next test, if there is one that was not run before.
-fn next<'a>(d: &'a Diagnosis, asked: &[String]) -> Result<&'a NextTest, String> {
-    let next = d
-        .next_test
-        .as_ref()
-        .ok_or("no admissible profile tells the rest apart")?;
-    match asked.contains(&next.profile_toml) {
-        true => Err("the test that would tell was run already; no other profile helps".to_owned()),
-        false => Ok(next),
-    }
 }
 
 fn round(folder: &Path, d: &Diagnosis) -> Round {

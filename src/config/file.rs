@@ -98,15 +98,30 @@ impl Bench {
     /// Reads a bench file and the specimen file that it names.
     pub fn load(path: &Path) -> Result<Bench, ConfigError> {
         let text = read_text(path)?;
-        Bench::parse_beside(&text, &path.display().to_string(), path.parent())
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let specimen = |file: &str| Some(Specimen::load(&folder.join(file)));
+        Bench::parse_with(&text, &path.display().to_string(), &specimen)
     }
 
     /// Reads a bench from a text that is complete in itself, such as [`Bench::to_toml`] writes; `origin` is for messages.
     pub fn parse(text: &str, origin: &str) -> Result<Bench, ConfigError> {
-        Bench::parse_beside(text, origin, None)
+        Bench::parse_with(text, origin, &|_| None)
     }
 
-    fn parse_beside(text: &str, origin: &str, folder: Option<&Path>) -> Result<Bench, ConfigError> {
+    /// The shipped bench that needs no hardware, where its files are not at hand.
+    pub fn shipped() -> Result<Bench, ConfigError> {
+        let bench = include_str!("../../bench-configs/benches/mock.toml");
+        let specimen = include_str!("../../bench-configs/specimens/samurai-front-equivalent.toml");
+        let read = |file: &str| Some(Specimen::parse(specimen, file));
+        Bench::parse_with(bench, "the built-in mock bench", &read)
+    }
+
+    /// `specimen_file` reads the specimen that the text names by file.
+    fn parse_with(
+        text: &str,
+        origin: &str,
+        specimen_file: &dyn Fn(&str) -> Option<Result<Specimen, ConfigError>>,
+    ) -> Result<Bench, ConfigError> {
         let (document, raw) = Document::read::<RawBench>(text, origin)?;
         let specimen = match raw.specimen {
             RawSpecimen {
@@ -114,8 +129,8 @@ impl Bench {
                 name: None,
                 source: None,
                 model: None,
-            } => match folder {
-                Some(folder) => Specimen::load(&folder.join(file))?,
+            } => match specimen_file(&file) {
+                Some(specimen) => specimen?,
                 None => {
                     let reason = "names a file, but this text has no folder: write name and model here";
                     return Err(document.refuse("specimen.file", reason));
@@ -198,6 +213,11 @@ mod tests {
     fn mock() -> Bench {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("bench-configs/benches/mock.toml");
         Bench::load(&path).unwrap()
+    }
+
+    #[test]
+    fn the_built_in_bench_is_the_shipped_file() {
+        assert_eq!(Bench::shipped().unwrap(), mock());
     }
 
     #[test]

@@ -87,6 +87,8 @@ pub struct Track {
     pub part: Vec<Part>,
     /// Frequency of the motion in Hz; 0 where there are not two reversals.
     pub frequency_hz: f64,
+    /// Raw samples a second.
+    pub sample_hz: f64,
     /// Noise of one raw force sample in N, from the signal itself.
     pub noise_n: f64,
     /// Noise of one raw displacement sample in mm.
@@ -236,6 +238,7 @@ impl<'a> Raw<'a> {
             cycle: Vec::new(),
             part: Vec::new(),
             frequency_hz: motion.frequency_hz(&time_s),
+            sample_hz: (time_s.len() - 1) as f64 / (time_s[time_s.len() - 1] - time_s[0]),
             noise_n,
             noise_mm,
             cycles: 0,

@@ -245,6 +245,23 @@ pub struct Diagnosis {
     pub improved: ImprovedModel,
 }
 
+impl Diagnosis {
+    /// Why no further test is asked for, where none is.
+    pub fn settled(&self) -> Option<&'static str> {
+        match self.verdict {
+            Verdict::Adequate => Some("the baseline explains all recordings"),
+            Verdict::MissingPhysics if self.alternatives.is_empty() => Some("no alternative is left"),
+            _ => None,
+        }
+    }
+
+    /// The next test, or why there is none. It may be one that was run before: as much evidence again.
+    pub fn next(&self) -> Result<&NextTest, &'static str> {
+        let next = self.next_test.as_ref();
+        next.ok_or("no admissible profile tells the rest apart")
+    }
+}
+
 impl ImprovedModel {
     /// Builds the plant, effects attached.
     pub fn plant(&self) -> Result<Box<dyn crate::model::Plant>, crate::effect::EffectError> {

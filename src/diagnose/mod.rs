@@ -2,7 +2,8 @@
 //!
 //! The steps, one file each: `condition` the recordings, `baseline` with what it is said to know, `problem` (structure against
 //! data), `score` every candidate from one simulation, `select` by a search judged on held-out cycles, `residual` (where, and
-//! what nothing explains), `next_test`, `verdict`. Files, configs and pages are for others; `Diagnosis` has all they need.
+//! what nothing explains), `next_test` among the `trial`s that the bench can run, `verdict`. Files,
+//! configs and pages are for others; `Diagnosis` has all they need.
 
 pub mod aggregates;
 mod baseline;
@@ -17,6 +18,7 @@ mod select;
 mod smoothing;
 mod tables;
 mod travel;
+mod trial;
 mod verdict;
 
 pub use baseline::{Baseline, BaselineError};
@@ -24,6 +26,7 @@ pub use condition::{ConditionError, Part, Track, condition};
 pub use diagnosis::{Diagnosis, ImprovedModel, Verdict};
 
 use crate::effect::Span;
+use crate::profile::ProfileLimits;
 use crate::recording::Recording;
 
 /// Why there is no diagnosis. Physics gives verdicts, not errors: these are about the input.
@@ -50,6 +53,8 @@ pub struct Options {
     pub points: usize,
     /// Cores; 0 for all. The result does not depend on it.
     pub threads: usize,
+    /// What the bench allows the next test; as fast as the recordings at most where `None`.
+    pub limits: Option<ProfileLimits>,
 }
 
 impl Default for Options {
@@ -57,6 +62,7 @@ impl Default for Options {
         Options {
             points: 3000,
             threads: 0,
+            limits: None,
         }
     }
 }
@@ -84,13 +90,17 @@ pub fn diagnose(
     let mut tracks = condition(recordings, points)?;
     condition::share_out(&mut tracks);
     let mut data = problem::Data::new(tracks);
-    let span = span(&data);
-    let threads = match options.threads {
-        0 => std::thread::available_parallelism().map_or(1, usize::from),
-        n => n,
+    let means = Means {
+        span: span(&data),
+        threads: match options.threads {
+            0 => std::thread::available_parallelism().map_or(1, usize::from),
+            n => n,
+        },
+        limits: options.limits,
     };
     progress(0.05, "refitting the baseline");
-    let mut first = bench(&setup, &data, span, threads)
+    let mut first = means
+        .bench(&setup, &data)
         .baseline()
         .ok_or(DiagnoseError::OutOfDomain)?;
     let mut model_n = vec![0.0; data.len()];
@@ -98,7 +108,7 @@ pub fn diagnose(
         .predict(&first.values, &mut model_n)
         .map_err(BaselineError::from)?;
     data.rescale(&mut first.residuals, &model_n);
-    let started = bench(&setup, &data, span, threads);
+    let started = means.bench(&setup, &data);
     let nominal = started
         .structure(setup.extras.clone())
         .residuals(&started.start());
@@ -108,7 +118,7 @@ pub fn diagnose(
     if let Some(freed) = &freed {
         setup.extras.clone_from(&freed.attached);
     }
-    let bench = bench(&setup, &data, span, threads);
+    let bench = means.bench(&setup, &data);
     let base = freed.unwrap_or_else(|| plain.clone());
     progress(0.15, "comparing candidates");
     let search = select::search(&bench, base, &mut |share| {
@@ -120,17 +130,22 @@ pub fn diagnose(
     Ok(diagnosis)
 }
 
-fn bench<'a>(
-    setup: &'a baseline::Setup,
-    data: &'a problem::Data,
+/// What stays the same while the baseline is settled.
+struct Means {
     span: Span,
     threads: usize,
-) -> select::Bench<'a> {
-    select::Bench {
-        setup,
-        data,
-        span,
-        threads,
+    limits: Option<ProfileLimits>,
+}
+
+impl Means {
+    fn bench<'a>(&self, setup: &'a baseline::Setup, data: &'a problem::Data) -> select::Bench<'a> {
+        select::Bench {
+            setup,
+            data,
+            span: self.span,
+            threads: self.threads,
+            limits: self.limits,
+        }
     }
 }
 

@@ -1,321 +1,283 @@
-//! The test that would tell two explanations apart, within what the recordings covered: displacement, speed, frequency.
+//! The test that would tell a set of effects from what it could be instead.
 //!
-//! Both are simulated over a set of profiles; the rival may refit itself to the other's prediction, as far as the recordings
-//! at hand let it (T-criterion, Atkinson and Fedorov 1975, linearised). The profile with the most separation for its time wins.
+//! Both are simulated over every test that the bench can run; a rival may refit itself to the prediction, as far as the
+//! recordings at hand let it (T-criterion, Atkinson and Fedorov 1975, linearised). What a test would bring counts as it will
+//! be judged: against the lack that the verdict asks for once the test's own samples are there. The test that brings all
+//! rivals furthest wins, the shortest of those that settle it.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::diagnosis::NextTest;
 use super::problem::Structure;
-use super::select::{Bench, Node};
+use super::select::{Bench, Node, Worth};
+use super::trial::{Course, Reach, Trial, trials};
+use super::verdict::{ALIKE, told_apart};
 use crate::identify::Residuals;
 use crate::identify::jacobian::typical;
+use crate::profile::ProfileLimits;
 
-/// Separation that settles the matter, in standard deviations.
-const ENOUGH_SIGMA: f64 = 5.0;
-/// Samples a second of the simulated test.
-const SAMPLE_HZ: f64 = 250.0;
+/// A test is worth the bench's time where as many like it would settle a rival: twice what `--run-next` runs by itself,
+/// because tests were seen to bring about twice what is promised here.
+const WORTH_IT: f64 = 8.0;
+/// A rival is settled for certain where this many times what is asked for is promised: the noise takes a part of it.
+const AMPLE: f64 = 1.5;
+/// Rivals that a test is chosen for; there are seldom more.
+const RIVALS: usize = 3;
+/// Share of a test's cycles that is fitted or compared, not kept for reporting.
+const COMPARED: f64 = 0.75;
+/// Averaging in a bin never counts for more samples than this (`condition` says the same), and cycles are judged up to here.
+const AVERAGED: f64 = 16.0;
+const JUDGED_CYCLES: f64 = 11.0;
+/// Finest share of the range of force that a sample is believed to (`problem` says the same).
+const LINEARITY: f64 = 2e-4;
 
-enum Piece {
-    Ramp {
-        to_mm: f64,
-        duration_s: f64,
-    },
-    Hold {
-        duration_s: f64,
-    },
-    Sine {
-        mean_mm: f64,
-        amplitude_mm: f64,
-        frequency_hz: f64,
-        cycles: u32,
-    },
+/// What a test is to tell.
+pub(super) struct Question<'n> {
+    pub chosen: &'n Node,
+    /// The finding that is in question.
+    pub code: &'static str,
+    /// The set without it.
+    pub without: Rival<'n>,
+    /// What it could be instead.
+    pub rivals: Vec<Rival<'n>>,
 }
 
-struct Test {
-    name: &'static str,
-    pieces: Vec<Piece>,
+/// Something that could stand in place of a finding.
+pub(super) struct Rival<'n> {
+    pub code: &'static str,
+    pub node: &'n Node,
+    /// Gain in log-likelihood that it lacks.
+    pub lack: f64,
 }
 
-impl Test {
-    /// Time and displacement, coarser where nothing is fast.
-    fn motion(&self) -> Vec<(f64, f64)> {
-        let mut points = vec![(0.0, 0.0)];
-        let mut at_mm = 0.0;
-        for piece in &self.pieces {
-            let start_s = points.last().map_or(0.0, |p| p.0);
-            let (duration_s, step_s) = match piece {
-                Piece::Ramp { duration_s, .. } | Piece::Hold { duration_s } => {
-                    (*duration_s, (duration_s / 400.0).max(1.0 / SAMPLE_HZ))
-                }
-                Piece::Sine {
-                    frequency_hz, cycles, ..
-                } => (
-                    f64::from(*cycles) / frequency_hz,
-                    (1.0 / frequency_hz / 120.0).max(1.0 / SAMPLE_HZ),
-                ),
-            };
-            let steps = (duration_s / step_s).ceil().max(1.0);
-            for k in 1..=steps as usize {
-                let share = k as f64 / steps;
-                let x = match piece {
-                    Piece::Ramp { to_mm, .. } => at_mm + (to_mm - at_mm) * share,
-                    Piece::Hold { .. } => at_mm,
-                    Piece::Sine {
-                        mean_mm,
-                        amplitude_mm,
-                        frequency_hz,
-                        ..
-                    } => {
-                        let angle = std::f64::consts::TAU * frequency_hz * duration_s * share;
-                        mean_mm + amplitude_mm * angle.sin()
-                    }
-                };
-                points.push((start_s + duration_s * share, x));
-            }
-            at_mm = points.last().map_or(0.0, |p| p.1);
+/// What a sample is believed to.
+struct Noise {
+    force_n: f64,
+    displacement_mm: f64,
+    finest_n: f64,
+    rate_n_per_mm: f64,
+    sample_hz: f64,
+    /// Points that a recording is thinned to.
+    budget: f64,
+}
+
+impl Noise {
+    fn of(bench: &Bench<'_>) -> Noise {
+        let median =
+            |f: fn(&super::Track) -> f64| super::smoothing::median(bench.data.tracks.iter().map(f).collect());
+        let [low, high] = bench.span.displacement_mm;
+        Noise {
+            force_n: median(|t| t.noise_n),
+            displacement_mm: median(|t| t.noise_mm),
+            finest_n: LINEARITY * bench.data.force_range_n,
+            rate_n_per_mm: bench.data.force_range_n / (high - low).max(1e-9),
+            sample_hz: bench.data.tracks.iter().map(|t| t.sample_hz).fold(0.0, f64::max),
+            budget: bench.data.lengths.iter().copied().max().unwrap_or(1) as f64,
         }
-        points
     }
 
-    fn toml(&self, description: &str) -> String {
-        let mut text = format!(
-            "name = \"next-test-{}\"\ndescription = {}\ncontrol = \"displacement\"\n\n[[block]]\nrepeat = 1\n",
-            self.name,
-            toml::Value::String(description.to_owned())
-        );
-        for piece in &self.pieces {
-            text += "\n[[block.segment]]\n";
-            text += &match piece {
-                Piece::Ramp { to_mm, duration_s } => {
-                    format!("kind = \"ramp\"\nto_mm = {to_mm:.3}\nduration_s = {duration_s:.2}\n")
-                }
-                Piece::Hold { duration_s } => format!("kind = \"hold\"\nduration_s = {duration_s:.2}\n"),
-                Piece::Sine {
-                    mean_mm,
-                    amplitude_mm,
-                    frequency_hz,
-                    cycles,
-                } => format!(
-                    "kind = \"sine\"\nmean_mm = {mean_mm:.3}\namplitude_mm = {amplitude_mm:.3}\nfrequency_hz = {frequency_hz:?}\ncycles = {cycles}\n"
-                ),
+    /// Points that a course will count for.
+    fn counted(&self, course: &Course) -> f64 {
+        let samples = course.duration_s * self.sample_hz;
+        COMPARED * samples.min(self.budget * judged(course, samples > self.budget))
+    }
+
+    /// Root of the weight of every point of a course: samples that it stands for over their variance.
+    fn weights(&self, course: &Course, force_n: &DVector<f64>) -> DVector<f64> {
+        let samples = (course.duration_s * self.sample_hz).max(1.0);
+        let averaged = (samples / self.budget).clamp(1.0, AVERAGED);
+        let judged = COMPARED * judged(course, samples > self.budget);
+        let points = &course.points;
+        DVector::from_fn(points.len(), |k, _| {
+            let Some(before) = k.checked_sub(1) else {
+                return 0.0;
             };
-        }
-        text
+            let dt_s = points[k].time_s - points[before].time_s;
+            let dx = (points[k].displacement_mm - points[before].displacement_mm).abs();
+            let slope = (force_n[k] - force_n[before]).abs() / dx.max(0.5 * self.displacement_mm).max(1e-9);
+            let steep_n = slope.min(100.0 * self.rate_n_per_mm) * self.displacement_mm;
+            let variance = ((self.force_n.powi(2) + steep_n.powi(2)) / averaged).max(self.finest_n.powi(2));
+            let bins = dt_s / course.duration_s * samples.min(self.budget);
+            (judged * bins / variance).sqrt()
+        })
     }
 }
 
-/// Runnable profiles inside what the recordings covered.
-fn tests(bench: &Bench<'_>) -> Vec<Test> {
-    let [low, high] = bench.span.displacement_mm;
-    let low = low.max(0.0);
-    let travel = high - low;
-    let at = |share: f64| low + share * travel;
-    let fastest = bench.span.speed_mm_s.max(1.0);
-    let ramp = |to_mm: f64, duration_s: f64| Piece::Ramp {
-        to_mm,
-        duration_s: duration_s.max(2.0 * travel / fastest),
-    };
-    let sine = |mean: f64, amplitude: f64, frequency_hz: f64, cycles: u32| {
-        let amplitude_mm = (amplitude * travel).min(0.9 * fastest / (std::f64::consts::TAU * frequency_hz));
-        vec![
-            ramp(at(mean), 5.0),
-            Piece::Sine {
-                mean_mm: at(mean),
-                amplitude_mm,
-                frequency_hz,
-                cycles,
-            },
-            ramp(at(0.02), 5.0),
-        ]
-    };
-    let nests = |mean: f64| {
-        let mut pieces = vec![ramp(at(mean), 5.0)];
-        for size in [0.2, 0.5, 1.0, 2.0, 4.0] {
-            let size: f64 = f64::min(size, 0.3 * travel);
-            for _ in 0..2 {
-                pieces.push(ramp(at(mean) - size, (2.0 * size).max(0.5)));
-                pieces.push(ramp(at(mean), (2.0 * size).max(0.5)));
-            }
-        }
-        pieces.push(ramp(at(0.02), 5.0));
-        pieces
-    };
-    let up_and_down = |duration_s: f64| vec![ramp(at(0.98), duration_s), ramp(at(0.02), duration_s)];
-    vec![
-        Test {
-            name: "ramp-2-s",
-            pieces: up_and_down(2.0),
-        },
-        Test {
-            name: "ramp-20-s",
-            pieces: up_and_down(20.0),
-        },
-        Test {
-            name: "ramp-120-s",
-            pieces: up_and_down(60.0),
-        },
-        Test {
-            name: "two-holds",
-            pieces: vec![
-                ramp(at(0.9), 5.0),
-                Piece::Hold { duration_s: 60.0 },
-                ramp(at(0.3), 5.0),
-                Piece::Hold { duration_s: 60.0 },
-                ramp(at(0.02), 5.0),
-            ],
-        },
-        Test {
-            name: "nests-high",
-            pieces: nests(0.85),
-        },
-        Test {
-            name: "nests-low",
-            pieces: nests(0.35),
-        },
-        Test {
-            name: "sine-slow",
-            pieces: sine(0.5, 0.4, 0.1, 4),
-        },
-        Test {
-            name: "sine-low-load",
-            pieces: sine(0.25, 0.2, 1.0, 12),
-        },
-        Test {
-            name: "sine-high-load",
-            pieces: sine(0.8, 0.15, 1.0, 12),
-        },
-        Test {
-            name: "sine-5-hz",
-            pieces: sine(0.5, 0.15, 5.0, 40),
-        },
-        Test {
-            name: "sine-8-hz",
-            pieces: sine(0.5, 0.1, 8.0, 60),
-        },
-        Test {
-            name: "sine-60-cycles",
-            pieces: sine(0.5, 0.3, 1.0, 60),
-        },
-    ]
+/// Share of the cycles that is judged: of many, a few are picked.
+fn judged(course: &Course, thinned: bool) -> f64 {
+    if thinned {
+        (JUDGED_CYCLES / course.cycles).min(1.0)
+    } else {
+        1.0
+    }
 }
 
-/// The most telling profile between the set chosen and a rival; `None` where none tells enough.
-pub(super) fn propose(
+/// A structure over a course.
+fn forces(
     bench: &Bench<'_>,
-    chosen: &Node,
-    rival: &Node,
-    names: (&str, &str),
-) -> Option<NextTest> {
-    let ours = Structure::new(bench.setup, bench.data, chosen.attached.clone());
-    let theirs = Structure::new(bench.setup, bench.data, rival.attached.clone());
-    let (known, scale) = theirs.sensitivities(&rival.values, &theirs.fitted(&rival.values)?);
-    let prior = known.tr_mul(&known);
-    let noise_n = {
-        let weights: Vec<f64> = bench.data.weight.iter().copied().filter(|w| *w > 0.0).collect();
-        1.0 / super::smoothing::median(weights).max(1e-12)
-    };
-    let tests = tests(bench);
-    let scored = bench.side_by_side(&tests, |test| {
-        let motion = test.motion();
-        let run = |structure: &Structure<'_>, values: &[f64]| -> Option<DVector<f64>> {
-            let own = &values[..values.len() - 1];
-            let mut plant = super::baseline::build(bench.setup, &structure.attached, own, 0.0).ok()?;
-            let mut before_s = 0.0;
-            Some(DVector::from_iterator(
-                motion.len(),
-                motion.iter().map(|&(t, x)| {
-                    let force_n = plant.step(x, t - before_s);
-                    before_s = t;
-                    force_n / noise_n
-                }),
-            ))
+    structure: &Structure<'_>,
+    values: &[f64],
+    course: &Course,
+) -> Option<DVector<f64>> {
+    let (zero_n, own) = values.split_last()?;
+    let mut plant = super::baseline::build(bench.setup, &structure.attached, own, *zero_n).ok()?;
+    let mut before_s = 0.0;
+    let force_n = course.points.iter().map(|p| {
+        plant.told(&p.motion);
+        let force_n = plant.step(p.displacement_mm, p.time_s - before_s);
+        before_s = p.time_s;
+        force_n
+    });
+    let force_n = DVector::from_iterator(course.points.len(), force_n);
+    force_n.iter().all(|f| f.is_finite()).then_some(force_n)
+}
+
+/// A rival with what the recordings say of its parameters.
+struct Opponent<'a, 'n> {
+    rival: &'n Rival<'n>,
+    structure: Structure<'a>,
+    /// Sensitivities of the recordings, and the move of each parameter that they are for.
+    known: DMatrix<f64>,
+    scale: Vec<f64>,
+}
+
+impl<'a, 'n> Opponent<'a, 'n> {
+    fn new(bench: &Bench<'a>, rival: &'n Rival<'n>) -> Option<Self> {
+        let structure = Structure::new(bench.setup, bench.data, rival.node.attached.clone());
+        let fitted = structure.fitted(&rival.node.values)?;
+        let (known, scale) = structure.sensitivities(&rival.node.values, &fitted);
+        Some(Opponent {
+            rival,
+            structure,
+            known,
+            scale,
+        })
+    }
+
+    /// Sum of squares that is left between `truth` and this over a course, after a refit to it and to all that is known.
+    fn left(
+        &self,
+        bench: &Bench<'_>,
+        course: &Course,
+        truth: &DVector<f64>,
+        weights: &DVector<f64>,
+    ) -> Option<f64> {
+        let values = &self.rival.node.values;
+        let run = |values: &[f64]| {
+            let force_n = forces(bench, &self.structure, values, course)?;
+            Some(force_n.component_mul(weights))
         };
-        let (a, b) = (run(&ours, &chosen.values)?, run(&theirs, &rival.values)?);
-        let mut jacobian = DMatrix::zeros(motion.len(), rival.values.len());
-        for (n, p) in theirs
-            .parameters()
-            .iter()
-            .enumerate()
-            .take(rival.values.len() - 1)
-        {
-            let size = typical(rival.values[n], p.belief, p.bounds);
-            let mut moved = rival.values.clone();
+        let here = run(values)?;
+        let mut jacobian = DMatrix::zeros(course.points.len(), values.len());
+        for (n, p) in self.structure.parameters().iter().enumerate() {
+            let size = typical(values[n], p.belief, p.bounds);
+            let mut moved = values.clone();
             let step = if moved[n] + 1e-4 * size <= p.bounds[1] {
                 1e-4
             } else {
                 -1e-4
             };
             moved[n] += step * size;
-            let column = (run(&theirs, &moved)? - &b) * (scale[n] / (step * size));
-            jacobian.set_column(n, &column);
+            jacobian.set_column(n, &((run(&moved)? - &here) * (self.scale[n] / (step * size))));
         }
-        let difference = a - b;
-        let mut normal = jacobian.tr_mul(&jacobian) + &prior;
+        let difference = truth.component_mul(weights) - here;
+        let mut normal = jacobian.tr_mul(&jacobian) + self.known.tr_mul(&self.known);
         for i in 0..normal.nrows() {
             normal[(i, i)] = normal[(i, i)] * (1.0 + 1e-9) + 1e-9;
         }
         let moves = normal.cholesky()?.solve(&jacobian.tr_mul(&difference));
-        let left = (&difference - &jacobian * &moves).norm_squared() + (&known * &moves).norm_squared();
-        let duration_s = motion.last().map_or(0.0, |p| p.0);
-        Some((left.sqrt(), duration_s))
-    });
-    let (test, (separation_sigma, duration_s)) = tests
-        .iter()
-        .zip(scored)
-        .filter_map(|(test, score)| Some((test, score?)))
-        .filter(|(_, (sigma, _))| *sigma >= ENOUGH_SIGMA * bench_correlation(chosen, bench))
-        .max_by(|(_, a), (_, b)| (a.0 / a.1.max(10.0).sqrt()).total_cmp(&(b.0 / b.1.max(10.0).sqrt())))?;
-    let why = format!(
-        "over this profile {} and {} differ by {separation_sigma:.0} times the noise, after {} has been refitted to all that is known",
-        names.0, names.1, names.1
-    );
-    Some(NextTest {
-        profile_toml: test.toml(&format!("Tells {} from {}.", names.0, names.1)),
-        why,
-        separation_sigma,
-        duration_s,
-    })
-}
-
-/// Root of the correlation time: correlated samples count for less.
-fn bench_correlation(node: &Node, bench: &Bench<'_>) -> f64 {
-    let worth = super::select::Worth::of(bench.data, &node.residuals);
-    (worth.spread * worth.correlation).sqrt()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn motion_and_file_say_the_same() {
-        let test = Test {
-            name: "example",
-            pieces: vec![
-                Piece::Ramp {
-                    to_mm: 5.0,
-                    duration_s: 10.0,
-                },
-                Piece::Hold { duration_s: 2.0 },
-                Piece::Sine {
-                    mean_mm: 5.0,
-                    amplitude_mm: 2.0,
-                    frequency_hz: 1.0,
-                    cycles: 3,
-                },
-            ],
-        };
-        let motion = test.motion();
-        assert_eq!(motion.last().map(|p| (p.0 * 1e6).round()), Some(15e6));
-        assert!(motion.windows(2).all(|w| w[1].0 > w[0].0));
-        let top = motion.iter().map(|p| p.1).fold(0.0, f64::max);
-        // 120 points a cycle: the peak is met to 2 (1 - cos(1.5 deg)).
-        assert!((top - 7.0).abs() < 1e-3, "{top}");
-        let file: toml::Table = test.toml("Tells \"a\" from b.").parse().expect("valid TOML");
-        assert_eq!(file["control"].as_str(), Some("displacement"));
-        let segments = file["block"][0]["segment"].as_array().expect("segments");
-        assert_eq!(segments.len(), 3);
-        assert_eq!(segments[2]["cycles"].as_integer(), Some(3));
+        Some((&difference - &jacobian * &moves).norm_squared() + (&self.known * &moves).norm_squared())
     }
+}
+
+/// What a test would bring.
+struct Promise {
+    /// Mean over the rivals of how near each comes to being settled.
+    score: f64,
+    /// Largest gain against one of those that it is worth running for, and which.
+    gain: f64,
+    against: usize,
+    duration_s: f64,
+}
+
+/// The most telling test between the set chosen and its rivals; `None` where none tells enough.
+pub(super) fn propose(bench: &Bench<'_>, question: &Question<'_>) -> Option<NextTest> {
+    let (chosen, name) = (question.chosen, question.code);
+    let ours = Structure::new(bench.setup, bench.data, chosen.attached.clone());
+    let opponents: Vec<Opponent<'_, '_>> = question
+        .rivals
+        .iter()
+        .take(RIVALS)
+        .filter_map(|rival| Opponent::new(bench, rival))
+        .collect();
+    let without = Opponent::new(bench, &question.without)?;
+    let (noise, worth) = (Noise::of(bench), Worth::of(bench.data, &chosen.residuals));
+    let reach = Reach::new(
+        bench.span.displacement_mm,
+        bench.span.speed_mm_s,
+        noise.sample_hz,
+        bench.limits.as_ref(),
+    );
+    let trials = trials(&reach);
+    let judge = |trial: &Trial| {
+        let course = trial.course(&reach, bench.limits.as_ref())?;
+        let truth = forces(bench, &ours, &chosen.values, &course)?;
+        let allowed = |l: &ProfileLimits| truth.iter().all(|f| (l.force_min_n..=l.force_max_n).contains(f));
+        if !bench.limits.as_ref().is_none_or(allowed) {
+            return None;
+        }
+        let weights = noise.weights(&course, &truth);
+        let gain = |o: &Opponent<'_, '_>| Some(worth.gain(o.left(bench, &course, &truth, &weights)?));
+        let counted = bench.data.counted() as f64 + noise.counted(&course);
+        let alike = worth.gain(ALIKE * worth.spread * counted);
+        // More of the effect is seen too, and with it more asked of what could stand in its place.
+        let loss = question.without.lack + gain(&without)?;
+        let mut each: Vec<(f64, f64, bool)> = Vec::with_capacity(opponents.len());
+        for o in &opponents {
+            let (gain, lack) = (gain(o)?, o.rival.lack);
+            let asked = told_apart(o.rival.node, loss, alike);
+            each.push((
+                ((lack + gain) / asked).min(AMPLE),
+                gain,
+                lack + WORTH_IT * gain >= asked,
+            ));
+        }
+        let (against, &(_, gain, _)) = each
+            .iter()
+            .enumerate()
+            .filter(|(_, (_, _, worth_it))| *worth_it)
+            .max_by(|(_, a), (_, b)| a.1.total_cmp(&b.1))?;
+        Some(Promise {
+            score: each.iter().map(|e| e.0).sum::<f64>() / each.len() as f64,
+            gain,
+            against,
+            duration_s: course.duration_s,
+        })
+    };
+    let promised: Vec<(&Trial, Promise)> = trials
+        .iter()
+        .zip(bench.side_by_side(&trials, judge))
+        .filter_map(|(trial, promise)| Some((trial, promise?)))
+        .collect();
+    // The shortest of those that settle it; where none does, the one that comes nearest.
+    let (settling, others): (Vec<_>, Vec<_>) = promised.into_iter().partition(|(_, p)| p.score >= AMPLE);
+    let (trial, promise) = if settling.is_empty() {
+        others
+            .into_iter()
+            .max_by(|(_, a), (_, b)| a.score.total_cmp(&b.score))
+    } else {
+        settling
+            .into_iter()
+            .min_by(|(_, a), (_, b)| a.duration_s.total_cmp(&b.duration_s))
+    }?;
+    let other = opponents[promise.against].rival.code;
+    let separation_sigma = (2.0 * promise.gain * worth.spread * worth.correlation).sqrt();
+    Some(NextTest {
+        profile_toml: trial.toml(&format!("Tells {name} from {other}.")),
+        why: format!(
+            "over this profile {name} and {other} differ by {separation_sigma:.0} times the noise, after {other} has been refitted to all that is known"
+        ),
+        separation_sigma,
+        duration_s: promise.duration_s,
+    })
 }

@@ -100,6 +100,11 @@ impl Data {
         }
     }
 
+    /// Samples that are fitted or compared.
+    pub fn counted(&self) -> usize {
+        self.count(Part::Fit) + self.count(Part::Select)
+    }
+
     /// Samples of one part that count.
     pub fn count(&self, part: Part) -> usize {
         self.weight

@@ -17,6 +17,7 @@ use crate::identify::Control;
 use crate::identify::confidence::correlation_time;
 use crate::identify::evaluator::Evaluator;
 use crate::identify::least_squares::{Settings, minimise};
+use crate::profile::ProfileLimits;
 
 /// Sets kept from one size to the next.
 const BEAM: usize = 3;
@@ -67,6 +68,8 @@ pub(super) struct Bench<'a> {
     pub data: &'a Data,
     pub span: Span,
     pub threads: usize,
+    /// What the bench allows a next test.
+    pub limits: Option<ProfileLimits>,
 }
 
 /// What one sample is worth.

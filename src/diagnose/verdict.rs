@@ -28,13 +28,15 @@ const NEAREST: f64 = 0.05;
 const CLOSE_GAIN: f64 = 6.0;
 const CLOSE_SHARE: f64 = 0.08;
 /// Whatever the finding brings: a mean square above the best, in units of the noise, that is told apart.
-const ALIKE: f64 = 0.04;
+pub(super) const ALIKE: f64 = 0.04;
 /// Rise of the sum of squares, in variances, at the ends of a 95 % interval.
 const RISE: f64 = 3.84;
 
 /// A finding before it is put into words.
 struct Named {
     place: usize,
+    /// Node that lacks it.
+    without: usize,
     loss: f64,
     confidence: f64,
     /// Code, node and lack of gain of what could replace it.
@@ -95,9 +97,18 @@ pub(super) fn conclude(
         alternatives = nearest(bench, &search);
     }
     let next_test = named.iter().filter(|n| !n.rivals.is_empty()).find_map(|n| {
-        let (code, node, _) = n.rivals[0];
-        let names = (after.attached[n.place].effect.code, code);
-        next_test::propose(bench, after, &search.nodes[node], names)
+        let rival = |&(code, node, lack): &(&'static str, usize, f64)| next_test::Rival {
+            code,
+            node: &search.nodes[node],
+            lack,
+        };
+        let question = next_test::Question {
+            chosen: after,
+            code: after.attached[n.place].effect.code,
+            without: rival(&("nothing", n.without, n.loss)),
+            rivals: n.rivals.iter().map(rival).collect(),
+        };
+        next_test::propose(bench, &question)
     });
     let location = locations(bench, [plain, before, after], &named, unexplained);
     let fit = errors(bench, &search, plain, nominal);
@@ -153,6 +164,27 @@ fn nearest(bench: &Bench<'_>, search: &Search) -> Vec<Alternative> {
         .collect()
 }
 
+/// Lack of gain from which a rival of a finding that brings `loss` is told apart; `alike` is [`ALIKE`] over all samples.
+/// The allowance for a form that is a little off is not made where the rival has gone as far as it can.
+pub(super) fn told_apart(rival: &Node, loss: f64, alike: f64) -> f64 {
+    if strained(rival) {
+        return CLOSE_GAIN;
+    }
+    CLOSE_GAIN.max((CLOSE_SHARE * loss).min(alike))
+}
+
+/// Is a parameter of an effect held by a bound that nobody believes in?
+fn strained(node: &Node) -> bool {
+    let named = node.attached.iter().rev().take_while(|a| !a.own);
+    let parameters = named.flat_map(|a| a.parameters.iter().rev());
+    let values = node.values.iter().rev().skip(1);
+    parameters.zip(values).any(|(p, v)| {
+        let near = 1e-3 * (p.bounds[1] - p.bounds[0]);
+        (*v > p.bounds[1] - near && p.bounds[1] > p.belief[1] + near)
+            || (*v < p.bounds[0] + near && p.bounds[0] < p.belief[0] - near)
+    })
+}
+
 /// What could stand in the place of one effect of the chosen set.
 fn rivals(bench: &Bench<'_>, search: &mut Search, place: usize) -> Named {
     let extras = bench.setup.extras.len();
@@ -169,8 +201,8 @@ fn rivals(bench: &Bench<'_>, search: &mut Search, place: usize) -> Named {
         search.nodes.extend(children);
     }
     let base = parent.key(extras);
-    let counted = bench.data.count(Part::Fit) + bench.data.count(Part::Select);
-    let alike = search.worth.gain(ALIKE * search.worth.spread * counted as f64);
+    let counted = bench.data.counted() as f64;
+    let alike = search.worth.gain(ALIKE * search.worth.spread * counted);
     let mut rivals: Vec<(&'static str, usize, f64)> = Vec::new();
     let mut doubt = 0.0;
     for (i, node) in search.nodes.iter().enumerate() {
@@ -187,13 +219,14 @@ fn rivals(bench: &Bench<'_>, search: &mut Search, place: usize) -> Named {
         }
         let lack = search.worth.gain(node.cost() - search.nodes[chosen].cost());
         doubt += (-lack / (2.0 + 0.02 * loss)).exp();
-        if lack < CLOSE_GAIN.max((CLOSE_SHARE * loss).min(alike)) {
+        if lack < told_apart(node, loss, alike) {
             rivals.push((other, i, lack));
         }
     }
     rivals.sort_by(|a, b| a.2.total_cmp(&b.2));
     Named {
         place,
+        without: minus,
         loss,
         confidence: 1.0 / (1.0 + doubt),
         rivals,

@@ -369,6 +369,7 @@ mod tests {
         let options = Options {
             points: 400,
             threads: 1,
+            limits: None,
         };
         let d = diagnose(
             &case.recordings[..2],

@@ -5,8 +5,9 @@ use rand_chacha::ChaCha8Rng;
 
 use super::hidden::{self, PHYSICS};
 use super::limit::Meter;
+use super::rig::Rig;
 use super::sensors::Sensors;
-use super::{Form, Hidden, Motion, Specimen, between, one_of};
+use super::{Family, Form, Hidden, Motion, Specimen, between, one_of};
 use crate::recording::Recording;
 
 /// Strengths in detection limits that are drawn from.
@@ -23,35 +24,6 @@ const LOOK_ALIKES: [(&str, &str); 5] = [
     ("stribeck", "relaxation"),
     ("sensor_drift", "relaxation"),
 ];
-
-/// What kind of case.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Family {
-    /// Nothing is hidden.
-    None,
-    /// Nothing is hidden and the sensors are ten times noisier.
-    NoneNoisy,
-    /// One effect of the library.
-    Single,
-    /// Two.
-    Pair,
-    /// One, on a programme of a ramp and one sine, with a look-alike.
-    Confounded,
-    /// One that no library has.
-    Outside,
-    /// One, behind a baseline tuned so that peak force and loop energy match.
-    Concealed,
-}
-
-/// Order in which a run goes through the families: 20 % none, 40 % single, 15 % pairs, 5 % confounded, 10 % each the others.
-const ROUND: [Family; 20] = {
-    use Family::{Concealed, Confounded, None, NoneNoisy, Outside, Pair, Single};
-    [
-        Single, None, Single, Pair, Outside, Single, Concealed, None, Single, Pair, Single, Confounded,
-        Single, NoneNoisy, Single, Outside, Pair, Single, None, Concealed,
-    ]
-};
 
 /// What the diagnosis is told: the baseline in contract terms is `equivalent`.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
@@ -94,6 +66,8 @@ pub struct Case {
     pub start: Start,
     /// What is measured.
     pub recordings: Vec<Recording>,
+    /// Who could be asked for more.
+    pub(super) rig: Rig,
 }
 
 impl Case {
@@ -101,7 +75,7 @@ impl Case {
     pub fn draw(seed: u64, number: u64, strength: Option<f64>) -> Case {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream(number);
-        let family = ROUND[(number % ROUND.len() as u64) as usize];
+        let family = Family::of(number);
         for _ in 0..TRIES {
             if let Some(case) = Case::of(family, seed, number, strength, &mut random) {
                 return case;
@@ -264,6 +238,10 @@ impl Draft {
             label,
             start: self.start,
             recordings,
+            rig: Rig {
+                specimen: self.specimen,
+                sensors: self.sensors,
+            },
         })
     }
 }
@@ -422,20 +400,10 @@ mod tests {
     }
 
     #[test]
-    fn a_round_has_every_family_in_its_share_and_sound_recordings() {
-        let count = |f: Family| ROUND.iter().filter(|r| **r == f).count();
-        assert_eq!(count(Family::None) + count(Family::NoneNoisy), 4);
-        assert_eq!(
-            (
-                count(Family::Single),
-                count(Family::Pair),
-                count(Family::Confounded)
-            ),
-            (8, 3, 1)
-        );
+    fn a_round_has_its_families_and_sound_recordings() {
         for number in 0..20 {
             let case = Case::draw(11, number, Some(5.0));
-            assert_eq!(case.label.family, ROUND[number as usize]);
+            assert_eq!(case.label.family, Family::of(number));
             assert_eq!(case.label.hidden.is_empty(), case.label.strength == 0.0);
             for r in &case.recordings {
                 assert!(

@@ -6,13 +6,17 @@
 //! How much of an effect is hidden is counted in detection limits, see [`limit`]. Judging an answer is left to `blind`.
 
 pub mod case;
+pub mod family;
 pub mod hidden;
 pub mod limit;
 pub mod motion;
+pub mod path;
+pub mod rig;
 pub mod sensors;
 pub mod specimen;
 
-pub use case::{Case, Family, Label, Start};
+pub use case::{Case, Label, Start};
+pub use family::Family;
 pub use hidden::{Hidden, PHYSICS};
 pub use motion::Motion;
 pub use specimen::{Form, Specimen};

@@ -1,10 +1,11 @@
-//! Motions as formulas in time: ramp with hold, sine, rounded triangle, random multi-sine; and when they are sampled.
+//! Motions as formulas in time: ramp with hold, sine, rounded triangle, random multi-sine; or as samples of any other.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use rand_chacha::ChaCha8Rng;
 
 use super::between;
+use super::path::Path;
 
 /// Half step of the differences that give speed and acceleration, s.
 const DIFFERENCE_S: f64 = 2e-4;
@@ -54,13 +55,15 @@ pub enum Motion {
         /// Length after the approach.
         duration_s: f64,
     },
+    /// By samples.
+    Path(Path),
 }
 
 impl Motion {
     /// Time taken to go from zero to the motion's start.
     pub fn approach_s(&self) -> f64 {
         match *self {
-            Motion::Ramp { .. } => 0.0,
+            Motion::Ramp { .. } | Motion::Path(_) => 0.0,
             Motion::Sine { frequency_hz, .. } | Motion::Triangle { frequency_hz, .. } => 0.5 / frequency_hz,
             Motion::MultiSine { .. } => 1.0,
         }
@@ -78,6 +81,7 @@ impl Motion {
                     frequency_hz, cycles, ..
                 } => cycles / frequency_hz,
                 Motion::MultiSine { duration_s, .. } => duration_s,
+                Motion::Path(ref path) => path.duration_s(),
             }
     }
 
@@ -85,6 +89,7 @@ impl Motion {
     pub fn branches(&self) -> f64 {
         match *self {
             Motion::Ramp { .. } => 2.0,
+            Motion::Path(ref path) => 1.0 + path.turns() as f64,
             Motion::Sine { cycles, .. } | Motion::Triangle { cycles, .. } => 2.0 * cycles,
             Motion::MultiSine {
                 ref lines,
@@ -153,6 +158,7 @@ impl Motion {
                     .sum();
                 approached(mean_mm) + sum * smooth(after)
             }
+            Motion::Path(ref path) => path.at_mm(t),
         }
     }
 

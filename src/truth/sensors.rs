@@ -66,6 +66,8 @@ impl Sensors {
         let duration_s = motion.duration_s();
         let rate_hz = match motion {
             Motion::Ramp { .. } => self.rate_hz.min((WANTED_SAMPLES / duration_s).max(20.0)),
+            // Fast and slow parts in one file, at most as many samples as a bench of 1 kHz takes.
+            Motion::Path(_) => self.rate_hz.min(1000.0),
             _ => self.rate_hz,
         };
         let count = (duration_s * rate_hz) as usize;

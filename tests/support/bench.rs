@@ -102,9 +102,8 @@ pub fn sine(name: &str, stroke_mm: f64, frequency_hz: f64, cycles: u32) -> Strin
 }
 
 /// rms(measured - twin) / (max - min of measured force) over the run's own samples.
-pub fn twin_nrmse(memory: &Memory) -> f64 {
-    let pairs: Vec<(f64, f64)> = memory
-        .samples
+pub fn twin_nrmse(samples: &[Sample]) -> f64 {
+    let pairs: Vec<(f64, f64)> = samples
         .iter()
         .filter(|s| s.segment > 0)
         .filter_map(|s| Some((s.force_n, s.twin_force_n?)))

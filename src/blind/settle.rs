@@ -1,0 +1,139 @@
+//! What `diagnose --run-next` does, on a sealed case: the test that the diagnosis asks for is played on the case's own
+//! specimen and sensors, its recording is added, and the diagnosis judges again.
+
+use std::time::Instant;
+
+use super::{Answer, examine};
+use crate::diagnose::Diagnosis;
+use crate::profile::{Player, Profile, ProfileLimits};
+use crate::truth::{Case, Family};
+
+/// Tests that are played at most, as many as `--rounds` allows where nothing is said.
+pub const ROUNDS: usize = 4;
+/// The bench's commands a second.
+const COMMANDS_HZ: f64 = 1000.0;
+
+/// How the rounds of a case ended.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Settling {
+    /// Names of the profiles played.
+    pub tests: Vec<String>,
+    /// Effects named, or those it could be instead, after each test.
+    pub path: Vec<String>,
+    /// The last answer; none where the recordings were refused.
+    pub answer: Option<Answer>,
+    /// Why no further test was played.
+    pub ended: String,
+    /// Time of all rounds on one core.
+    pub seconds: f64,
+}
+
+/// Whether there is something to settle: a case with a look-alike where something is named, and not the truth alone.
+pub fn is_open(case: &Case, first: &Answer) -> bool {
+    let truth: Vec<&str> = case.label.hidden.iter().map(|h| h.code).collect();
+    let nothing_claimed = first.word() == "none";
+    case.label.family == Family::Confounded && !nothing_claimed && !first.is_just(&truth)
+}
+
+/// What the bench allows a test: as fast as the shipped mock bench, and a quarter beyond what was recorded.
+pub fn limits(case: &Case) -> ProfileLimits {
+    let [top_mm, top_n] = case.label.top;
+    ProfileLimits {
+        force_min_n: -200.0,
+        force_max_n: 1.5 * top_n,
+        displacement_min_mm: -1.0,
+        displacement_max_mm: 1.25 * top_mm,
+        velocity_max_mm_s: 150.0,
+        acceleration_max_mm_s2: 3000.0,
+    }
+}
+
+/// Plays the rounds that follow a first diagnosis.
+pub fn settle(case: &Case, first: Diagnosis) -> Settling {
+    let begun = Instant::now();
+    let mut recordings = case.recordings.clone();
+    let mut diagnosis = first;
+    let mut settling = Settling {
+        tests: Vec::new(),
+        path: vec![Answer::of(&diagnosis).in_words()],
+        answer: None,
+        ended: String::new(),
+        seconds: 0.0,
+    };
+    settling.ended = loop {
+        if let Some(why) = diagnosis.settled() {
+            break why.to_owned();
+        }
+        let next = match diagnosis.next() {
+            Err(why) => break why.to_owned(),
+            Ok(_) if settling.tests.len() == ROUNDS => break format!("{ROUNDS} tests were run"),
+            Ok(next) => &next.profile_toml,
+        };
+        let (name, points) = match motion(next) {
+            Err(why) => break why,
+            Ok(motion) => motion,
+        };
+        settling.tests.push(name);
+        recordings.push(case.play(&points, settling.tests.len() as u32));
+        diagnosis = match examine(case, &recordings, 1) {
+            Ok(diagnosis) => diagnosis,
+            Err(refused) => {
+                settling.seconds = begun.elapsed().as_secs_f64();
+                settling.ended = refused.to_string();
+                return settling;
+            }
+        };
+        settling.path.push(Answer::of(&diagnosis).in_words());
+    };
+    settling.answer = Some(Answer::of(&diagnosis));
+    settling.seconds = begun.elapsed().as_secs_f64();
+    settling
+}
+
+/// Name of a profile, and what a bench at rest at zero is told to do: time in s, displacement in mm.
+fn motion(profile_toml: &str) -> Result<(String, Vec<[f64; 2]>), String> {
+    let play = || {
+        let profile = Profile::from_toml(profile_toml, "next-test.toml")?;
+        let mut player = Player::new(&profile, 0.0, COMMANDS_HZ)?;
+        let mut points = vec![[0.0, 0.0]];
+        while let Some(slot) = player.next() {
+            points.push([points.len() as f64 / COMMANDS_HZ, slot.command.value()]);
+        }
+        Ok((profile.name, points))
+    };
+    play().map_err(|e: crate::profile::ProfileError| format!("the bench will not run the next test: {e}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_profile_becomes_the_motion_that_the_bench_would_make() {
+        let text = "name = \"up\"\ncontrol = \"displacement\"\n[[block]]\n[[block.segment]]\nkind = \"ramp\"\nto_mm = 4.0\nduration_s = 2.0\n";
+        let (name, points) = motion(text).expect("a profile");
+        assert_eq!((name.as_str(), points.len()), ("up", 2001));
+        assert_eq!((points[0], points[2000]), ([0.0, 0.0], [2.0, 4.0]));
+        assert!((points[1000][1] - 2.0).abs() < 1e-9);
+        assert!(motion("name = 3").is_err());
+    }
+
+    #[test]
+    fn only_what_is_claimed_and_not_just_the_truth_is_open() {
+        let case = Case::draw(1, 11, Some(5.0));
+        assert_eq!(case.label.family, Family::Confounded);
+        let code = case.label.hidden[0].code;
+        let answer = |named: &[&str], others: &[&str]| {
+            super::super::score::tests::mark(&["inertia"], named, others)
+                .answer
+                .expect("answered")
+        };
+        assert!(!is_open(&case, &answer(&[code], &[])), "settled from the start");
+        assert!(!is_open(&case, &answer(&[], &[])), "nothing is claimed");
+        assert!(is_open(&case, &answer(&[code], &["backlash"])));
+        assert!(
+            is_open(&case, &answer(&["backlash"], &[])),
+            "wrong and sure of it"
+        );
+    }
+}

@@ -1,0 +1,124 @@
+//! The whole chain as processes in real time: a daemon whose rig conceals an effect, runs, export, `diagnose`, and a
+//! daemon whose twin is the improved model, beside the same rig.
+
+#[expect(dead_code, reason = "each test takes its part")]
+mod support;
+#[path = "support/bench.rs"]
+#[expect(dead_code, reason = "each test takes its part")]
+mod virtual_rig;
+
+use std::path::{Path, PathBuf};
+
+use leafbench::config::Bench;
+use leafbench::recording::Sample;
+use leafbench::recording::run_file::{EXTENSION, RunFile};
+use support::{Daemon, config, json, run};
+use virtual_rig::{concealing, twin_nrmse};
+
+/// A shared machine may stop the daemon for longer than any bench bears; then once more.
+const ATTEMPTS: usize = 10;
+const SLOW: &str = "static-ramp-12s";
+const QUICK: &str = "sine-6mm-2.5hz-10";
+
+fn text(path: &Path) -> &str {
+    path.to_str().expect("UTF-8")
+}
+
+/// A daemon on `bench`, in a folder of its own.
+fn daemon(folder: &Path, bench: &Bench) -> Daemon {
+    std::fs::create_dir_all(folder).expect("scratch folder is writable");
+    let file = folder.join("bench.toml");
+    std::fs::write(&file, bench.to_toml()).expect("scratch folder is writable");
+    let profiles = config("profiles");
+    Daemon::ready(
+        &folder.join("data"),
+        &["--bench", text(&file), "--profiles", text(&profiles)],
+    )
+}
+
+/// Runs a profile to its end; the run's id and samples. A run that the machine disturbed is repeated.
+fn measured(daemon: &Daemon, profile: &str) -> (String, Vec<Sample>) {
+    for _ in 0..ATTEMPTS {
+        let (ended, code) = json(&daemon.data, &["run", profile]);
+        let id = ended["run_id"].as_str().unwrap_or_else(|| panic!("{ended}"));
+        let file =
+            RunFile::open(&daemon.data.join(format!("{id}.{EXTENSION}"))).expect("the run's file opens");
+        daemon.back_to_ready();
+        if code == 0 {
+            return (id.to_owned(), file.samples().collect());
+        }
+        eprintln!(
+            "{profile} again: {}",
+            file.outcome().expect("the run ended").cause
+        );
+    }
+    panic!("{profile} was disturbed {ATTEMPTS} times");
+}
+
+fn exported(daemon: &Daemon, run_id: &str, folder: &Path) -> PathBuf {
+    let (written, code) = json(&daemon.data, &["export", run_id, "--out", text(folder)]);
+    assert_eq!(code, 0, "{written}");
+    PathBuf::from(written["csv"].as_str().expect("a path"))
+}
+
+#[test]
+fn a_daemon_s_runs_are_diagnosed_and_the_improved_twin_follows_the_rig() {
+    let folder = tempfile::tempdir().expect("a folder");
+    // A helper leaf that takes up contact within the sine's travel; the daemon's model knows nothing of it.
+    let mut bench = concealing(
+        "progressive_stiffness",
+        &[
+            ("extra_rate_n_per_mm", 15.0),
+            ("knee_mm", 18.0),
+            ("width_mm", 0.5),
+        ],
+    );
+    (
+        bench.link.queue_lead_ms,
+        bench.link.silence_ms,
+        bench.limits.lease_ms,
+    ) = (200, 200, 200);
+    let before = {
+        let daemon = daemon(&folder.path().join("before"), &bench);
+        let (slow, _) = measured(&daemon, SLOW);
+        let (quick, samples) = measured(&daemon, QUICK);
+        for id in [&slow, &quick] {
+            exported(&daemon, id, &folder.path().join("loops"));
+        }
+        let loops = |id: &str| folder.path().join("loops").join(format!("{id}.csv"));
+        let bench_file = folder.path().join("before/bench.toml");
+        let ran = run(&[
+            "diagnose",
+            "--bench",
+            text(&bench_file),
+            "--out",
+            text(&folder.path().join("out")),
+            text(&loops(&slow)),
+            text(&loops(&quick)),
+        ]);
+        println!("{}", String::from_utf8_lossy(&ran.stdout));
+        assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+        twin_nrmse(&samples)
+    };
+    let read = |name: &str| std::fs::read_to_string(folder.path().join("out").join(name)).expect("written");
+    let diagnosis: serde_json::Value = serde_json::from_str(&read("diagnosis.json")).expect("JSON");
+    let codes: Vec<&str> = (diagnosis["effects"].as_array().expect("a list").iter())
+        .filter_map(|e| e["code"].as_str())
+        .collect();
+    assert!(codes.contains(&"progressive_stiffness"), "{codes:?}");
+
+    // The rig stays what it is; only the daemon's twin learns.
+    let improved = Bench::load(&folder.path().join("out/improved.toml")).expect("runs as it is");
+    let taught = Bench {
+        specimen: bench.specimen,
+        ..improved
+    };
+    let daemon = daemon(&folder.path().join("after"), &taught);
+    let after = twin_nrmse(&measured(&daemon, QUICK).1);
+    println!(
+        "twin's error over {QUICK}: {:.3} % before, {:.3} % after",
+        100.0 * before,
+        100.0 * after
+    );
+    assert!(after < 0.5 * before, "{before} {after}");
+}
