@@ -239,6 +239,9 @@ pub(super) fn propose(
             .enumerate()
             .take(rival.values.len() - 1)
         {
+            if bench.setup.surrogate.as_ref().is_some_and(|s| s.holds(n)) {
+                continue;
+            }
             let size = typical(rival.values[n], p.belief, p.bounds);
             let mut moved = rival.values.clone();
             let step = if moved[n] + 1e-4 * size <= p.bounds[1] {

@@ -128,7 +128,8 @@ impl<'a> Bench<'a> {
             iterations: 25,
             cost_tolerance: 1e-3,
             step_tolerance: 1e-4,
-            screened: 24,
+            // Between its expansions a surrogate is no guide.
+            screened: if self.setup.surrogate.is_some() { 0 } else { 24 },
             starts: 3,
             ..Settings::default()
         };
@@ -317,7 +318,7 @@ fn least(nodes: &[Node], cost: impl Fn(&Node) -> f64) -> usize {
 }
 
 /// The set with the largest gain less its price, then whatever can be spared leaves it.
-fn choose(bench: &Bench<'_>, nodes: &mut Vec<Node>, worth: Worth) -> usize {
+pub(super) fn choose(bench: &Bench<'_>, nodes: &mut Vec<Node>, worth: Worth) -> usize {
     let extras = bench.setup.extras.len();
     let price = |node: &Node| PRICE * (node.attached.len() - extras) as f64;
     let counted = (bench.data.count(Part::Fit) + bench.data.count(Part::Select)) as f64;

@@ -6,9 +6,10 @@ use super::next_test;
 use super::problem::Structure;
 use super::residual;
 use super::select::{Bench, Node, Search, without};
+use super::surrogate;
 use super::tables::{baseline_parameters, candidates, curves, errors, not_testable, offset, values_of};
 use crate::identify::Residuals;
-use crate::identify::confidence::{Confidence, confidence};
+use crate::identify::confidence::{Confidence, Warning, confidence};
 use crate::identify::evaluator::Evaluator;
 
 /// Left by everything that was tried, and found again by the bank on other cycles: in mean square of the noise, as a share
@@ -163,6 +164,7 @@ fn rivals(bench: &Bench<'_>, search: &mut Search, place: usize) -> Named {
     if let Some((settled, tangent)) = bench.settled(&parent) {
         let children = bench.children(&settled, &tangent, &seen, 8);
         search.nodes.extend(children);
+        surrogate::refit_rivals(bench, search, &parent.key(extras));
     }
     let base = parent.key(extras);
     let counted = bench.data.count(Part::Fit) + bench.data.count(Part::Select);
@@ -216,12 +218,19 @@ fn intervals(bench: &Bench<'_>, node: &Node) -> Confidence {
 fn alarms(bench: &Bench<'_>, node: &Node, confidence: &Confidence) -> Vec<String> {
     let own = bench.setup.model.parameters.len();
     let names: Vec<&str> = bench.setup.model.parameters.iter().map(|p| p.name).collect();
+    // Held parameters are no finding of the fit; what they are is said below.
+    let held = |warning: &Warning| {
+        let of = |name: &str| bench.setup.surrogate.as_ref().zip(names.iter().position(|n| *n == name));
+        matches!(warning, Warning::NotIdentifiable { names, .. } if names.iter().any(|n| of(n).is_some_and(|(s, k)| s.holds(k))))
+    };
     let mut alarms: Vec<String> = confidence
         .warnings
         .iter()
+        .filter(|w| !held(w))
         .map(ToString::to_string)
         .filter(|text| names.iter().any(|n| text.contains(n)))
         .collect();
+    alarms.extend(bench.setup.surrogate.iter().flat_map(|s| s.remarks()));
     let zero_n = node.values[node.values.len() - 1];
     if zero_n.abs() > 4.0 * bench.data.zero_sigma_n {
         alarms.push(format!(
