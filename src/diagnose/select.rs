@@ -32,6 +32,8 @@ const SHARE: f64 = 5e-4;
 const LEFTOVER: f64 = 0.4;
 /// Mean square that an effect must take away, in units of the noise: a seventh of the noise in RMS is no finding.
 const MATERIAL: f64 = 0.005;
+/// The same for a model with steps of its own: what those leave out repeats in every cycle and averages out in none.
+const MATERIAL_SLOW: f64 = 0.2;
 
 /// Codes of a set of effects, sorted.
 pub(super) type Key = Vec<&'static str>;
@@ -338,7 +340,12 @@ pub(super) fn choose(bench: &Bench<'_>, nodes: &mut Vec<Node>, worth: Worth) -> 
                 }
             }
             let loss = worth.gain(nodes[i].cost() - nodes[chosen].cost());
-            let material = worth.gain(MATERIAL * worth.spread * counted);
+            let least = if bench.setup.surrogate.is_some() {
+                MATERIAL_SLOW
+            } else {
+                MATERIAL
+            };
+            let material = worth.gain(least * worth.spread * counted);
             let leftover = worth.gain(LEFTOVER * (nodes[i].cost() - counted).max(0.0));
             let needed = PRICE.max(SHARE * total).max(material).max(leftover);
             let held_out = worth.gain(nodes[i].select - nodes[chosen].select);

@@ -14,10 +14,10 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::condition::{Part, Track};
-use super::problem::Data;
 use super::baseline::Setup;
+use super::condition::{Part, Track};
 use super::fit::polish;
+use super::problem::Data;
 use super::score::Tangent;
 use super::select::{Bench, Key, Node, Search, Worth, choose, without};
 use crate::effect::Span;
@@ -103,7 +103,11 @@ impl Surrogate {
             if self.held[i].is_none() {
                 let step = STEP * believed(p);
                 let mut moved = values.to_vec();
-                moved[i] += if moved[i] + step <= p.bounds[1] { step } else { -step };
+                moved[i] += if moved[i] + step <= p.bounds[1] {
+                    step
+                } else {
+                    -step
+                };
                 points.push(moved);
             }
         }
@@ -151,7 +155,9 @@ impl Surrogate {
             .iter()
             .map(|m| {
                 let free = (0..m.len()).filter(|&i| self.held[i].is_none());
-                let square = free.map(|i| (m[i] / believed(&self.parameters[i])).powi(2)).sum::<f64>();
+                let square = free
+                    .map(|i| (m[i] / believed(&self.parameters[i])).powi(2))
+                    .sum::<f64>();
                 1.0 / (square + 1e-12)
             })
             .collect();
@@ -314,7 +320,11 @@ fn refit(bench: &Bench<'_>, nodes: &mut [Node], which: &[usize]) {
     let fitted = bench.side_by_side(which, |&i| {
         let node = &nodes[i];
         let tangent = Tangent::new(&bench.structure(node.attached.clone()), &node.values)?;
-        polish(&bench.structure(node.attached.clone()).exact(), &tangent, node.values.clone())
+        polish(
+            &bench.structure(node.attached.clone()).exact(),
+            &tangent,
+            node.values.clone(),
+        )
     });
     for (&i, fitted) in which.iter().zip(fitted) {
         if let Some(node) = fitted {
@@ -372,7 +382,9 @@ pub(super) fn coarseness_n(bench: &Bench<'_>, values: &[f64]) -> Option<Vec<f64>
         for i in 0..track.len() {
             // The neighbours' as well: a difference that changes its sign is no better there.
             let near = i.saturating_sub(1)..(i + 2).min(track.len());
-            let step_n = near.clone().map(|k| (fine_n[from + k] - coarse_n[from + k]).abs());
+            let step_n = near
+                .clone()
+                .map(|k| (fine_n[from + k] - coarse_n[from + k]).abs());
             let steepest = near.clone().skip(1).map(|k| {
                 let dx = track.displacement_mm[k] - track.displacement_mm[k - 1];
                 let df = fine_n[from + k] - fine_n[from + k - 1];

@@ -220,7 +220,13 @@ fn alarms(bench: &Bench<'_>, node: &Node, confidence: &Confidence) -> Vec<String
     let names: Vec<&str> = bench.setup.model.parameters.iter().map(|p| p.name).collect();
     // Held parameters are no finding of the fit; what they are is said below.
     let held = |warning: &Warning| {
-        let of = |name: &str| bench.setup.surrogate.as_ref().zip(names.iter().position(|n| *n == name));
+        let of = |name: &str| {
+            bench
+                .setup
+                .surrogate
+                .as_ref()
+                .zip(names.iter().position(|n| *n == name))
+        };
         matches!(warning, Warning::NotIdentifiable { names, .. } if names.iter().any(|n| of(n).is_some_and(|(s, k)| s.holds(k))))
     };
     let mut alarms: Vec<String> = confidence
