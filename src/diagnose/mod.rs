@@ -17,6 +17,7 @@ mod select;
 mod smoothing;
 mod surrogate;
 mod tables;
+mod traced;
 mod travel;
 mod verdict;
 

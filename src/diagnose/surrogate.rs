@@ -20,9 +20,9 @@ use super::fit::polish;
 use super::problem::Data;
 use super::score::Tangent;
 use super::select::{Bench, Key, Node, Search, Worth, choose, without};
+use super::traced::{Operator, Scale, TERMS, Traced};
 use crate::effect::Span;
-use crate::effect::motion::Elements;
-use crate::model::{Motion, Parameter, Plant};
+use crate::model::{Parameter, Plant};
 
 /// Step of a slope as a share of what is believed of a parameter: far above what the model's solver leaves open.
 const STEP: f64 = 0.01;
@@ -30,11 +30,6 @@ const STEP: f64 = 0.01;
 /// followed, in units of the noise (root of the sum of squares), or by less than this share of what it does alone.
 const UNSEEN: f64 = 10.0;
 const IMITATED: f64 = 0.01;
-/// Elements of `H`, shortest and longest in mm, and powers of its polynomial; three powers make the strengths.
-const ELEMENTS: usize = 16;
-const LENGTHS_MM: [f64; 2] = [0.01, 20.0];
-const POWERS: usize = 6;
-const TERMS: usize = POWERS + 3 * ELEMENTS;
 
 /// The model at some parameters.
 #[derive(Clone)]
@@ -179,15 +174,11 @@ impl Surrogate {
     /// Steps along the recordings, in their order, told of every point.
     pub fn plant(&self, values: &[f64]) -> Box<dyn Plant> {
         let (force_n, strengths) = self.blend(values);
-        Box::new(Traced {
-            force_n: Arc::new(force_n),
-            strengths: Arc::new(strengths),
-            recorded_mm: Arc::clone(&self.recorded_mm),
-            recorded_terms: Arc::clone(&self.terms),
-            operator: Operator::new(self.scale),
-            told: 0,
-            shifted: false,
-        })
+        Box::new(Traced::new(
+            (Arc::new(force_n), Arc::new(strengths)),
+            (Arc::clone(&self.recorded_mm), Arc::clone(&self.terms)),
+            self.scale,
+        ))
     }
 
     /// What is held, and why.
@@ -432,109 +423,5 @@ fn unseen(data: &Data, slopes: &DMatrix<f64>, parameters: &[Parameter]) -> Vec<O
             let share = column.dot(&along);
             column.axpy(-share, &along, 1.0);
         }
-    }
-}
-
-/// Displacements to about -1 to 1.
-#[derive(Clone, Copy)]
-struct Scale {
-    middle_mm: f64,
-    half_mm: f64,
-}
-
-impl Scale {
-    fn of([low, high]: [f64; 2]) -> Scale {
-        Scale {
-            middle_mm: 0.5 * (low + high),
-            half_mm: (0.5 * (high - low)).max(1e-9),
-        }
-    }
-}
-
-/// The terms of `H`, with their memory.
-#[derive(Clone)]
-struct Operator {
-    elements: Elements<ELEMENTS>,
-    at_mm: f64,
-    scale: Scale,
-}
-
-impl Operator {
-    fn new(scale: Scale) -> Operator {
-        let [shortest, longest] = LENGTHS_MM;
-        let step = (longest / shortest).powf(1.0 / (ELEMENTS - 1) as f64);
-        Operator {
-            elements: Elements::new(std::array::from_fn(|k| shortest * step.powi(k as i32))),
-            at_mm: 0.0,
-            scale,
-        }
-    }
-
-    fn reset(&mut self) {
-        self.elements.reset();
-        self.at_mm = 0.0;
-    }
-
-    fn move_to(&mut self, displacement_mm: f64) {
-        self.elements.advance(displacement_mm - self.at_mm);
-        self.at_mm = displacement_mm;
-    }
-
-    fn terms(&mut self) -> [f64; TERMS] {
-        let drags = self.elements.advance(0.0);
-        let place = (self.at_mm - self.scale.middle_mm) / self.scale.half_mm;
-        let mut terms = [1.0; TERMS];
-        for k in 1..POWERS {
-            terms[k] = terms[k - 1] * place;
-        }
-        for (k, drag) in drags.iter().enumerate() {
-            for power in 0..3 {
-                terms[POWERS + power * ELEMENTS + k] = drag * terms[power];
-            }
-        }
-        terms
-    }
-}
-
-/// The surrogate as a plant. It knows where it is by how often it was told of the motion.
-#[derive(Clone)]
-struct Traced {
-    /// Force at every point as recorded.
-    force_n: Arc<DVector<f64>>,
-    strengths: Arc<DVector<f64>>,
-    recorded_mm: Arc<Vec<f64>>,
-    recorded_terms: Arc<DMatrix<f64>>,
-    operator: Operator,
-    /// Points that it was told of.
-    told: usize,
-    /// An effect has moved it elsewhere since the last reset: until then `H` cancels.
-    shifted: bool,
-}
-
-impl Plant for Traced {
-    fn reset(&mut self) {
-        self.operator.reset();
-        self.shifted = false;
-    }
-
-    fn step(&mut self, displacement_mm: f64, _dt_s: f64) -> f64 {
-        self.operator.move_to(displacement_mm);
-        let here = self.told.saturating_sub(1).min(self.force_n.len() - 1);
-        self.shifted |= displacement_mm != self.recorded_mm[here];
-        if !self.shifted {
-            return self.force_n[here];
-        }
-        let terms = self.operator.terms();
-        let recorded = self.recorded_terms.column(here);
-        let moved = terms.iter().zip(recorded.iter()).zip(self.strengths.iter());
-        self.force_n[here] + moved.map(|((t, r), s)| (t - r) * s).sum::<f64>()
-    }
-
-    fn told(&mut self, _motion: &Motion) {
-        self.told += 1;
-    }
-
-    fn boxed_clone(&self) -> Box<dyn Plant> {
-        Box::new(self.clone())
     }
 }
