@@ -89,7 +89,12 @@ pub(super) fn conclude(
         }
     }
     if unexplained {
-        alternatives = nearest(bench, &search);
+        alternatives = turn_round(bench, plain, before);
+        for other in nearest(bench, &search) {
+            if alternatives.iter().all(|a| a.code != other.code) {
+                alternatives.push(other);
+            }
+        }
     }
     let next_test = named.iter().filter(|n| !n.rivals.is_empty()).find_map(|n| {
         let (code, node, _) = n.rivals[0];
@@ -116,6 +121,35 @@ pub(super) fn conclude(
         effects,
         fit,
     }
+}
+
+/// Where freeing the form of the baseline's own friction took most of the difference away, the group that acts after a reversal
+/// is nearest, though the baseline is said to have it.
+fn turn_round(bench: &Bench<'_>, plain: &Node, freed: &Node) -> Vec<Alternative> {
+    let freed_form = plain.attached.len() < bench.setup.extras.len();
+    let Some(presliding) = crate::effect::find("presliding").ok() else {
+        return Vec::new();
+    };
+    if !freed_form || freed.select > NO_FIT_SHARE * plain.select {
+        return Vec::new();
+    }
+    let errors =
+        [plain, freed].map(|n| 100.0 * super::tables::errors_of(bench.data, &n.residuals).nrmse_heldout);
+    let why = format!(
+        "the baseline's friction, free to turn round after a reversal as the recordings ask, takes the error on cycles not fitted on from {:.2} to {:.2} %",
+        errors[0], errors[1]
+    );
+    let alternative = |code: &str, why: String, test: &str| Alternative {
+        code: code.to_owned(),
+        instead_of: "unknown".to_owned(),
+        why,
+        test: test.to_owned(),
+    };
+    let play = presliding.confusable_with.iter().find(|r| r.code == "backlash");
+    let test = play.map_or("reversals of several sizes", |r| r.test);
+    let mut group = vec![alternative("presliding", why, test)];
+    group.extend(play.map(|r| alternative(r.code, format!("not told from presliding: {}", r.why), r.test)));
+    group
 }
 
 /// Codes of the sets that come nearest where nothing explains, best set first, each with why it was refused.
