@@ -3,6 +3,7 @@
 //! Codes that are known but not built into the model are attached as effects and fitted with the baseline's own
 //! parameters; friction of `equivalent` that is not known is switched off by its structure option.
 
+use super::surrogate::Surrogate;
 use crate::effect::{self, EFFECTS, Effect, EffectError, Stage};
 use crate::model::{BuildError, Model, Parameter, Plant};
 
@@ -73,6 +74,8 @@ pub(super) struct Setup {
     pub form: Option<Attached>,
     /// What may be missing.
     pub candidates: Vec<Attached>,
+    /// Stands for the model along the recordings, where that is slow.
+    pub surrogate: Option<Surrogate>,
 }
 
 impl Setup {
@@ -129,6 +132,7 @@ impl Setup {
             extras,
             form,
             candidates,
+            surrogate: None,
         })
     }
 }
@@ -156,9 +160,19 @@ pub(super) fn build(
     values: &[f64],
     zero_n: f64,
 ) -> Result<Box<dyn Plant>, BuildError> {
-    let own = setup.model.parameters.len();
-    let plant = setup.model.plant(&values[..own], &setup.structure)?;
-    let mut at = own;
+    let (own, groups) = values.split_at(setup.model.parameters.len());
+    let plant = setup.model.plant(own, &setup.structure)?;
+    Ok(wrap(plant, attached, groups, zero_n))
+}
+
+/// Puts `attached`, one group of values each, and the zero around a plant.
+pub(super) fn wrap(
+    plant: Box<dyn Plant>,
+    attached: &[Attached],
+    values: &[f64],
+    zero_n: f64,
+) -> Box<dyn Plant> {
+    let mut at = 0;
     let mut placed: Vec<(&'static Effect, &[f64])> = Vec::with_capacity(attached.len());
     for a in attached {
         let n = a.parameters.len();
@@ -171,7 +185,7 @@ pub(super) fn build(
         list.into_iter()
             .fold(plant, |inside, (effect, values)| (effect.attach)(values, inside))
     };
-    Ok(around(effect::with_zero(zero_n, around(plant, physics)), faults))
+    around(effect::with_zero(zero_n, around(plant, physics)), faults)
 }
 
 #[cfg(test)]

@@ -274,6 +274,19 @@ pub(super) fn settle(structure: &Structure<'_>, values: Vec<f64>) -> Option<(Nod
     None
 }
 
+/// A few steps down on the structure's own model with the slopes of its surrogate.
+pub(super) fn polish(exact: &Structure<'_>, tangent: &Tangent, values: Vec<f64>) -> Option<Node> {
+    let mut descent = Descent::new(exact, values)?;
+    for _ in 0..STEPS {
+        let gradient = tangent.jacobian.tr_mul(&descent.residuals);
+        let fell = descent.step(&tangent.normal, &gradient, &tangent.scale);
+        if fell < (5.0 * SETTLED).max(1e-3 * descent.cost) {
+            break;
+        }
+    }
+    descent.node()
+}
+
 impl Node {
     /// Residuals and sums at some values.
     pub fn new(structure: &Structure<'_>, values: Vec<f64>) -> Option<Node> {

@@ -1,9 +1,9 @@
 //! Says which physics a model left out, and proves it on data that no parameter was fitted on.
 //!
 //! The steps, one file each: `condition` the recordings, `baseline` with what it is said to know, `problem` (structure against
-//! data), `score` every candidate from one simulation, `select` by a search judged on held-out cycles, `residual` (where, and
-//! what nothing explains), `next_test` among the `trial`s that the bench can run, `verdict`. Files,
-//! configs and pages are for others; `Diagnosis` has all they need.
+//! data), `surrogate` (for slow models), `score` every candidate from one simulation, `select` by a search judged on held-out
+//! cycles, `residual` (where, and what nothing explains), `next_test` among the `trial`s that the bench can run, `verdict`.
+//! Files, configs and pages are for others; `Diagnosis` has all they need.
 
 pub mod aggregates;
 mod baseline;
@@ -16,7 +16,9 @@ mod residual;
 mod score;
 mod select;
 mod smoothing;
+mod surrogate;
 mod tables;
+mod traced;
 mod travel;
 mod trial;
 mod verdict;
@@ -67,8 +69,8 @@ impl Default for Options {
     }
 }
 
-/// Points of a recording that a leaf pack is judged on.
-const LEAF_PACK_POINTS: usize = 400;
+/// Models that take a tenth of a second for all recordings: a surrogate stands for them.
+const SLOW: [&str; 1] = ["leaf-pack"];
 
 /// Diagnoses recordings of one specimen. `progress` hears the share done, 0 to 1, and the step in words.
 pub fn diagnose(
@@ -82,12 +84,7 @@ pub fn diagnose(
     }
     let mut setup = baseline::Setup::new(baseline)?;
     progress(0.0, "conditioning the recordings");
-    // A pack takes microseconds a step: fewer points, so that an answer comes within a minute.
-    let points = match setup.model.name {
-        "leaf-pack" => options.points.min(LEAF_PACK_POINTS),
-        _ => options.points,
-    };
-    let mut tracks = condition(recordings, points)?;
+    let mut tracks = condition(recordings, options.points)?;
     condition::share_out(&mut tracks);
     let mut data = problem::Data::new(tracks);
     let means = Means {
@@ -99,6 +96,10 @@ pub fn diagnose(
         limits: options.limits,
     };
     progress(0.05, "refitting the baseline");
+    let slow = SLOW.contains(&setup.model.name);
+    if slow {
+        surrogate::install(&mut setup, &data, &means).ok_or(DiagnoseError::OutOfDomain)?;
+    }
     let mut first = means
         .bench(&setup, &data)
         .baseline()
@@ -108,22 +109,29 @@ pub fn diagnose(
         .predict(&first.values, &mut model_n)
         .map_err(BaselineError::from)?;
     data.rescale(&mut first.residuals, &model_n);
+    if slow {
+        let coarse_n = surrogate::coarseness_n(&means.bench(&setup, &data), &first.values);
+        data.allow(&coarse_n.ok_or(DiagnoseError::OutOfDomain)?);
+    }
     let started = means.bench(&setup, &data);
     let nominal = started
         .structure(setup.extras.clone())
         .residuals(&started.start());
-    let (plain, _) = started.settled(&first).ok_or(DiagnoseError::OutOfDomain)?;
+    let (mut plain, _) = started.settled(&first).ok_or(DiagnoseError::OutOfDomain)?;
     // The law of the baseline's friction is a choice of its author, no physics: it is freed before anything is missed.
     let freed = setup.form.clone().and_then(|form| started.freed(&plain, form));
     if let Some(freed) = &freed {
         setup.extras.clone_from(&freed.attached);
     }
-    let bench = means.bench(&setup, &data);
     let base = freed.unwrap_or_else(|| plain.clone());
     progress(0.15, "comparing candidates");
-    let search = select::search(&bench, base, &mut |share| {
+    let mut search = select::search(&means.bench(&setup, &data), base.clone(), &mut |share| {
         progress(0.15 + 0.65 * share, "comparing candidates");
     });
+    if slow {
+        search = surrogate::confirm(&mut setup, &data, &means, (&mut plain, &base), search);
+    }
+    let bench = means.bench(&setup, &data);
     progress(0.8, "looking for look-alikes and the next test");
     let diagnosis = verdict::conclude(&bench, search, &plain, nominal);
     progress(1.0, "done");

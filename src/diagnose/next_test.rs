@@ -170,6 +170,9 @@ impl<'a, 'n> Opponent<'a, 'n> {
         let here = run(values)?;
         let mut jacobian = DMatrix::zeros(course.points.len(), values.len());
         for (n, p) in self.structure.parameters().iter().enumerate() {
+            if bench.setup.surrogate.as_ref().is_some_and(|s| s.holds(n)) {
+                continue;
+            }
             let size = typical(values[n], p.belief, p.bounds);
             let mut moved = values.clone();
             let step = if moved[n] + 1e-4 * size <= p.bounds[1] {

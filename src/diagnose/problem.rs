@@ -6,7 +6,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::baseline::{Attached, Setup, build};
+use super::baseline::{Attached, Setup, build, wrap};
 use super::condition::{Part, Track};
 use crate::identify::Residuals;
 use crate::identify::jacobian::typical;
@@ -105,6 +105,13 @@ impl Data {
         self.count(Part::Fit) + self.count(Part::Select)
     }
 
+    /// Lowers the weights by what is not the recordings' doing, N at each point.
+    pub fn allow(&mut self, off_n: &[f64]) {
+        for (weight, off_n) in self.weight.iter_mut().zip(off_n) {
+            *weight /= (1.0f64).hypot(*weight * off_n);
+        }
+    }
+
     /// Samples of one part that count.
     pub fn count(&self, part: Part) -> usize {
         self.weight
@@ -139,6 +146,8 @@ pub(super) struct Structure<'a> {
     pub data: &'a Data,
     pub attached: Vec<Attached>,
     parameters: Vec<Parameter>,
+    /// The model itself, even where a surrogate stands for it.
+    exact: bool,
 }
 
 impl<'a> Structure<'a> {
@@ -156,13 +165,26 @@ impl<'a> Structure<'a> {
             data,
             attached,
             parameters,
+            exact: false,
         }
+    }
+
+    /// The same on the model itself, even where a surrogate stands for it.
+    pub fn exact(mut self) -> Self {
+        self.exact = true;
+        self
     }
 
     /// Model force at every point of every track, in N; the zero included.
     pub fn predict(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
         let (zero_n, values) = values.split_last().expect("every structure has a zero");
-        let mut plant = build(self.setup, &self.attached, values, *zero_n)?;
+        let mut plant = match &self.setup.surrogate {
+            Some(surrogate) if !self.exact => {
+                let (own, groups) = values.split_at(self.setup.model.parameters.len());
+                wrap(surrogate.plant(own), &self.attached, groups, *zero_n)
+            }
+            _ => build(self.setup, &self.attached, values, *zero_n)?,
+        };
         let mut k = 0;
         for track in &self.data.tracks {
             plant.reset();

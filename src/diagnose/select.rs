@@ -33,6 +33,8 @@ const SHARE: f64 = 5e-4;
 const LEFTOVER: f64 = 0.4;
 /// Mean square that an effect must take away, in units of the noise: a seventh of the noise in RMS is no finding.
 const MATERIAL: f64 = 0.005;
+/// The same for a model with steps of its own: what those leave out repeats in every cycle and averages out in none.
+const MATERIAL_SLOW: f64 = 0.2;
 
 /// Codes of a set of effects, sorted.
 pub(super) type Key = Vec<&'static str>;
@@ -131,7 +133,8 @@ impl<'a> Bench<'a> {
             iterations: 25,
             cost_tolerance: 1e-3,
             step_tolerance: 1e-4,
-            screened: 24,
+            // Between its expansions a surrogate is no guide.
+            screened: if self.setup.surrogate.is_some() { 0 } else { 24 },
             starts: 3,
             ..Settings::default()
         };
@@ -325,7 +328,7 @@ fn least(nodes: &[Node], cost: impl Fn(&Node) -> f64) -> usize {
 }
 
 /// The set with the largest gain less its price, then whatever can be spared leaves it.
-fn choose(bench: &Bench<'_>, nodes: &mut Vec<Node>, worth: Worth) -> usize {
+pub(super) fn choose(bench: &Bench<'_>, nodes: &mut Vec<Node>, worth: Worth) -> usize {
     let extras = bench.setup.extras.len();
     let price = |node: &Node| PRICE * (node.attached.len() - extras) as f64;
     let counted = (bench.data.count(Part::Fit) + bench.data.count(Part::Select)) as f64;
@@ -345,7 +348,12 @@ fn choose(bench: &Bench<'_>, nodes: &mut Vec<Node>, worth: Worth) -> usize {
                 }
             }
             let loss = worth.gain(nodes[i].cost() - nodes[chosen].cost());
-            let material = worth.gain(MATERIAL * worth.spread * counted);
+            let least = if bench.setup.surrogate.is_some() {
+                MATERIAL_SLOW
+            } else {
+                MATERIAL
+            };
+            let material = worth.gain(least * worth.spread * counted);
             let leftover = worth.gain(LEFTOVER * (nodes[i].cost() - counted).max(0.0));
             let needed = PRICE.max(SHARE * total).max(material).max(leftover);
             let held_out = worth.gain(nodes[i].select - nodes[chosen].select);

@@ -7,9 +7,10 @@ use super::next_test;
 use super::problem::Structure;
 use super::residual;
 use super::select::{Bench, Node, Search, Worth, without};
+use super::surrogate;
 use super::tables::{baseline_parameters, candidates, curves, errors, not_testable, offset, values_of};
 use crate::identify::Residuals;
-use crate::identify::confidence::{Confidence, confidence};
+use crate::identify::confidence::{Confidence, Warning, confidence};
 use crate::identify::evaluator::Evaluator;
 
 /// Left by everything that was tried, and found again by the bank on other cycles: in mean square of the noise, as a share
@@ -94,7 +95,12 @@ pub(super) fn conclude(
         }
     }
     if unexplained {
-        alternatives = nearest(bench, &search);
+        alternatives = turn_round(bench, plain, before);
+        for other in nearest(bench, &search) {
+            if alternatives.iter().all(|a| a.code != other.code) {
+                alternatives.push(other);
+            }
+        }
     }
     let next_test = named.iter().filter(|n| !n.rivals.is_empty()).find_map(|n| {
         let rival = |&(code, node, lack): &(&'static str, usize, f64)| next_test::Rival {
@@ -130,6 +136,35 @@ pub(super) fn conclude(
         effects,
         fit,
     }
+}
+
+/// Where freeing the form of the baseline's own friction took most of the difference away, the group that acts after a reversal
+/// is nearest, though the baseline is said to have it.
+fn turn_round(bench: &Bench<'_>, plain: &Node, freed: &Node) -> Vec<Alternative> {
+    let freed_form = plain.attached.len() < bench.setup.extras.len();
+    let Some(presliding) = crate::effect::find("presliding").ok() else {
+        return Vec::new();
+    };
+    if !freed_form || freed.select > NO_FIT_SHARE * plain.select {
+        return Vec::new();
+    }
+    let errors =
+        [plain, freed].map(|n| 100.0 * super::tables::errors_of(bench.data, &n.residuals).nrmse_heldout);
+    let why = format!(
+        "the baseline's friction, free to turn round after a reversal as the recordings ask, takes the error on cycles not fitted on from {:.2} to {:.2} %",
+        errors[0], errors[1]
+    );
+    let alternative = |code: &str, why: String, test: &str| Alternative {
+        code: code.to_owned(),
+        instead_of: "unknown".to_owned(),
+        why,
+        test: test.to_owned(),
+    };
+    let play = presliding.confusable_with.iter().find(|r| r.code == "backlash");
+    let test = play.map_or("reversals of several sizes", |r| r.test);
+    let mut group = vec![alternative("presliding", why, test)];
+    group.extend(play.map(|r| alternative(r.code, format!("not told from presliding: {}", r.why), r.test)));
+    group
 }
 
 /// Codes of the sets that come nearest where nothing explains, best set first, each with why it was refused.
@@ -199,6 +234,7 @@ fn rivals(bench: &Bench<'_>, search: &mut Search, place: usize) -> Named {
     if let Some((settled, tangent)) = bench.settled(&parent) {
         let children = bench.children(&settled, &tangent, &seen, 8);
         search.nodes.extend(children);
+        surrogate::refit_rivals(bench, search, &parent.key(extras));
     }
     let base = parent.key(extras);
     let counted = bench.data.counted() as f64;
@@ -267,12 +303,25 @@ fn intervals(bench: &Bench<'_>, node: &Node, worth: Worth) -> Confidence {
 fn alarms(bench: &Bench<'_>, node: &Node, confidence: &Confidence) -> Vec<String> {
     let own = bench.setup.model.parameters.len();
     let names: Vec<&str> = bench.setup.model.parameters.iter().map(|p| p.name).collect();
+    // Held parameters are no finding of the fit; what they are is said below.
+    let held = |warning: &Warning| {
+        let of = |name: &str| {
+            bench
+                .setup
+                .surrogate
+                .as_ref()
+                .zip(names.iter().position(|n| *n == name))
+        };
+        matches!(warning, Warning::NotIdentifiable { names, .. } if names.iter().any(|n| of(n).is_some_and(|(s, k)| s.holds(k))))
+    };
     let mut alarms: Vec<String> = confidence
         .warnings
         .iter()
+        .filter(|w| !held(w))
         .map(ToString::to_string)
         .filter(|text| names.iter().any(|n| text.contains(n)))
         .collect();
+    alarms.extend(bench.setup.surrogate.iter().flat_map(|s| s.remarks()));
     let zero_n = node.values[node.values.len() - 1];
     if zero_n.abs() > 4.0 * bench.data.zero_sigma_n {
         alarms.push(format!(

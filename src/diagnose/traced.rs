@@ -1,0 +1,137 @@
+//! The surrogate of a slow model as a plant: the forces it was given along the recordings, and `H` beside them (see `surrogate`).
+
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::model::friction::elements::Elements;
+use crate::model::{Motion, Plant};
+
+/// Elements of `H`, shortest and longest in mm, and powers of its polynomial; three powers make the strengths.
+const ELEMENTS: usize = 16;
+const LENGTHS_MM: [f64; 2] = [0.01, 20.0];
+const POWERS: usize = 6;
+pub(super) const TERMS: usize = POWERS + 3 * ELEMENTS;
+
+/// Displacements to about -1 to 1.
+#[derive(Clone, Copy)]
+pub(super) struct Scale {
+    middle_mm: f64,
+    half_mm: f64,
+}
+
+impl Scale {
+    pub fn of([low, high]: [f64; 2]) -> Scale {
+        Scale {
+            middle_mm: 0.5 * (low + high),
+            half_mm: (0.5 * (high - low)).max(1e-9),
+        }
+    }
+}
+
+/// The terms of `H`, with their memory.
+#[derive(Clone)]
+pub(super) struct Operator {
+    elements: Elements<ELEMENTS>,
+    at_mm: f64,
+    scale: Scale,
+}
+
+impl Operator {
+    pub fn new(scale: Scale) -> Operator {
+        let [shortest, longest] = LENGTHS_MM;
+        let step = (longest / shortest).powf(1.0 / (ELEMENTS - 1) as f64);
+        Operator {
+            elements: Elements::new(std::array::from_fn(|k| shortest * step.powi(k as i32))),
+            at_mm: 0.0,
+            scale,
+        }
+    }
+
+    pub fn reset(&mut self) {
+        self.elements.reset();
+        self.at_mm = 0.0;
+    }
+
+    pub fn move_to(&mut self, displacement_mm: f64) {
+        self.elements.advance(displacement_mm - self.at_mm);
+        self.at_mm = displacement_mm;
+    }
+
+    pub fn terms(&mut self) -> [f64; TERMS] {
+        let drags = self.elements.advance(0.0);
+        let place = (self.at_mm - self.scale.middle_mm) / self.scale.half_mm;
+        let mut terms = [1.0; TERMS];
+        for k in 1..POWERS {
+            terms[k] = terms[k - 1] * place;
+        }
+        for (k, drag) in drags.iter().enumerate() {
+            for power in 0..3 {
+                terms[POWERS + power * ELEMENTS + k] = drag * terms[power];
+            }
+        }
+        terms
+    }
+}
+
+/// The surrogate as a plant. It knows where it is by how often it was told of the motion.
+#[derive(Clone)]
+pub(super) struct Traced {
+    /// Force at every point as recorded.
+    force_n: Arc<DVector<f64>>,
+    strengths: Arc<DVector<f64>>,
+    recorded_mm: Arc<Vec<f64>>,
+    recorded_terms: Arc<DMatrix<f64>>,
+    operator: Operator,
+    /// Points that it was told of.
+    told: usize,
+    /// An effect has moved it elsewhere since the last reset: until then `H` cancels.
+    shifted: bool,
+}
+
+impl Traced {
+    /// From forces and strengths of `H`, and from displacements and terms of `H` as recorded.
+    pub fn new(
+        (force_n, strengths): (Arc<DVector<f64>>, Arc<DVector<f64>>),
+        (recorded_mm, recorded_terms): (Arc<Vec<f64>>, Arc<DMatrix<f64>>),
+        scale: Scale,
+    ) -> Traced {
+        Traced {
+            force_n,
+            strengths,
+            recorded_mm,
+            recorded_terms,
+            operator: Operator::new(scale),
+            told: 0,
+            shifted: false,
+        }
+    }
+}
+
+impl Plant for Traced {
+    fn reset(&mut self) {
+        self.operator.reset();
+        self.shifted = false;
+    }
+
+    fn step(&mut self, displacement_mm: f64, _dt_s: f64) -> f64 {
+        self.operator.move_to(displacement_mm);
+        let here = self.told.saturating_sub(1).min(self.force_n.len() - 1);
+        self.shifted |= displacement_mm != self.recorded_mm[here];
+        if !self.shifted {
+            return self.force_n[here];
+        }
+        let terms = self.operator.terms();
+        let recorded = self.recorded_terms.column(here);
+        let moved = terms.iter().zip(recorded.iter()).zip(self.strengths.iter());
+        self.force_n[here] + moved.map(|((t, r), s)| (t - r) * s).sum::<f64>()
+    }
+
+    fn told(&mut self, _motion: &Motion) {
+        self.told += 1;
+    }
+
+    fn boxed_clone(&self) -> Box<dyn Plant> {
+        Box::new(self.clone())
+    }
+}
