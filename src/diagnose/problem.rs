@@ -71,7 +71,9 @@ impl Data {
                 (df / dx.max(0.5 * track.noise_mm).max(1e-9)).min(100.0 * rate)
             };
             for i in 1..length {
-                let here = slope(i).max(if i + 1 < length { slope(i + 1) } else { 0.0 });
+                // Of an exponential after a reversal the geometric mean of both sides is the slope, however sparse the samples.
+                let next = if i + 1 < length { slope(i + 1) } else { slope(i) };
+                let here = (slope(i) * next).sqrt();
                 // Friction counts from where the motion turned: what is not known of that is not known of the force.
                 let turned_n = (here - rate).max(0.0) * track.turn_error_mm[i];
                 let steep = track

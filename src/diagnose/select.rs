@@ -35,6 +35,8 @@ const LEFTOVER: f64 = 0.4;
 const MATERIAL: f64 = 0.005;
 /// The same for a model with steps of its own: what those leave out repeats in every cycle and averages out in none.
 const MATERIAL_SLOW: f64 = 0.2;
+/// Force that an effect must take away, RMS, as a share of the range: half of what no load cell is straighter than.
+const SLIGHT: f64 = 1e-4;
 
 /// Codes of a set of effects, sorted.
 pub(super) type Key = Vec<&'static str>;
@@ -327,6 +329,18 @@ fn least(nodes: &[Node], cost: impl Fn(&Node) -> f64) -> usize {
         .expect("the baseline is there")
 }
 
+/// What one node takes off another's residuals, N root mean square.
+fn taken_n(data: &Data, without: &Node, with: &Node) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (i, &weight) in data.weight.iter().enumerate() {
+        if weight > 0.0 && data.part[i] != Part::Report {
+            sum += (without.residuals[i].powi(2) - with.residuals[i].powi(2)) / (weight * weight);
+            count += 1.0;
+        }
+    }
+    (sum.max(0.0) / f64::max(count, 1.0)).sqrt()
+}
+
 /// The set with the largest gain less its price, then whatever can be spared leaves it.
 pub(super) fn choose(bench: &Bench<'_>, nodes: &mut Vec<Node>, worth: Worth) -> usize {
     let extras = bench.setup.extras.len();
@@ -357,7 +371,12 @@ pub(super) fn choose(bench: &Bench<'_>, nodes: &mut Vec<Node>, worth: Worth) -> 
             let leftover = worth.gain(LEFTOVER * (nodes[i].cost() - counted).max(0.0));
             let needed = PRICE.max(SHARE * total).max(material).max(leftover);
             let held_out = worth.gain(nodes[i].select - nodes[chosen].select);
-            let excess = loss - needed;
+            let slight = taken_n(bench.data, &nodes[i], &nodes[chosen]) < SLIGHT * bench.data.force_range_n;
+            let excess = if slight {
+                loss.min(needed) - needed - PRICE
+            } else {
+                loss - needed
+            };
             if (excess < 0.0 || held_out < 0.25 * needed.min(PRICE))
                 && spared.is_none_or(|(least, _)| excess < least)
             {

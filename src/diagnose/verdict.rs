@@ -18,6 +18,8 @@ use crate::identify::evaluator::Evaluator;
 const LEFT_POWER: f64 = 0.06;
 const LEFT_SHARE: f64 = 0.15;
 const LEFT_GAIN: f64 = 10.0;
+/// Mean square above the noise on reporting cycles: chance and a form that is a little off stay below.
+const LEFT_REPORTED: f64 = 0.45;
 /// Mean square on selecting cycles, in units of the noise, above which a fit is none, and the share of the baseline's that
 /// it must then be; far above it nothing is explained, whatever the share.
 const NO_FIT: f64 = 3.0;
@@ -75,7 +77,10 @@ pub(super) fn conclude(
     // What only the reporting cycles show (a specimen that changed late) is beyond a fit, but no reason to call it adequate.
     let reported = data.sum(&after.residuals, Part::Report) / data.count(Part::Report).max(1) as f64;
     let changed = reported > NO_FIT.max(2.0 * power);
-    let unexplained = repeats || no_fit || changed || power > FAR_OFF;
+    // What is left where nothing was fitted or chosen: above the noise, and no small part of what there was.
+    let reported_before = data.sum(&before.residuals, Part::Report) / data.count(Part::Report).max(1) as f64;
+    let beyond = reported > 1.0 + LEFT_REPORTED && reported - 1.0 > LEFT_SHARE * (reported_before - 1.0);
+    let unexplained = repeats || no_fit || changed || beyond || power > FAR_OFF;
     let confidence = intervals(bench, after, worth);
     let alarms = alarms(bench, after, &confidence);
     let verdict = match (unexplained, named.is_empty()) {
