@@ -35,8 +35,8 @@ const LEFTOVER: f64 = 0.4;
 const MATERIAL: f64 = 0.005;
 /// The same for a model with steps of its own: what those leave out repeats in every cycle and averages out in none.
 const MATERIAL_SLOW: f64 = 0.2;
-/// Force that an effect must take away, RMS, as a share of the range: half of what no load cell is straighter than.
-const SLIGHT: f64 = 1e-4;
+/// Force that an effect must take away, RMS, as a share of the range: a seventh of what no load cell is straighter than.
+const SLIGHT: f64 = 3e-5;
 
 /// Codes of a set of effects, sorted.
 pub(super) type Key = Vec<&'static str>;
