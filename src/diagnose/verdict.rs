@@ -63,7 +63,7 @@ pub(super) fn conclude(
         .map(|k| rivals(bench, &mut search, k))
         .collect();
     let (before, after) = (&search.nodes[0], &search.nodes[chosen]);
-    let (left, _) = residual::bank_gain(data, &after.residuals);
+    let left = residual::bank_gain(data, &after.residuals);
     let explained = (before.select - after.select).max(0.0);
     let unexplained_share = (left.max(0.0) / (explained + left.max(1e-9))).clamp(0.0, 1.0);
     let counted = data.count(Part::Select).max(1) as f64;
