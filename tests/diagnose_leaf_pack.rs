@@ -176,7 +176,10 @@ fn a_pack_whose_parameters_are_wrong_is_refitted_and_nothing_is_named() {
     );
     explained(&diagnosis);
     // The pack itself, not its surrogate, is what is written to the improved model.
-    let improved = diagnosis.improved.plant().expect("the improved model can be built");
+    let improved = diagnosis
+        .improved
+        .plant()
+        .expect("the improved model can be built");
     let improved = alone(improved, diagnosis.improved.force_zero_n, &recordings[0]);
     let model = leafbench::model::find("leaf-pack").expect("listed");
     let wrong = model.plant(&bench.model.values().expect("shipped"), &bench.model.structure);
