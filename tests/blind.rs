@@ -75,8 +75,8 @@ fn an_examination_repeats() {
     assert_eq!(once.map(|d| d.summary), again.map(|d| d.summary));
 }
 
-/// The figures over 60 sealed cases of a fixed seed, beside what the 400 of `docs/blind.md` are asked for. 60 are an
-/// anecdote: a case more or less is 3 % of the singles. What must not fall is what this seed reached.
+/// The figures over 60 sealed cases of a fixed seed, asked for what the 400 of `docs/blind.md` are asked for. 60 are an
+/// anecdote: a case more or less is 8 % of the singles. Calibration and time are printed only: too few, too noisy.
 #[test]
 fn sixty_sealed_cases() {
     let request = Request {
@@ -106,8 +106,7 @@ fn sixty_sealed_cases() {
     assert!(reached("`unknown` on effects inside") <= 5.0);
     assert!(reached("located interval") >= 0.7);
     assert!(reached("held-out error") <= 1.15);
-    // Below what is asked for, on this seed and on the 400: not to get worse. One of 12; one of 5 not seen; 80 %.
-    assert!(reached("false alarms") <= 8.4);
-    assert!(reached("`unknown` on effects outside") >= 80.0);
-    assert!(reached("95 % intervals") >= 75.0);
+    assert!(reached("false alarms") <= 2.0);
+    assert!(reached("`unknown` on effects outside") >= 90.0);
+    assert!(reached("95 % intervals") >= 90.0);
 }

@@ -30,7 +30,7 @@ const PRICE: f64 = 8.0;
 /// Share of all that is explained which an effect must bring.
 const SHARE: f64 = 5e-4;
 /// Share of what is left above the noise without it that an effect must bring: less is the misfit of another's form.
-const LEFTOVER: f64 = 0.4;
+const LEFTOVER: f64 = 0.2;
 /// Mean square that an effect must take away, in units of the noise: a seventh of the noise in RMS is no finding.
 const MATERIAL: f64 = 0.005;
 /// The same for a model with steps of its own: what those leave out repeats in every cycle and averages out in none.
