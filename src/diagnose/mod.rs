@@ -12,6 +12,7 @@ pub mod diagnosis;
 mod fit;
 mod next_test;
 mod problem;
+mod repeats;
 mod residual;
 mod score;
 mod select;

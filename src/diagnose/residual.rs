@@ -49,6 +49,13 @@ struct Binned {
     direction: Vec<f64>,
 }
 
+impl Binned {
+    /// Number of bins.
+    fn len(&self) -> usize {
+        self.edges.len() - 1
+    }
+}
+
 fn binned(data: &Data, axis: Axis, bins: usize) -> Option<Binned> {
     let mut values = Vec::with_capacity(data.len());
     let mut direction = Vec::with_capacity(data.len());
@@ -99,51 +106,88 @@ fn binned(data: &Data, axis: Axis, bins: usize) -> Option<Binned> {
 
 /// Boxes along the displacement alone: fewer have less noise to fit, and a ripple is the same both ways.
 const ALONE: [usize; 2] = [24, FINE];
+/// What is left before and after so many cycles of a recording may differ: something gave way.
+const GAVE_WAY: [u32; 4] = [2, 3, 5, 10];
 
-/// Sum of squares on selecting cycles that the bank still takes from the residuals: over all axes at once, or along the
-/// displacement alone, whichever takes more.
-pub(super) fn bank_gain(data: &Data, residuals: &[f64]) -> f64 {
+/// What the bank still takes from the residuals.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Left {
+    /// Sum of squares on selecting cycles.
+    pub sum: f64,
+    /// The same for each selecting sample where it acts.
+    pub power: f64,
+}
+
+/// What the bank takes most of: all axes at once, the displacement alone, what comes again at the same place, and what differs
+/// along the displacement before and after something gave way.
+pub(super) fn left(data: &Data, residuals: &[f64]) -> Left {
+    let selecting = data.count(Part::Select).max(1) as f64;
+    let mut most = 0f64.max(super::repeats::gain(data, residuals));
     // Ripples along the travel are finer than anything along the other axes.
     let every: Vec<Binned> = AXES
         .iter()
         .filter_map(|&a| binned(data, a, if a == Axis::DisplacementMm { FINE } else { COARSE }))
         .collect();
-    let alone = ALONE.map(|bins| {
-        let mut axis: Vec<Binned> = binned(data, Axis::DisplacementMm, bins).into_iter().collect();
-        for binned in &mut axis {
-            binned.direction.fill(0.0);
-        }
-        axis
-    });
-    alone
-        .iter()
-        .map(|axes| gain_along(data, residuals, axes))
-        .fold(gain_along(data, residuals, &every), f64::max)
-}
-
-/// The same along some axes.
-fn gain_along(data: &Data, residuals: &[f64], axes: &[Binned]) -> f64 {
-    let first: Vec<usize> = axes
-        .iter()
-        .scan(0, |at, a| {
-            *at += 2 * (a.edges.len() - 1);
-            Some(*at - 2 * (a.edges.len() - 1))
-        })
-        .collect();
-    let columns: usize = axes.iter().map(|a| 2 * (a.edges.len() - 1)).sum();
-    let mut normal = DMatrix::<f64>::zeros(columns, columns);
-    let mut right = DVector::<f64>::zeros(columns);
-    let row = |i: usize| -> Vec<(usize, f64)> {
-        let mut entries = Vec::with_capacity(2 * axes.len());
-        for (a, axis) in axes.iter().enumerate() {
+    let boxes: usize = every.iter().map(Binned::len).sum();
+    let row = |i: usize| {
+        let mut entries = Vec::with_capacity(2 * every.len());
+        let mut first = 0;
+        for axis in &every {
             if let Some(bin) = axis.bin[i] {
-                let at = first[a] + 2 * bin;
-                entries.push((at, data.weight[i]));
-                entries.push((at + 1, data.weight[i] * axis.direction[i]));
+                entries.push((first + bin, data.weight[i]));
+                entries.push((boxes + first + bin, data.weight[i] * axis.direction[i]));
             }
+            first += axis.len();
         }
         entries
     };
+    most = most.max(gain(data, residuals, 2 * boxes, row));
+    for boxes in ALONE {
+        if let Some(axis) = binned(data, Axis::DisplacementMm, boxes) {
+            let row = |i: usize| axis.bin[i].map(|b| (b, data.weight[i])).into_iter().collect();
+            most = most.max(gain(data, residuals, boxes, row));
+        }
+    }
+    let mut left = Left {
+        sum: most,
+        power: most / selecting,
+    };
+    let cycle: Vec<u32> = data.tracks.iter().flat_map(|t| t.cycle.clone()).collect();
+    for cycles in GAVE_WAY {
+        let before = |i: usize| cycle[i] <= cycles;
+        let counts = |i: &usize| data.weight[*i] > 0.0;
+        let share = (0..data.len()).filter(counts).filter(|&i| before(i)).count() as f64
+            / (0..data.len()).filter(counts).count().max(1) as f64;
+        let acts = (0..data.len())
+            .filter(|&i| counts(&i) && before(i) && data.part[i] == Part::Select)
+            .count();
+        let Some(axis) = binned(data, Axis::DisplacementMm, COARSE) else {
+            continue;
+        };
+        // Orthogonal to what is the same in all cycles.
+        let row = |i: usize| {
+            let side = if before(i) { 1.0 - share } else { -share };
+            axis.bin[i]
+                .map(|b| (b, data.weight[i] * side))
+                .into_iter()
+                .collect()
+        };
+        let sum = gain(data, residuals, COARSE, row);
+        if acts > 0 && sum / acts as f64 > left.power && sum > left.sum {
+            left = Left {
+                sum,
+                power: sum / acts as f64,
+            };
+        }
+    }
+    left
+}
+
+/// Sum of squares on selecting cycles that a regression on fitted cycles takes away; `row` has the columns of a point that are
+/// not zero.
+fn gain(data: &Data, residuals: &[f64], columns: usize, row: impl Fn(usize) -> Vec<(usize, f64)>) -> f64 {
+    let mut normal = DMatrix::<f64>::zeros(columns, columns);
+    let mut right = DVector::<f64>::zeros(columns);
     for (i, residual) in residuals.iter().enumerate() {
         if data.part[i] != Part::Fit {
             continue;
@@ -423,11 +467,11 @@ mod tests {
     #[test]
     fn the_bank_finds_structure_and_leaves_noise() {
         let (data, noise) = case(|_, _| 0.0);
-        let none = bank_gain(&data, &noise);
+        let none = left(&data, &noise).sum;
         // Fitting noise makes other cycles worse, by about a unit a box; 48 boxes are the fewest.
         assert!(none < 4.8, "{none}");
         let (data, ripple) = case(|x, _| (4.0 * x).sin());
-        let found = bank_gain(&data, &ripple);
+        let found = left(&data, &ripple).sum;
         // Half a unit of mean square over the selecting cycles, most of it.
         assert!(found > 0.25 * data.count(Part::Select) as f64, "{found}");
     }

@@ -63,13 +63,13 @@ pub(super) fn conclude(
         .map(|k| rivals(bench, &mut search, k))
         .collect();
     let (before, after) = (&search.nodes[0], &search.nodes[chosen]);
-    let left = residual::bank_gain(data, &after.residuals);
+    let left = residual::left(data, &after.residuals);
     let explained = (before.select - after.select).max(0.0);
-    let unexplained_share = (left.max(0.0) / (explained + left.max(1e-9))).clamp(0.0, 1.0);
+    let unexplained_share = (left.sum.max(0.0) / (explained + left.sum.max(1e-9))).clamp(0.0, 1.0);
     let counted = data.count(Part::Select).max(1) as f64;
-    let repeats = left / counted > LEFT_POWER
+    let repeats = left.power > LEFT_POWER
         && unexplained_share > LEFT_SHARE
-        && 0.5 * left / worth.correlation > LEFT_GAIN;
+        && 0.5 * left.sum / worth.correlation > LEFT_GAIN;
     // Something that does not repeat from cycle to cycle escapes the bank, but not the noise.
     let (power, power_before) = (after.select / counted, before.select / counted);
     let no_fit =

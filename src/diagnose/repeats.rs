@@ -1,0 +1,101 @@
+//! What comes again from cycle to cycle, however fine it is: every point with its nearest neighbours on other cycles of the
+//! same recording, going the same way.
+//!
+//! Where the samples are too sparse for a ripple, neighbours in time differ by all of it and it passes for noise; neighbours in
+//! place do not. They give the pure error of a lack-of-fit test (Draper and Smith 1998, chapter 2; without exact repeats Daniel
+//! and Wood 1980) and predict what a set of effects left.
+
+use super::condition::{Part, Track};
+use super::problem::Data;
+
+/// Neighbours that predict a point.
+const NEIGHBOURS: usize = 6;
+/// Fewer pairs than this tell no noise.
+const LEAST_PAIRS: usize = 50;
+
+/// Points of one track that go one way, in order of displacement.
+fn branches(track: &Track, counts: impl Fn(usize) -> bool) -> [Vec<usize>; 2] {
+    [1.0, -1.0].map(|direction| {
+        let mut branch: Vec<usize> = (0..track.len())
+            .filter(|&i| track.direction[i] == direction && counts(i))
+            .collect();
+        branch.sort_by(|&a, &b| track.displacement_mm[a].total_cmp(&track.displacement_mm[b]));
+        branch
+    })
+}
+
+/// The nearest points on other cycles that `others` lets in, nearest first; `at` is a place in `branch`.
+fn nearest<const N: usize>(
+    track: &Track,
+    branch: &[usize],
+    at: usize,
+    others: impl Fn(usize) -> bool,
+) -> ([usize; N], usize) {
+    let (mut found, mut count) = ([0; N], 0);
+    let here = branch[at];
+    let fits = |&i: &usize| track.cycle[i] != track.cycle[here] && others(i);
+    let mut below = branch[..at].iter().rev().copied().filter(|i| fits(i)).peekable();
+    let mut above = branch[at + 1..].iter().copied().filter(|i| fits(i)).peekable();
+    let far = |i: usize| (track.displacement_mm[i] - track.displacement_mm[here]).abs();
+    while count < N {
+        let next = match (below.peek(), above.peek()) {
+            (Some(&b), Some(&a)) if far(b) <= far(a) => below.next(),
+            (_, Some(_)) => above.next(),
+            _ => below.next(),
+        };
+        let Some(next) = next else { break };
+        found[count] = next;
+        count += 1;
+    }
+    (found, count)
+}
+
+/// Standard deviation of what does not come again in a track's weighted residuals; none where too little is repeated.
+pub(super) fn pure_error(track: &Track, weight: &[f64], residuals: &[f64]) -> Option<f64> {
+    let mut apart = Vec::new();
+    for branch in branches(track, |i| weight[i] > 0.0) {
+        for at in 0..branch.len() {
+            if let ([near], 1) = nearest::<1>(track, &branch, at, |_| true) {
+                apart.push((residuals[branch[at]] - residuals[near]).abs());
+            }
+        }
+    }
+    // The median of |normal|, and two points in each.
+    (apart.len() >= LEAST_PAIRS).then(|| super::smoothing::median(apart) / (0.6745 * 2f64.sqrt()))
+}
+
+/// Sum of squares on selecting cycles that the fitted cycles' residuals at the same place take away.
+pub(super) fn gain(data: &Data, residuals: &[f64]) -> f64 {
+    // How far the neighbours' mean can be trusted, told by the fitted cycles alone.
+    let (mut together, mut alone) = (0.0, 0.0);
+    let mut pairs = Vec::new();
+    let mut from = 0;
+    for (track, &length) in data.tracks.iter().zip(&data.lengths) {
+        let counts = |i: usize| data.weight[from + i] > 0.0;
+        let fitted = |i: usize| data.part[from + i] == Part::Fit;
+        for branch in branches(track, counts) {
+            for at in 0..branch.len() {
+                let here = from + branch[at];
+                let (near, count) = nearest::<NEIGHBOURS>(track, &branch, at, fitted);
+                if count == 0 {
+                    continue;
+                }
+                let mean = near[..count].iter().map(|i| residuals[from + i]).sum::<f64>() / count as f64;
+                match data.part[here] {
+                    Part::Fit => {
+                        together += residuals[here] * mean;
+                        alone += mean * mean;
+                    }
+                    Part::Select => pairs.push((residuals[here], mean)),
+                    Part::Report => {}
+                }
+            }
+        }
+        from += length;
+    }
+    let trust = (together / alone.max(1e-12)).clamp(0.0, 1.0);
+    pairs
+        .iter()
+        .map(|(here, mean)| here.powi(2) - (here - trust * mean).powi(2))
+        .sum()
+}
