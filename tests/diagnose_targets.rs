@@ -220,6 +220,18 @@ fn a_single_loops_points_show_both_ends_and_no_rate() {
         [d.fit.baseline.nrmse_train, d.fit.improved.nrmse_train].map(|e| e.expect("points give it"));
     assert!(after < 0.2 * before, "{before} {after}");
     assert!(d.rows.iter().all(|r| r.model.is_some() && r.ours.is_some()));
+    // The improved model, walked along the points as a twin would be, gives the row's figures.
+    let mut plant = d.improved[0].1.plant().expect("a sound model");
+    let mut at = 0.0;
+    for row in &d.rows {
+        let [to, ours_n] = row.ours.expect("just seen");
+        let mut force_n = 0.0;
+        for i in 1..=40 {
+            force_n = plant.step(at + (to - at) * f64::from(i) / 40.0, 1.0);
+        }
+        at = to;
+        assert!((force_n - ours_n).abs() < 0.1, "{to} mm: {force_n} N, told {ours_n}");
+    }
 }
 
 #[test]

@@ -40,8 +40,9 @@ pub struct Finding {
     pub statement: String,
     /// Its parameters.
     pub parameters: Vec<Value>,
-    /// Gain in log-likelihood of effective samples that it brings.
-    pub gain: f64,
+    /// Gain in log-likelihood of effective samples that it brings; none where there are no samples.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gain: Option<f64>,
 }
 
 /// What could stand in place of a finding.
@@ -74,29 +75,30 @@ pub struct Location {
     pub words: String,
 }
 
-/// Errors of one model.
+/// Errors of one model. `E` is an option, `null` in the file, where the input is not whole curves.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub struct Errors {
+pub struct Errors<E = f64> {
     /// rms(measured - model) / (max - min of measured force) on what was fitted.
-    pub nrmse_train: f64,
+    pub nrmse_train: E,
     /// The same on whole cycles or recordings that no parameter was fitted on and nothing was chosen by.
-    pub nrmse_heldout: f64,
+    pub nrmse_heldout: E,
     /// Relative error of the largest force.
-    pub peak_force_error: f64,
+    pub peak_force_error: E,
     /// Relative error of the loop energy.
-    pub loop_energy_error: f64,
+    pub loop_energy_error: E,
 }
 
 /// Before and after.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct FitErrors {
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct FitErrors<E = f64> {
     /// The baseline, its own parameters identified anew.
-    pub baseline: Errors,
+    pub baseline: Errors<E>,
     /// With the effects.
-    pub improved: Errors,
+    pub improved: Errors<E>,
     /// What no model can get below.
-    pub noise_floor_nrmse: f64,
+    pub noise_floor_nrmse: E,
     /// Nominal, refitted, then one effect after the other.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ladder: Vec<Rung>,
 }
 

@@ -355,7 +355,7 @@ fn finding(bench: &Bench<'_>, node: &Node, named: &Named, confidence: &Confidenc
         confidence: (named.confidence * (1.0 - left * left)).clamp(0.0, 0.99),
         statement: (attached.effect.statement)(group),
         parameters: values_of(&attached.parameters, from, node, confidence),
-        gain: named.loss,
+        gain: Some(named.loss),
     }
 }
 

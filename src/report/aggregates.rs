@@ -5,8 +5,8 @@ use std::fmt::Write;
 use super::diagnosis::{STYLE, figure, spaced, verdict_word};
 use super::html::escape;
 use super::svg::{Curve as Line, HALF, Ink, Plot};
-use crate::diagnose::aggregates::{AggregateDiagnosis, Compared, Finding};
-use crate::diagnose::diagnosis::Value;
+use crate::diagnose::aggregates::{AggregateDiagnosis, Compared};
+use crate::diagnose::diagnosis::{Finding, Value};
 
 /// The page.
 pub fn page(diagnosis: &AggregateDiagnosis) -> String {

@@ -12,8 +12,8 @@
 use super::regression::{Estimate, Line, line};
 use super::rows::mounts;
 use super::table::Row;
-use super::{AggregateDiagnosis, Finding};
-use crate::diagnose::diagnosis::{Alternative, Value};
+use super::AggregateDiagnosis;
+use crate::diagnose::diagnosis::{Alternative, Finding, Value};
 use crate::identify::papers::first::Two;
 
 /// Exponent over the rate below which the loss "hardly changes": 12 % a decade.
@@ -82,6 +82,7 @@ pub(super) fn rate(
     let [low, high] = factor.ci95().map(f64::exp);
     let fastest = rows.iter().map(|r| r.frequency_hz).fold(0.0, f64::max);
     out.effects.push(Finding {
+        gain: None,
         code: "rate_independent_friction".to_owned(),
         confidence: apart.above(0.0),
         statement: format!(
@@ -149,6 +150,7 @@ pub(super) fn viscous(rows: &[Row], measured: &Line, out: &mut AggregateDiagnosi
         return most < SMALL;
     }
     out.excluded.push(Finding {
+        gain: None,
         code: "viscous_damping".to_owned(),
         confidence: share.times(-1.0).above(-SMALL.min(missing)),
         statement: format!(
@@ -261,6 +263,7 @@ pub(super) fn load(strokes: &[Strokes<'_>], out: &mut AggregateDiagnosis) {
         words.join(" and ")
     };
     out.effects.push(Finding {
+        gain: None,
         code: "load_dependent_friction".to_owned(),
         confidence: least.min(missing),
         statement: format!(
@@ -327,6 +330,7 @@ pub(super) fn constant(strokes: &[Strokes<'_>], out: &mut AggregateDiagnosis) {
     };
     let level = with[0].1.times(500.0);
     out.effects.push(Finding {
+        gain: None,
         code: "coulomb_friction".to_owned(),
         confidence,
         statement: format!(

@@ -16,47 +16,14 @@ use serde::Serialize;
 pub use regression::{Estimate, Line, line};
 pub use table::{Fitted, Points, Row, Table, TableError, TableReader};
 
-use super::diagnosis::{Alternative, ImprovedModel, Location, NextTest, NotTestable, Value, Verdict};
+use super::diagnosis::{Alternative, Finding, ImprovedModel, Location, NextTest, NotTestable, Value, Verdict};
 use crate::effect::EFFECTS;
 use crate::identify::IdentifyError;
 use crate::identify::papers::first::Two;
 
-/// Something that the figures say, with the figures that say it.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Finding {
-    /// Code of contracts.md.
-    pub code: String,
-    /// 0 to 1.
-    pub confidence: f64,
-    /// A sentence that a technician understands.
-    pub statement: String,
-    /// Evidence: figures computed from the rows, with 95 % intervals.
-    pub parameters: Vec<Value>,
-}
-
-/// Errors as in `diagnosis.json`; `null` where aggregates cannot give them.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub struct Errors {
-    /// Needs a curve.
-    pub nrmse_train: Option<f64>,
-    /// Needs data that no parameter was fitted on.
-    pub nrmse_heldout: Option<f64>,
-    /// Of the worst row.
-    pub peak_force_error: Option<f64>,
-    /// Of the worst row.
-    pub loop_energy_error: Option<f64>,
-}
-
-/// Before and after.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub struct FitErrors {
-    /// The baseline.
-    pub baseline: Errors,
-    /// The believable set.
-    pub improved: Errors,
-    /// Needs repeated cycles.
-    pub noise_floor_nrmse: Option<f64>,
-}
+/// Errors of whole curves and on data that no parameter was fitted on are left out; the others are of the worst row.
+type Errors = super::diagnosis::Errors<Option<f64>>;
+type FitErrors = super::diagnosis::FitErrors<Option<f64>>;
 
 /// One line of the table of rows.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -80,7 +47,7 @@ pub struct AggregateDiagnosis {
     pub verdict: Verdict,
     /// In one sentence.
     pub summary: String,
-    /// What is missing.
+    /// What is missing; the parameters are evidence: figures computed from the rows.
     pub effects: Vec<Finding>,
     /// What it could be instead.
     pub alternatives: Vec<Alternative>,

@@ -9,10 +9,11 @@
 
 use super::regression::{Estimate, Line, line};
 use super::table::{Points, Table};
-use super::{AggregateDiagnosis, Compared, Errors, Finding, FitErrors, not_testable};
-use crate::diagnose::diagnosis::{Alternative, Axis, Branch, Location, Value, Verdict};
+use super::{AggregateDiagnosis, Compared, Errors, FitErrors, not_testable};
+use crate::diagnose::diagnosis::{Alternative, Axis, Branch, Finding, ImprovedModel, Location, Value, Verdict};
 use crate::identify::papers::second::{Rerun, rerun_over};
-use crate::identify::{IdentifyError, confidence::student_975};
+use crate::identify::{Fit, IdentifyError, confidence::student_975};
+use crate::model::five_link;
 
 /// Fewer points on a branch have no chords to compare.
 const LEAST: usize = 4;
@@ -80,7 +81,7 @@ fn blank(table: &Table, all: &[(f64, f64)], rerun: &Rerun, range_n: f64) -> Aggr
         fit: FitErrors {
             baseline: error(0),
             improved: error(3),
-            noise_floor_nrmse: None,
+            ..FitErrors::default()
         },
         next_test: None,
         excluded: Vec::new(),
@@ -111,9 +112,20 @@ fn blank(table: &Table, all: &[(f64, f64)], rerun: &Rerun, range_n: f64) -> Aggr
             ci95: *ci95,
         })
         .collect(),
-        // The twin's five-link spring has no preload, which is what makes the fit.
-        improved: Vec::new(),
+        improved: vec![("loop".to_owned(), improved(&rerun.fit))],
         remarks: table.remarks.clone(),
+    }
+}
+
+/// The five-link spring as the points have it.
+fn improved(fit: &Fit) -> ImprovedModel {
+    let named = fit.parameters.iter().zip(&fit.values);
+    ImprovedModel {
+        model: five_link::MODEL.name.to_owned(),
+        parameters: named.map(|(p, value)| (p.name.to_owned(), *value)).collect(),
+        structure: toml::Table::new(),
+        effects: Vec::new(),
+        force_zero_n: 0.0,
     }
 }
 
@@ -286,6 +298,7 @@ fn ends(
     let begin = chords.first().map_or(f64::NAN, |c| c.slope);
     let least = chords.iter().map(|c| c.slope).fold(f64::INFINITY, f64::min);
     out.effects.push(Finding {
+        gain: None,
         code: "presliding".to_owned(),
         confidence: sure,
         statement: format!(
@@ -325,6 +338,7 @@ fn softening(found: &Transition, out: &mut AggregateDiagnosis) {
     };
     let fall = change.times(-1.0);
     out.effects.push(Finding {
+        gain: None,
         code: "geometric_stiffness".to_owned(),
         confidence: fall.above(0.0),
         statement: format!(

@@ -51,30 +51,17 @@ pub struct Rerun {
     pub fit: Fit,
 }
 
-/// Travel before the LVDT's zero: the physics that the thesis' model leaves out.
-const PRELOAD: Parameter = Parameter {
-    name: "preload_mm",
-    unit: "mm",
-    start: 0.0,
-    bounds: [0.0, 40.0],
-    belief: [0.0, 20.0],
-    what: "travel from the free spring to the displacement sensor's zero",
-};
-
-/// The five-link spring along the table's points; the last parameter is the preload.
+/// The five-link spring along the table's points.
 struct Table<'a> {
-    parameters: Vec<Parameter>,
     points: &'a [(f64, f64)],
 }
 
 impl Table<'_> {
     fn force_n(&self, values: &[f64]) -> Result<Vec<f64>, BuildError> {
-        let (&preload_mm, spring) = values.split_last().expect("the preload is among the parameters");
-        let mut plant = Model::plant(&five_link::MODEL, spring, &toml::Table::new())?;
+        let mut plant = Model::plant(&five_link::MODEL, values, &toml::Table::new())?;
         let mut at = 0.0;
         let forces = self.points.iter().map(|&(to, _)| {
             let mut force_n = 0.0;
-            let to = preload_mm + to;
             for i in 1..=STEPS {
                 // Loaded by hand pump, point by point: a second a step, which the model does not mind.
                 force_n = plant.step(at + (to - at) * i as f64 / STEPS as f64, 1.0);
@@ -88,7 +75,7 @@ impl Table<'_> {
 
 impl Residuals for Table<'_> {
     fn parameters(&self) -> &[Parameter] {
-        &self.parameters
+        five_link::MODEL.parameters
     }
 
     fn count(&self) -> usize {
@@ -117,10 +104,7 @@ pub fn rerun(threads: usize) -> Result<Rerun, IdentifyError> {
 
 /// The same over other points of one loop, the first `loading` of them on the way up.
 pub fn rerun_over(points: &[(f64, f64)], loading: usize, threads: usize) -> Result<Rerun, IdentifyError> {
-    let table = Table {
-        parameters: [five_link::MODEL.parameters, &[PRELOAD]].concat(),
-        points,
-    };
+    let table = Table { points };
     let options = |fixed: &[&str]| Options {
         method: Method::LeastSquares(least_squares::Settings {
             screened: 100,
@@ -135,7 +119,7 @@ pub fn rerun_over(points: &[(f64, f64)], loading: usize, threads: usize) -> Resu
         Control::Continue
     })?;
     let fit = fit(&table, &options(&["mu"]), &mut |_| Control::Continue)?;
-    let printed: Vec<f64> = table.parameters.iter().map(|p| p.start).collect();
+    let printed: Vec<f64> = table.parameters().iter().map(|p| p.start).collect();
     let envelope = envelope_n(points, loading);
     let rms_n = |force_n: &[f64]| rms_n(force_n, points);
     let unit = rms_n(&envelope);

@@ -13,6 +13,22 @@ fn drive(plant: &mut FiveLink, from: f64, to: f64, steps: u32) -> f64 {
 }
 
 #[test]
+fn a_preloaded_spring_is_one_that_was_pushed_there_before() {
+    let mut values = MODEL.start_values();
+    values[6] = 7.3;
+    let mut preloaded = FiveLink::new(&values, &toml::Table::new()).expect("closes");
+    preloaded.step(5.0, 1e-3);
+    preloaded.reset();
+    let mut pushed = spring(1.0);
+    drive(&mut pushed, 0.0, 7.3, 15);
+    for to in [1.0, 2.0, 1.5, 0.4] {
+        let (there, here) = (preloaded.step(to, 1e-3), pushed.step(7.3 + to, 1e-3));
+        assert!((there - here).abs() < 1e-9, "{there} {here}");
+        assert!(there > 100.0, "{there}");
+    }
+}
+
+#[test]
 fn installed_pose_is_the_printed_one() {
     let geometry = Geometry::new(&toml::Table::new()).expect("the printed geometry closes");
     let pose = geometry.pose(0.0).expect("within reach");
