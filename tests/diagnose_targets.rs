@@ -230,7 +230,10 @@ fn a_single_loops_points_show_both_ends_and_no_rate() {
             force_n = plant.step(at + (to - at) * f64::from(i) / 40.0, 1.0);
         }
         at = to;
-        assert!((force_n - ours_n).abs() < 0.1, "{to} mm: {force_n} N, told {ours_n}");
+        assert!(
+            (force_n - ours_n).abs() < 0.1,
+            "{to} mm: {force_n} N, told {ours_n}"
+        );
     }
 }
 

@@ -92,10 +92,6 @@ impl Data {
                 .map(|i| (track.time_s[i - from], residuals[i]))
                 .unzip();
             let white = super::condition::noise(&times_s, &counted);
-            // A ripple finer than the samples passes for noise in time, but it comes again.
-            let pure =
-                super::repeats::pure_error(track, &self.weight[piece.clone()], &residuals[piece.clone()]);
-            let white = pure.map_or(white, |pure| white.min(pure));
             if counted.len() > 20 && white > 0.0 {
                 let finest = 1.0 / (LINEARITY * self.force_range_n);
                 for i in piece {

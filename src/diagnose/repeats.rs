@@ -2,16 +2,14 @@
 //! same recording, going the same way.
 //!
 //! Where the samples are too sparse for a ripple, neighbours in time differ by all of it and it passes for noise; neighbours in
-//! place do not. They give the pure error of a lack-of-fit test (Draper and Smith 1998, chapter 2; without exact repeats Daniel
-//! and Wood 1980) and predict what a set of effects left.
+//! place do not: what they have in common is lack of fit, the rest is pure error (Draper and Smith 1998, chapter 2; without exact
+//! repeats Daniel and Wood 1980).
 
 use super::condition::{Part, Track};
 use super::problem::Data;
 
 /// Neighbours that predict a point.
 const NEIGHBOURS: usize = 6;
-/// Fewer pairs than this tell no noise.
-const LEAST_PAIRS: usize = 50;
 
 /// Points of one track that go one way, in order of displacement.
 fn branches(track: &Track, counts: impl Fn(usize) -> bool) -> [Vec<usize>; 2] {
@@ -48,20 +46,6 @@ fn nearest<const N: usize>(
         count += 1;
     }
     (found, count)
-}
-
-/// Standard deviation of what does not come again in a track's weighted residuals; none where too little is repeated.
-pub(super) fn pure_error(track: &Track, weight: &[f64], residuals: &[f64]) -> Option<f64> {
-    let mut apart = Vec::new();
-    for branch in branches(track, |i| weight[i] > 0.0) {
-        for at in 0..branch.len() {
-            if let ([near], 1) = nearest::<1>(track, &branch, at, |_| true) {
-                apart.push((residuals[branch[at]] - residuals[near]).abs());
-            }
-        }
-    }
-    // The median of |normal|, and two points in each.
-    (apart.len() >= LEAST_PAIRS).then(|| super::smoothing::median(apart) / (0.6745 * 2f64.sqrt()))
 }
 
 /// Sum of squares on selecting cycles that the fitted cycles' residuals at the same place take away.

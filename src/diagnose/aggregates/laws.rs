@@ -9,10 +9,10 @@
 //! `F_mean` is halfway between the peak and the force at no stroke, from a line of peak force over stroke. The intervals come
 //! from the scatter of the rows about these laws; rows that follow none of them are refused as evidence.
 
+use super::AggregateDiagnosis;
 use super::regression::{Estimate, Line, line};
 use super::rows::mounts;
 use super::table::Row;
-use super::AggregateDiagnosis;
 use crate::diagnose::diagnosis::{Alternative, Finding, Value};
 use crate::identify::papers::first::Two;
 

@@ -16,7 +16,9 @@ use serde::Serialize;
 pub use regression::{Estimate, Line, line};
 pub use table::{Fitted, Points, Row, Table, TableError, TableReader};
 
-use super::diagnosis::{Alternative, Finding, ImprovedModel, Location, NextTest, NotTestable, Value, Verdict};
+use super::diagnosis::{
+    Alternative, Finding, ImprovedModel, Location, NextTest, NotTestable, Value, Verdict,
+};
 use crate::effect::EFFECTS;
 use crate::identify::IdentifyError;
 use crate::identify::papers::first::Two;
