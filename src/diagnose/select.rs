@@ -341,6 +341,18 @@ fn taken_n(data: &Data, without: &Node, with: &Node) -> f64 {
     (sum.max(0.0) / f64::max(count, 1.0)).sqrt()
 }
 
+/// Is the motion that an effect takes finer than the displacement's noise? Its mean over many reversals may stand out, but so do
+/// the errors of where they were.
+fn within_noise(bench: &Bench<'_>, node: &Node, place: usize) -> bool {
+    let from = super::tables::offset(bench, &node.attached, place);
+    let attached = &node.attached[place];
+    let noise_mm = super::smoothing::median(bench.data.tracks.iter().map(|t| t.noise_mm).collect());
+    let sizes = attached.parameters.iter().zip(attached.effect.neutral).enumerate();
+    sizes
+        .filter(|(_, (p, neutral))| p.unit == "mm" && **neutral == 0.0)
+        .any(|(i, _)| node.values[from + i].abs() < noise_mm)
+}
+
 /// The set with the largest gain less its price, then whatever can be spared leaves it.
 pub(super) fn choose(bench: &Bench<'_>, nodes: &mut Vec<Node>, worth: Worth) -> usize {
     let extras = bench.setup.extras.len();
@@ -371,7 +383,8 @@ pub(super) fn choose(bench: &Bench<'_>, nodes: &mut Vec<Node>, worth: Worth) -> 
             let leftover = worth.gain(LEFTOVER * (nodes[i].cost() - counted).max(0.0));
             let needed = PRICE.max(SHARE * total).max(material).max(leftover);
             let held_out = worth.gain(nodes[i].select - nodes[chosen].select);
-            let slight = taken_n(bench.data, &nodes[i], &nodes[chosen]) < SLIGHT * bench.data.force_range_n;
+            let slight = taken_n(bench.data, &nodes[i], &nodes[chosen]) < SLIGHT * bench.data.force_range_n
+                || within_noise(bench, &nodes[chosen], leave);
             let excess = if slight {
                 loss.min(needed) - needed - PRICE
             } else {

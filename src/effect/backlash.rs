@@ -32,7 +32,7 @@ pub const EFFECT: Effect = Effect {
     },
     statement: |v| {
         format!(
-            "After each reversal {:.2} mm of motion are lost before the force follows: play in an eye, a pin or the pusher's guide.",
+            "After each reversal {:.3} mm of motion are lost before the force follows: play in an eye, a pin or the pusher's guide.",
             v[0]
         )
     },
