@@ -118,15 +118,17 @@ pub fn diagnose(
     let nominal = started
         .structure(setup.extras.clone())
         .residuals(&started.start());
-    let (mut plain, _) = started.settled(&first).ok_or(DiagnoseError::OutOfDomain)?;
+    let (mut plain, tangent) = started.settled(&first).ok_or(DiagnoseError::OutOfDomain)?;
     // The law of the baseline's friction is a choice of its author, no physics: it is freed before anything is missed.
     let freed = setup.form.clone().and_then(|form| started.freed(&plain, form));
-    if let Some(freed) = &freed {
+    let mut heads = Vec::new();
+    if let Some((freed, form)) = freed.as_ref().zip(setup.form.clone()) {
+        heads = started.heads(&plain, &tangent, &form);
         setup.extras.clone_from(&freed.attached);
     }
     let base = freed.unwrap_or_else(|| plain.clone());
     progress(0.15, "comparing candidates");
-    let mut search = select::search(&means.bench(&setup, &data), base.clone(), &mut |share| {
+    let mut search = select::search(&means.bench(&setup, &data), base.clone(), &heads, &mut |share| {
         progress(0.15 + 0.65 * share, "comparing candidates");
     });
     if slow {

@@ -38,6 +38,10 @@ const MATERIAL_SLOW: f64 = 0.2;
 /// Force that an effect must take away, RMS, as a share of the range: a seventh of what no load cell is straighter than.
 const SLIGHT: f64 = 3e-5;
 
+/// Candidates that are tried before the form is freed, and how many of them it is freed for.
+const HEADS_TRIED: usize = 6;
+const HEADS: usize = 3;
+
 /// Codes of a set of effects, sorted.
 pub(super) type Key = Vec<&'static str>;
 
@@ -175,6 +179,23 @@ impl<'a> Bench<'a> {
         (0.5 * (node.cost() - free.cost()) > PRICE).then_some(free)
     }
 
+    /// The best candidates on a settled baseline of its own law, its form freed afterwards: a form that was freed first has bent
+    /// itself to what is missing, and may stand in the way of the effect that it is.
+    pub fn heads(&self, plain: &Node, tangent: &Tangent, form: &Attached) -> Vec<Node> {
+        let mut children = self.children(plain, tangent, &[], HEADS_TRIED);
+        children.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
+        children.truncate(HEADS);
+        let freed = children.iter().filter_map(|child| {
+            let mut node = self.freed(child, form.clone())?;
+            // The form first, as everywhere.
+            let (own, added) = (self.setup.model.parameters.len(), node.values.len() - 1);
+            node.attached.rotate_right(1);
+            node.values[own..added].rotate_right(form.parameters.len());
+            Some(node)
+        });
+        freed.collect()
+    }
+
     /// Every candidate's starts scored against a node; best start first, one list a candidate.
     pub fn scores(&self, node: &Node, tangent: &Tangent) -> Vec<Vec<Score>> {
         let structure = self.structure(node.attached.clone());
@@ -260,7 +281,14 @@ pub(super) struct Search {
 }
 
 /// Runs the search. `progress` hears the share of sizes done.
-pub(super) fn search(bench: &Bench<'_>, baseline: Node, progress: &mut dyn FnMut(f64)) -> Search {
+///
+/// `heads` are fits of one effect each that were found on another way; the better of two for one effect is kept.
+pub(super) fn search(
+    bench: &Bench<'_>,
+    baseline: Node,
+    heads: &[Node],
+    progress: &mut dyn FnMut(f64),
+) -> Search {
     let extras = bench.setup.extras.len();
     let mut nodes = vec![baseline];
     let mut seen = vec![nodes[0].key(extras)];
@@ -286,6 +314,18 @@ pub(super) fn search(bench: &Bench<'_>, baseline: Node, progress: &mut dyn FnMut
                 grown.push(nodes.len() - 1);
             }
         }
+        for head in heads.iter().filter(|_| size == 0) {
+            let key = head.key(extras);
+            match grown.iter().find(|&&i| nodes[i].key(extras) == key) {
+                Some(&known) if head.cost() < nodes[known].cost() => nodes[known] = head.clone(),
+                Some(_) => {}
+                None => {
+                    seen.push(key);
+                    nodes.push(head.clone());
+                    grown.push(nodes.len() - 1);
+                }
+            }
+        }
         grown.sort_by(|&a, &b| nodes[a].cost().total_cmp(&nodes[b].cost()));
         grown.truncate(BEAM);
         progress((size + 1) as f64 / LARGEST as f64);
@@ -293,7 +333,7 @@ pub(super) fn search(bench: &Bench<'_>, baseline: Node, progress: &mut dyn FnMut
             && let Some(&best) = grown.first()
             && let Some(deeper) = deeper(bench, &nodes[0], &nodes[best])
         {
-            return search(bench, deeper, progress);
+            return search(bench, deeper, heads, progress);
         }
         let Some(&best) = grown.first() else { break };
         // What would not be accepted is not worth going on for. Raw sums: what is not yet explained makes residuals

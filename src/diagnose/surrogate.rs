@@ -254,7 +254,7 @@ pub(super) fn confirm(
         }
         let bench = means.bench(setup, data);
         let settled = bench.settled(base).map_or_else(|| base.clone(), |(node, _)| node);
-        search = super::select::search(&bench, settled, &mut |_| {});
+        search = super::select::search(&bench, settled, &[], &mut |_| {});
     }
     let bench = means.bench(setup, data);
     refit(&bench, std::slice::from_mut(plain), &[0]);
