@@ -387,7 +387,11 @@ fn within_noise(bench: &Bench<'_>, node: &Node, place: usize) -> bool {
     let from = super::tables::offset(bench, &node.attached, place);
     let attached = &node.attached[place];
     let noise_mm = super::smoothing::median(bench.data.tracks.iter().map(|t| t.noise_mm).collect());
-    let sizes = attached.parameters.iter().zip(attached.effect.neutral).enumerate();
+    let sizes = attached
+        .parameters
+        .iter()
+        .zip(attached.effect.neutral)
+        .enumerate();
     sizes
         .filter(|(_, (p, neutral))| p.unit == "mm" && **neutral == 0.0)
         .any(|(i, _)| node.values[from + i].abs() < noise_mm)

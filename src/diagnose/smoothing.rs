@@ -4,7 +4,7 @@
 use nalgebra::{SMatrix, SVector};
 
 /// Half widths of the windows that are tried, in samples.
-const HALVES: [usize; 4] = [24, 12, 6, 3];
+const HALVES: [usize; 6] = [96, 48, 24, 12, 6, 3];
 
 /// Distance from a turning point, in noises, and number of samples that make a dwell.
 const DWELL: f64 = 6.0;
@@ -56,7 +56,7 @@ pub(super) fn noise(time_s: &[f64], values: &[f64]) -> f64 {
     from_differences.max(quantisation).max(1e-9 * scale)
 }
 
-/// Noise as the median of `N` samples' divided differences shows it.
+/// Noise as the middle half of `N` samples' divided differences shows it.
 fn differences<const N: usize>(time_s: &[f64], values: &[f64]) -> f64 {
     let found: Vec<f64> = values
         .windows(N)
@@ -77,9 +77,19 @@ fn differences<const N: usize>(time_s: &[f64], values: &[f64]) -> f64 {
     if found.is_empty() {
         return f64::INFINITY;
     }
-    // The median of |normal|.
-    median(found) / 0.6745
+    midmean(found) / MIDMEAN_OF_NORMAL
 }
+
+/// Mean of the middle half: as deaf to outliers as anybody needs, and steps of a converter do not make it jump as a median does.
+fn midmean(mut values: Vec<f64>) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    let quarter = values.len() / 4;
+    let middle = &values[quarter..values.len() - quarter];
+    middle.iter().sum::<f64>() / middle.len() as f64
+}
+
+/// Of |normal|: 4 (phi(0.3186) - phi(1.1503)), phi the density.
+const MIDMEAN_OF_NORMAL: f64 = 0.69328;
 
 /// Displacement, speed and acceleration at one sample.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
