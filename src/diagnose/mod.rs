@@ -2,10 +2,11 @@
 //!
 //! The steps, one file each: `condition` the recordings, `baseline` with what it is said to know, `problem` (structure against
 //! data), `surrogate` (for slow models), `score` every candidate from one simulation, `select` by a search judged on held-out
-//! cycles, `residual` (where, and what nothing explains), `next_test` among the `trial`s that the bench can run, `verdict`.
+//! cycles, `residual` (where), `bank` (what nothing explains, with what `repeats`), `next_test` among the `trial`s that the bench can run, `verdict`.
 //! Files, configs and pages are for others; `Diagnosis` has all they need.
 
 pub mod aggregates;
+mod bank;
 mod baseline;
 mod condition;
 pub mod diagnosis;

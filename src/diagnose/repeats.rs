@@ -83,3 +83,22 @@ pub(super) fn gain(data: &Data, residuals: &[f64]) -> f64 {
         .map(|(here, mean)| here.powi(2) - (here - trust * mean).powi(2))
         .sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::residual::tests::sampled;
+    use super::*;
+
+    /// Twenty samples a cycle over 10 mm: a ripple of 2 mm changes its sign between one sample and the next.
+    #[test]
+    fn a_ripple_that_the_samples_are_too_sparse_for_comes_again() {
+        let (data, noise) = sampled(0.0507, 40.0, |_, _| 0.0);
+        let selecting = data.count(Part::Select) as f64;
+        let none = gain(&data, &noise);
+        assert!(none < 0.05 * selecting, "{none} of {selecting}");
+        let (data, ripple) = sampled(0.0507, 40.0, |x, _| (std::f64::consts::PI * x).sin());
+        let found = gain(&data, &ripple);
+        // Half a unit of mean square; six neighbours of unit noise give most of it back.
+        assert!(found > 0.2 * selecting, "{found} of {selecting}");
+    }
+}

@@ -1,7 +1,5 @@
-//! Residuals in the axes of contracts.md: what is left that no candidate explains, and where on the loop it lies.
+//! Residuals in the axes of contracts.md: where on the loop they lie.
 //!
-//! The bank is a regression on hat functions of displacement, travel since reversal, force, speed, cycle and time, each also
-//! times the direction: whatever repeats along one of them is found, without a name. Fitted on fitted cycles, judged on others.
 //! The location is a scan: of all intervals of an axis the one whose box, projected on the baseline's own sensitivities,
 //! scores highest.
 
@@ -13,7 +11,7 @@ use super::problem::Data;
 use crate::effect::{Axis, Branch};
 
 /// Axes that are looked along.
-const AXES: [Axis; 6] = [
+pub(super) const AXES: [Axis; 6] = [
     Axis::DistanceFromReversalMm,
     Axis::DisplacementMm,
     Axis::ForceN,
@@ -23,9 +21,6 @@ const AXES: [Axis; 6] = [
 ];
 /// Bins of a map.
 const BINS: usize = 24;
-/// Boxes of the bank along the displacement, and along every other axis.
-const FINE: usize = 64;
-const COARSE: usize = 12;
 
 /// Coordinate of a point.
 fn coordinate(track: &Track, i: usize, axis: Axis) -> f64 {
@@ -42,21 +37,21 @@ fn coordinate(track: &Track, i: usize, axis: Axis) -> f64 {
 }
 
 /// One axis with its edges and the bin of every point; `None` where a point does not count.
-struct Binned {
+pub(super) struct Binned {
     axis: Axis,
     edges: Vec<f64>,
-    bin: Vec<Option<usize>>,
-    direction: Vec<f64>,
+    pub bin: Vec<Option<usize>>,
+    pub direction: Vec<f64>,
 }
 
 impl Binned {
     /// Number of bins.
-    fn len(&self) -> usize {
+    pub fn len(&self) -> usize {
         self.edges.len() - 1
     }
 }
 
-fn binned(data: &Data, axis: Axis, bins: usize) -> Option<Binned> {
+pub(super) fn binned(data: &Data, axis: Axis, bins: usize) -> Option<Binned> {
     let mut values = Vec::with_capacity(data.len());
     let mut direction = Vec::with_capacity(data.len());
     for track in &data.tracks {
@@ -104,122 +99,8 @@ fn binned(data: &Data, axis: Axis, bins: usize) -> Option<Binned> {
     })
 }
 
-/// Boxes along the displacement alone: fewer have less noise to fit, and a ripple is the same both ways.
-const ALONE: [usize; 2] = [24, FINE];
-/// What is left before and after so many cycles of a recording may differ: something gave way.
-const GAVE_WAY: [u32; 4] = [2, 3, 5, 10];
-
-/// What the bank still takes from the residuals.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Left {
-    /// Sum of squares on selecting cycles.
-    pub sum: f64,
-    /// The same for each selecting sample where it acts.
-    pub power: f64,
-}
-
-/// What the bank takes most of: all axes at once, the displacement alone, what comes again at the same place, and what differs
-/// along the displacement before and after something gave way.
-pub(super) fn left(data: &Data, residuals: &[f64]) -> Left {
-    let selecting = data.count(Part::Select).max(1) as f64;
-    let mut most = 0f64.max(super::repeats::gain(data, residuals));
-    // Ripples along the travel are finer than anything along the other axes.
-    let every: Vec<Binned> = AXES
-        .iter()
-        .filter_map(|&a| binned(data, a, if a == Axis::DisplacementMm { FINE } else { COARSE }))
-        .collect();
-    let boxes: usize = every.iter().map(Binned::len).sum();
-    let row = |i: usize| {
-        let mut entries = Vec::with_capacity(2 * every.len());
-        let mut first = 0;
-        for axis in &every {
-            if let Some(bin) = axis.bin[i] {
-                entries.push((first + bin, data.weight[i]));
-                entries.push((boxes + first + bin, data.weight[i] * axis.direction[i]));
-            }
-            first += axis.len();
-        }
-        entries
-    };
-    most = most.max(gain(data, residuals, 2 * boxes, row));
-    for boxes in ALONE {
-        if let Some(axis) = binned(data, Axis::DisplacementMm, boxes) {
-            let row = |i: usize| axis.bin[i].map(|b| (b, data.weight[i])).into_iter().collect();
-            most = most.max(gain(data, residuals, boxes, row));
-        }
-    }
-    let mut left = Left {
-        sum: most,
-        power: most / selecting,
-    };
-    let cycle: Vec<u32> = data.tracks.iter().flat_map(|t| t.cycle.clone()).collect();
-    for cycles in GAVE_WAY {
-        let before = |i: usize| cycle[i] <= cycles;
-        let counts = |i: &usize| data.weight[*i] > 0.0;
-        let share = (0..data.len()).filter(counts).filter(|&i| before(i)).count() as f64
-            / (0..data.len()).filter(counts).count().max(1) as f64;
-        let acts = (0..data.len())
-            .filter(|&i| counts(&i) && before(i) && data.part[i] == Part::Select)
-            .count();
-        let Some(axis) = binned(data, Axis::DisplacementMm, COARSE) else {
-            continue;
-        };
-        // Orthogonal to what is the same in all cycles.
-        let row = |i: usize| {
-            let side = if before(i) { 1.0 - share } else { -share };
-            axis.bin[i]
-                .map(|b| (b, data.weight[i] * side))
-                .into_iter()
-                .collect()
-        };
-        let sum = gain(data, residuals, COARSE, row);
-        if acts > 0 && sum / acts as f64 > left.power && sum > left.sum {
-            left = Left {
-                sum,
-                power: sum / acts as f64,
-            };
-        }
-    }
-    left
-}
-
-/// Sum of squares on selecting cycles that a regression on fitted cycles takes away; `row` has the columns of a point that are
-/// not zero.
-fn gain(data: &Data, residuals: &[f64], columns: usize, row: impl Fn(usize) -> Vec<(usize, f64)>) -> f64 {
-    let mut normal = DMatrix::<f64>::zeros(columns, columns);
-    let mut right = DVector::<f64>::zeros(columns);
-    for (i, residual) in residuals.iter().enumerate() {
-        if data.part[i] != Part::Fit {
-            continue;
-        }
-        let entries = row(i);
-        for &(c, v) in &entries {
-            right[c] += v * residual;
-            for &(d, w) in &entries {
-                normal[(c, d)] += v * w;
-            }
-        }
-    }
-    // Structure of half the noise is expected before looking: empty boxes stay empty, doubtful ones small.
-    let counted = data.weight.iter().filter(|w| **w > 0.0).count().max(1) as f64;
-    let expected = 4.0 * data.weight.iter().map(|w| w * w).sum::<f64>() / counted;
-    for c in 0..columns {
-        normal[(c, c)] += expected;
-    }
-    let Some(solved) = normal.cholesky().map(|c| c.solve(&right)) else {
-        return 0.0;
-    };
-    let mut gain = 0.0;
-    for (i, residual) in residuals.iter().enumerate() {
-        if data.part[i] != Part::Select || data.weight[i] == 0.0 {
-            continue;
-        }
-        let predicted: f64 = row(i).iter().map(|&(c, v)| v * solved[c]).sum();
-        gain += residual.powi(2) - (residual - predicted).powi(2);
-    }
-    gain
-}
-
+/// A place holds this many times the energy that its share of the samples would.
+const TELLING: f64 = 1.4;
 /// Mean residual over each axis, before and after.
 pub(super) fn maps(data: &Data, before: &[f64], after: &[f64]) -> Vec<Map> {
     AXES.iter()
@@ -270,7 +151,7 @@ pub(super) fn locate(data: &Data, residuals: &[f64], jacobian: &DMatrix<f64>) ->
     fitted -= jacobian * normal.solve(&jacobian.tr_mul(&fitted));
     let above: f64 = (fitted.norm_squared() - data.count(Part::Fit) as f64).max(1e-9);
     // Not along the measured force: it holds the residual, so that any misfit lies at some force.
-    let mut found: Vec<(f64, Location)> = AXES
+    let mut found: Vec<(f64, Location, bool)> = AXES
         .iter()
         .filter(|&&axis| axis != Axis::ForceN)
         .filter_map(|&axis| binned(data, axis, BINS))
@@ -283,12 +164,16 @@ pub(super) fn locate(data: &Data, residuals: &[f64], jacobian: &DMatrix<f64>) ->
         .collect();
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut axes = Vec::new();
-    found.retain(|(_, l)| {
+    found.retain(|(_, l, _)| {
         let new = !axes.contains(&l.axis);
         axes.push(l.axis);
         new
     });
-    found.into_iter().take(4).map(|(_, l)| l).collect()
+    // Nearly everywhere is no place, unless there is no other.
+    if found.iter().any(|(.., tells)| *tells) {
+        found.retain(|(.., tells)| *tells);
+    }
+    found.into_iter().take(4).map(|(_, l, _)| l).collect()
 }
 
 #[allow(clippy::too_many_arguments)]
@@ -301,10 +186,11 @@ fn scan(
     jacobian: &DMatrix<f64>,
     normal: &nalgebra::Cholesky<f64, nalgebra::Dyn>,
     above: f64,
-) -> Option<(f64, Location)> {
+) -> Option<(f64, Location, bool)> {
     let p = jacobian.ncols();
     let mut best: Option<(f64, f64, usize, usize)> = None;
     let mut energy = [0.0; BINS];
+    let mut samples = [0usize; BINS];
     // Even boxes see stiffness and offsets, odd ones friction.
     for odd in [false, true] {
         if odd && branch != Branch::Both {
@@ -325,6 +211,7 @@ fn scan(
             }
             if !odd {
                 energy[bin] += residuals[i] * residuals[i] - 1.0;
+                samples[bin] += 1;
             }
             let w = data.weight[i] * if odd { b.direction[i] } else { 1.0 };
             score[bin] += w * fitted[i];
@@ -369,7 +256,9 @@ fn scan(
     } else {
         0.8 * explained
     };
-    (gain > 10.0).then_some((rank, location))
+    let part = samples[from..=to].iter().sum::<usize>() as f64 / data.count(Part::Fit).max(1) as f64;
+    let tells = share > TELLING * part;
+    (gain > 10.0).then_some((rank, location, tells))
 }
 
 /// A location in words.
@@ -425,7 +314,7 @@ pub(super) fn share_in(data: &Data, residuals: &[f64], place: &crate::effect::Pl
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use rand::{RngExt, SeedableRng};
 
     use super::super::condition::{condition, share_out};
@@ -433,8 +322,14 @@ mod tests {
     use crate::recording::Recording;
 
     /// Ten cycles between 1 and 11 mm, and residuals of unit noise plus `extra` of (displacement, direction).
-    fn case(extra: impl Fn(f64, f64) -> f64) -> (Data, Vec<f64>) {
-        let time_s: Vec<f64> = (0..2000).map(|i| 0.005 * f64::from(i)).collect();
+    pub fn case(extra: impl Fn(f64, f64) -> f64) -> (Data, Vec<f64>) {
+        sampled(0.005, 10.0, extra)
+    }
+
+    /// The same for a time, a sample every `dt_s`.
+    pub fn sampled(dt_s: f64, duration_s: f64, extra: impl Fn(f64, f64) -> f64) -> (Data, Vec<f64>) {
+        let count = (duration_s / dt_s) as i32;
+        let time_s: Vec<f64> = (0..count).map(|i| dt_s * f64::from(i)).collect();
         let displacement_mm: Vec<f64> = time_s
             .iter()
             .map(|t| 6.0 - 5.0 * (std::f64::consts::TAU * t).cos())
@@ -462,18 +357,6 @@ mod tests {
             })
             .collect();
         (data, residuals)
-    }
-
-    #[test]
-    fn the_bank_finds_structure_and_leaves_noise() {
-        let (data, noise) = case(|_, _| 0.0);
-        let none = left(&data, &noise).sum;
-        // Fitting noise makes other cycles worse, by about a unit a box; 48 boxes are the fewest.
-        assert!(none < 4.8, "{none}");
-        let (data, ripple) = case(|x, _| (4.0 * x).sin());
-        let found = left(&data, &ripple).sum;
-        // Half a unit of mean square over the selecting cycles, most of it.
-        assert!(found > 0.25 * data.count(Part::Select) as f64, "{found}");
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! From a search to a diagnosis: findings with confidence, alternatives, what is unexplained, errors, the improved model.
 
+use super::bank;
 use super::condition::Part;
 use super::diagnosis::*;
 use super::fit::profile;
@@ -63,7 +64,7 @@ pub(super) fn conclude(
         .map(|k| rivals(bench, &mut search, k))
         .collect();
     let (before, after) = (&search.nodes[0], &search.nodes[chosen]);
-    let left = residual::left(data, &after.residuals);
+    let left = bank::left(data, &after.residuals);
     let explained = (before.select - after.select).max(0.0);
     let unexplained_share = (left.sum.max(0.0) / (explained + left.sum.max(1e-9))).clamp(0.0, 1.0);
     let counted = data.count(Part::Select).max(1) as f64;
