@@ -81,6 +81,8 @@ pub struct Track {
     pub motion: Vec<Motion>,
     /// How far the last turning point may be off, mm.
     pub turn_error_mm: Vec<f64>,
+    /// Time in s that the point is the mean over.
+    pub width_s: Vec<f64>,
     /// Cycle from 1.
     pub cycle: Vec<u32>,
     /// What the sample's cycle is used for.
@@ -235,6 +237,7 @@ impl<'a> Raw<'a> {
             since_reversal_mm: Vec::new(),
             motion: Vec::new(),
             turn_error_mm: Vec::new(),
+            width_s: Vec::new(),
             cycle: Vec::new(),
             part: Vec::new(),
             frequency_hz: motion.frequency_hz(&time_s),
@@ -263,6 +266,9 @@ impl<'a> Raw<'a> {
                 acceleration_mm_s2: locals[bin.clone()].iter().map(|l| l.mm_s2).sum::<f64>() / n,
                 reach_mm: motion.reach(last, &turned),
             });
+            track
+                .width_s
+                .push(n * (time_s[time_s.len() - 1] - time_s[0]) / (time_s.len() - 1) as f64);
             track.turn_error_mm.push(motion.turn_error_mm(last, &turned));
             // The turning point itself lies between samples: the plant goes there, nothing is compared.
             let between = turned.iter().filter_map(|t| Some((t.between?, t.mm)));
@@ -279,6 +285,7 @@ impl<'a> Raw<'a> {
                     acceleration_mm_s2: locals[last].mm_s2,
                     reach_mm: motion.reach(last, &turned),
                 });
+                track.width_s.push(0.0);
                 track.turn_error_mm.push(motion.turn_error_mm(last, &turned));
             }
         }

@@ -11,6 +11,7 @@ mod baseline;
 mod condition;
 pub mod diagnosis;
 mod fit;
+mod hum;
 mod next_test;
 mod problem;
 mod repeats;
@@ -110,6 +111,7 @@ pub fn diagnose(
     problem::Structure::new(&setup, &data, first.attached.clone())
         .predict(&first.values, &mut model_n)
         .map_err(BaselineError::from)?;
+    data.still_hum(&mut first.residuals, &model_n);
     data.rescale(&mut first.residuals, &model_n);
     if slow {
         let coarse_n = surrogate::coarseness_n(&means.bench(&setup, &data), &first.values);

@@ -56,6 +56,29 @@ impl Data {
             .sum()
     }
 
+    /// Takes mains hum out of the recordings where a fitted structure leaves it.
+    pub fn still_hum(&mut self, residuals: &mut [f64], model_n: &[f64]) {
+        let mut from = 0;
+        for (track, &length) in self.tracks.iter_mut().zip(&self.lengths) {
+            let piece = from..from + length;
+            let left_n: Vec<f64> = piece.clone().map(|i| self.force_n[i] - model_n[i]).collect();
+            if let Some(hum) = super::hum::found(track, &self.weight[piece.clone()], &left_n) {
+                for (i, at) in piece.enumerate() {
+                    let hum_n = hum.mean_n(track.time_s[i], track.width_s[i]);
+                    track.force_n[i] -= hum_n;
+                    self.force_n[at] -= hum_n;
+                    residuals[at] -= self.weight[at] * hum_n;
+                }
+                track.remarks.push(format!(
+                    "mains hum of {:.2} N at {:.2} Hz on the force was taken out: look at shields and grounds",
+                    hum.amplitude_n(),
+                    hum.frequency_hz
+                ));
+            }
+            from += length;
+        }
+    }
+
     /// Sets the weights by what a fitted structure shows: noise of the displacement times the slope that it has there
     /// (after a reversal it is far above the rate: errors in variables), then the white noise of the residuals, track by track.
     pub fn rescale(&mut self, residuals: &mut [f64], model_n: &[f64]) {
