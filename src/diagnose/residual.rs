@@ -101,6 +101,8 @@ pub(super) fn binned(data: &Data, axis: Axis, bins: usize) -> Option<Binned> {
 
 /// A place holds this many times the energy that its share of the samples would.
 const TELLING: f64 = 1.4;
+/// And at most this share of the samples on its branch.
+const MOST: f64 = 0.7;
 /// Mean residual over each axis, before and after.
 pub(super) fn maps(data: &Data, before: &[f64], after: &[f64]) -> Vec<Map> {
     AXES.iter()
@@ -256,8 +258,9 @@ fn scan(
     } else {
         0.8 * explained
     };
-    let part = samples[from..=to].iter().sum::<usize>() as f64 / data.count(Part::Fit).max(1) as f64;
-    let tells = share > TELLING * part;
+    let held = samples[from..=to].iter().sum::<usize>() as f64;
+    let (all, branch) = (data.count(Part::Fit) as f64, samples.iter().sum::<usize>() as f64);
+    let tells = share > TELLING * held / all && held < MOST * branch;
     (gain > 10.0).then_some((rank, location, tells))
 }
 

@@ -110,12 +110,19 @@ pub(super) fn errors_of(data: &Data, residuals: &[f64]) -> Errors {
 pub(super) fn baseline_parameters(bench: &Bench<'_>, node: &Node, confidence: &Confidence) -> Vec<Value> {
     let mut list = values_of(bench.setup.model.parameters, 0, node, confidence);
     for (k, attached) in node.attached.iter().enumerate().filter(|(_, a)| a.own) {
-        list.extend(values_of(
-            &attached.parameters,
-            offset(bench, &node.attached, k),
-            node,
-            confidence,
-        ));
+        let from = offset(bench, &node.attached, k);
+        list.extend(values_of(&attached.parameters, from, node, confidence));
+        // The form's strengths stand beside the model's own friction: what a technician knows is their sum.
+        let freed: f64 = node.values[from..from + attached.parameters.len()].iter().sum();
+        if let Some(i) = list.iter().position(|v| v.name == "friction_ratio") {
+            let whole = Value {
+                name: "friction_ratio_in_all".to_owned(),
+                value: list[i].value + freed,
+                unit: list[i].unit.clone(),
+                ci95: None,
+            };
+            list.insert(i + 1, whole);
+        }
     }
     list
 }
