@@ -101,7 +101,7 @@ pub(super) fn binned(data: &Data, axis: Axis, bins: usize) -> Option<Binned> {
 
 /// A place holds this many times the energy that its share of the samples would.
 const TELLING: f64 = 1.4;
-/// And at most this share of the samples on its branch.
+/// No place holds more than this share of the samples on its branch.
 const MOST: f64 = 0.7;
 /// Mean residual over each axis, before and after.
 pub(super) fn maps(data: &Data, before: &[f64], after: &[f64]) -> Vec<Map> {
@@ -222,13 +222,16 @@ fn scan(
                 shadow[bin][k] += w * jacobian[(i, k)];
             }
         }
+        let on_branch = samples.iter().sum::<usize>() as f64;
         for from in 0..BINS {
             let (mut s, mut pw, mut c) = (0.0, 0.0, DVector::<f64>::zeros(p));
+            let mut held = 0;
             for to in from..BINS {
                 s += score[to];
                 pw += power[to];
                 c += &shadow[to];
-                if to - from + 1 > 3 * BINS / 4 {
+                held += samples[to];
+                if to - from + 1 > 3 * BINS / 4 || held as f64 > MOST * on_branch {
                     break;
                 }
                 let left = pw - c.dot(&normal.solve(&c));
@@ -243,7 +246,11 @@ fn scan(
     }
     let (gain, explained, from, to) = best?;
     let inside: f64 = energy[from..=to].iter().sum();
-    let share = (inside / above).clamp(0.0, 1.0);
+    let everywhere: f64 = (0..data.len())
+        .filter(|&i| data.part[i] == Part::Fit && data.weight[i] > 0.0)
+        .map(|i| residuals[i] * residuals[i] - 1.0)
+        .sum();
+    let share = (inside / everywhere.max(1e-9)).clamp(0.0, 1.0);
     let location = Location {
         axis: b.axis,
         from: b.edges[from],
@@ -259,8 +266,7 @@ fn scan(
         0.8 * explained
     };
     let held = samples[from..=to].iter().sum::<usize>() as f64;
-    let (all, branch) = (data.count(Part::Fit) as f64, samples.iter().sum::<usize>() as f64);
-    let tells = share > TELLING * held / all && held < MOST * branch;
+    let tells = share > TELLING * held / data.count(Part::Fit).max(1) as f64;
     (gain > 10.0).then_some((rank, location, tells))
 }
 
