@@ -53,11 +53,9 @@ fn check_rounds(rounds: &[serde_json::Value], out: &Path) {
     assert!(out.join("rounds.json").is_file() && out.join("report.html").is_file());
 }
 
-#[test]
-fn rounds_are_run_and_kept_until_it_is_settled_or_nothing_helps() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let (file, csv) = confounded(folder.path());
-    let out = folder.path().join("out");
+/// What `--run-next` on a virtual bench ends with, and its rounds.
+fn virtual_rounds(folder: &Path, bench: &Path, csv: &Path) -> (serde_json::Value, Vec<serde_json::Value>) {
+    let out = folder.join("out");
     let ran = Command::new(env!("CARGO_BIN_EXE_leafbench"))
         .args([
             "diagnose",
@@ -66,7 +64,7 @@ fn rounds_are_run_and_kept_until_it_is_settled_or_nothing_helps() {
             "2",
             "--json",
             "--bench",
-            &text(&file),
+            &text(bench),
             "--out",
             &text(&out),
         ])
@@ -77,17 +75,40 @@ fn rounds_are_run_and_kept_until_it_is_settled_or_nothing_helps() {
     assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
     let ended: serde_json::Value = serde_json::from_slice(&ran.stdout).expect("JSON");
     println!("{} {}\n{:#}", ended["settled"], ended["why"], ended["rounds"]);
-    let rounds = ended["rounds"].as_array().expect("a list");
+    let rounds = ended["rounds"].as_array().expect("a list").clone();
     assert!(!rounds.is_empty() && rounds.len() <= 3);
     assert!(ended["why"].as_str().is_some_and(|w| !w.is_empty()));
-    check_rounds(rounds, &out);
-    let last = rounds.last().expect("one at least");
+    check_rounds(&rounds, &out);
+    (ended, rounds)
+}
+
+#[test]
+fn rounds_are_run_and_kept_until_it_is_settled_or_nothing_helps() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (file, csv) = confounded(folder.path());
+    let (ended, rounds) = virtual_rounds(folder.path(), &file, &csv);
     assert_eq!(ended["settled"], true, "{}", ended["why"]);
     assert!(
         rounds.len() > 1,
         "one sine about a knee does not settle it by itself"
     );
+    let last = rounds.last().expect("one at least");
     assert_eq!(last["effects"], serde_json::json!(["progressive_stiffness"]));
+}
+
+/// At one rate and one load a loss in proportion to speed is a lag of a channel, or friction of another form.
+#[test]
+fn a_damping_is_told_from_a_lag() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let bench = concealing("viscous_damping", &[("damping_n_s_per_mm", 0.1)]);
+    let file = folder.path().join("bench.toml");
+    std::fs::write(&file, bench.to_toml()).expect("scratch folder is writable");
+    let (_, csv) = play(&bench, &sine("one", 8.0, 1.0, 8), Some(folder.path()));
+    let (ended, rounds) = virtual_rounds(folder.path(), &file, &csv.expect("exported"));
+    assert_eq!(ended["settled"], true, "{}", ended["why"]);
+    assert!(rounds.len() > 1, "one sine does not settle it by itself");
+    let last = rounds.last().expect("one at least");
+    assert_eq!(last["effects"], serde_json::json!(["viscous_damping"]));
 }
 
 #[test]
