@@ -62,18 +62,16 @@ pub(super) fn left(data: &Data, residuals: &[f64]) -> Left {
         sum: most,
         power: most / selecting,
     };
+    let Some(axis) = binned(data, Axis::DisplacementMm, COARSE) else {
+        return left;
+    };
     let cycle: Vec<u32> = data.tracks.iter().flat_map(|t| t.cycle.clone()).collect();
+    let counted: Vec<usize> = (0..data.len()).filter(|&i| data.weight[i] > 0.0).collect();
     for cycles in GAVE_WAY {
         let before = |i: usize| cycle[i] <= cycles;
-        let counts = |i: &usize| data.weight[*i] > 0.0;
-        let share = (0..data.len()).filter(counts).filter(|&i| before(i)).count() as f64
-            / (0..data.len()).filter(counts).count().max(1) as f64;
-        let acts = (0..data.len())
-            .filter(|&i| counts(&i) && before(i) && data.part[i] == Part::Select)
-            .count();
-        let Some(axis) = binned(data, Axis::DisplacementMm, COARSE) else {
-            continue;
-        };
+        let early: Vec<usize> = counted.iter().copied().filter(|&i| before(i)).collect();
+        let share = early.len() as f64 / counted.len().max(1) as f64;
+        let acts = early.iter().filter(|&&i| data.part[i] == Part::Select).count();
         // Orthogonal to what is the same in all cycles.
         let row = |i: usize| {
             let side = if before(i) { 1.0 - share } else { -share };

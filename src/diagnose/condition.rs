@@ -266,9 +266,7 @@ impl<'a> Raw<'a> {
                 acceleration_mm_s2: locals[bin.clone()].iter().map(|l| l.mm_s2).sum::<f64>() / n,
                 reach_mm: motion.reach(last, &turned),
             });
-            track
-                .width_s
-                .push(n * (time_s[time_s.len() - 1] - time_s[0]) / (time_s.len() - 1) as f64);
+            track.width_s.push(n / track.sample_hz);
             track.turn_error_mm.push(motion.turn_error_mm(last, &turned));
             // The turning point itself lies between samples: the plant goes there, nothing is compared.
             let between = turned.iter().filter_map(|t| Some((t.between?, t.mm)));

@@ -23,29 +23,18 @@ fn branches(track: &Track, counts: impl Fn(usize) -> bool) -> [Vec<usize>; 2] {
 }
 
 /// The nearest points on other cycles that `others` lets in, nearest first; `at` is a place in `branch`.
-fn nearest<const N: usize>(
-    track: &Track,
-    branch: &[usize],
-    at: usize,
-    others: impl Fn(usize) -> bool,
-) -> ([usize; N], usize) {
-    let (mut found, mut count) = ([0; N], 0);
+fn nearest(track: &Track, branch: &[usize], at: usize, others: impl Fn(usize) -> bool) -> Vec<usize> {
     let here = branch[at];
     let fits = |&i: &usize| track.cycle[i] != track.cycle[here] && others(i);
-    let mut below = branch[..at].iter().rev().copied().filter(|i| fits(i)).peekable();
-    let mut above = branch[at + 1..].iter().copied().filter(|i| fits(i)).peekable();
+    let mut below = branch[..at].iter().rev().copied().filter(fits).peekable();
+    let mut above = branch[at + 1..].iter().copied().filter(fits).peekable();
     let far = |i: usize| (track.displacement_mm[i] - track.displacement_mm[here]).abs();
-    while count < N {
-        let next = match (below.peek(), above.peek()) {
-            (Some(&b), Some(&a)) if far(b) <= far(a) => below.next(),
-            (_, Some(_)) => above.next(),
-            _ => below.next(),
-        };
-        let Some(next) = next else { break };
-        found[count] = next;
-        count += 1;
-    }
-    (found, count)
+    let next = || match (below.peek(), above.peek()) {
+        (Some(&b), Some(&a)) if far(b) <= far(a) => below.next(),
+        (_, Some(_)) => above.next(),
+        _ => below.next(),
+    };
+    std::iter::from_fn(next).take(NEIGHBOURS).collect()
 }
 
 /// Sum of squares on selecting cycles that the fitted cycles' residuals at the same place take away.
@@ -60,11 +49,11 @@ pub(super) fn gain(data: &Data, residuals: &[f64]) -> f64 {
         for branch in branches(track, counts) {
             for at in 0..branch.len() {
                 let here = from + branch[at];
-                let (near, count) = nearest::<NEIGHBOURS>(track, &branch, at, fitted);
-                if count == 0 {
+                let near = nearest(track, &branch, at, fitted);
+                if near.is_empty() {
                     continue;
                 }
-                let mean = near[..count].iter().map(|i| residuals[from + i]).sum::<f64>() / count as f64;
+                let mean = near.iter().map(|i| residuals[from + i]).sum::<f64>() / near.len() as f64;
                 match data.part[here] {
                     Part::Fit => {
                         together += residuals[here] * mean;
