@@ -15,13 +15,25 @@ fn motion(i: usize) -> f64 {
 }
 
 fn step(c: &mut Criterion) {
-    let mut group = c.benchmark_group("finite-segment step");
+    let mut group = c.benchmark_group("model step");
     group.throughput(Throughput::Elements(SAMPLES as u64));
-    for (name, structure) in [("test stand", ""), ("links", "link_length_mm = 200.0")] {
+    let build = |name: &str, values: Option<&[f64]>, structure: &str| {
+        let model = model::find(name).expect("listed");
         let structure = structure.parse().expect("valid TOML");
-        let mut plant = model::find("finite-segment")
-            .and_then(|m| m.plant(&finite_segment::GRP_OPTIMUM, &structure))
-            .expect("published values are within bounds");
+        let start = model.start_values();
+        let plant = model.plant(values.unwrap_or(&start), &structure);
+        plant.expect("published values are within bounds")
+    };
+    let grp = Some(finite_segment::GRP_OPTIMUM.as_slice());
+    for (name, mut plant) in [
+        ("equivalent", build("equivalent", None, "")),
+        ("five-link", build("five-link", None, "")),
+        ("finite-segment, test stand", build("finite-segment", grp, "")),
+        (
+            "finite-segment, links",
+            build("finite-segment", grp, "link_length_mm = 200.0"),
+        ),
+    ] {
         group.bench_function(name, |b| {
             b.iter(|| {
                 (0..SAMPLES)
