@@ -5,8 +5,9 @@
 //! displacement is made monotone (pool adjacent violators), so that noise is no travel for a friction law.
 
 pub(super) use super::smoothing::noise;
-use super::smoothing::{monotone, settle_turns, smoothed, turned};
+use super::smoothing::{monotone, smoothed};
 use super::travel::{Travel, settled_from};
+use super::turning::{settle_turns, turned};
 use crate::model::Motion;
 use crate::recording::{Flags, Recording, cycles};
 

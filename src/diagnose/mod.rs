@@ -1,9 +1,9 @@
 //! Says which physics a model left out, and proves it on data that no parameter was fitted on.
 //!
-//! The steps, one file each: `condition` the recordings, `baseline` with what it is said to know, `problem` (structure against
-//! data), `surrogate` (for slow models), `hum` taken out, `score` every candidate from one simulation, `select` by a search
-//! judged on held-out cycles, `residual` (where), `bank` (what nothing explains, with what `repeats`), `next_test` among the
-//! `trial`s that the bench can run, `verdict`.
+//! The steps, one file each: `condition` the recordings (`smoothing`, `turning`, `travel`), `baseline` with what it is said
+//! to know, `problem` (structure against data), `surrogate` (for slow models), `hum` taken out, `score` every candidate from
+//! one simulation, `select` by a search judged on held-out cycles, `residual` (where), `bank` (what nothing explains, with
+//! what `repeats`), `next_test` among the `trial`s that the bench can run, `verdict`.
 //! Files, configs and pages are for others; `Diagnosis` has all they need.
 
 pub mod aggregates;
@@ -25,6 +25,7 @@ mod tables;
 mod traced;
 mod travel;
 mod trial;
+mod turning;
 mod verdict;
 
 pub use baseline::{Baseline, BaselineError};

@@ -1,7 +1,8 @@
 //! Where each sample stands between two turning points. Columns in, columns out.
 
 use super::condition::range;
-use super::smoothing::{Turn, median};
+use super::smoothing::median;
+use super::turning::Turn;
 
 /// Half cycle, direction and travel since the reversal of every sample.
 pub(super) struct Travel {
