@@ -5,6 +5,8 @@
 //! be judged: against the lack that the verdict asks for once the test's own samples are there. The test that brings all
 //! rivals furthest wins, the shortest of those that settle it.
 
+use std::ops::AddAssign;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::diagnosis::NextTest;
@@ -28,6 +30,8 @@ const COMPARED: f64 = 0.75;
 /// Averaging in a bin never counts for more samples than this (`condition` says the same), and cycles are judged up to here.
 const AVERAGED: f64 = 16.0;
 const JUDGED_CYCLES: f64 = 11.0;
+/// Turns of a test whose places are taken as uncertain: those of a nest, and the first of a long wave, which all are alike.
+const TURNS: usize = 40;
 /// Finest share of the range of force that a sample is believed to (`problem` says the same).
 const LINEARITY: f64 = 2e-4;
 
@@ -119,17 +123,51 @@ fn forces(
     values: &[f64],
     course: &Course,
 ) -> Option<DVector<f64>> {
+    moved(bench, structure, values, course, None)
+}
+
+/// The same with one point of the course that many mm elsewhere.
+fn moved(
+    bench: &Bench<'_>,
+    structure: &Structure<'_>,
+    values: &[f64],
+    course: &Course,
+    elsewhere: Option<(usize, f64)>,
+) -> Option<DVector<f64>> {
     let (zero_n, own) = values.split_last()?;
     let mut plant = super::baseline::build(bench.setup, &structure.attached, own, *zero_n).ok()?;
     let mut before_s = 0.0;
-    let force_n = course.points.iter().map(|p| {
+    let force_n = course.points.iter().enumerate().map(|(k, p)| {
         plant.told(&p.motion);
-        let force_n = plant.step(p.displacement_mm, p.time_s - before_s);
+        let off_mm = elsewhere.filter(|(at, _)| *at == k).map_or(0.0, |(_, mm)| mm);
+        let force_n = plant.step(p.displacement_mm + off_mm, p.time_s - before_s);
         before_s = p.time_s;
         force_n
     });
     let force_n = DVector::from_iterator(course.points.len(), force_n);
     force_n.iter().all(|f| f.is_finite()).then_some(force_n)
+}
+
+/// What a turn that lies a noise of the displacement farther does to every weighted force after it, one column a turn: where
+/// the motion turned is known no better, and friction remembers it.
+fn turns(
+    bench: &Bench<'_>,
+    ours: (&Structure<'_>, &[f64]),
+    course: &Course,
+    (truth, weights): (&DVector<f64>, &DVector<f64>),
+    noise_mm: f64,
+) -> Option<DMatrix<f64>> {
+    let few = &course.turns[..course.turns.len().min(TURNS)];
+    let mut columns = DMatrix::zeros(course.points.len(), few.len());
+    for (j, &at) in few.iter().enumerate() {
+        let x = |k: usize| course.points[k].displacement_mm;
+        let farther_mm = noise_mm * (x(at) - x(at - 1)).signum();
+        let mut off = moved(bench, ours.0, ours.1, course, Some((at, farther_mm)))? - truth;
+        // What is measured at the turn itself is weighed already.
+        off[at] = 0.0;
+        columns.set_column(j, &off.component_mul(weights));
+    }
+    Some(columns)
 }
 
 /// A rival with what the recordings say of its parameters.
@@ -159,8 +197,8 @@ impl<'a, 'n> Opponent<'a, 'n> {
         &self,
         bench: &Bench<'_>,
         course: &Course,
-        truth: &DVector<f64>,
-        weights: &DVector<f64>,
+        (truth, weights): (&DVector<f64>, &DVector<f64>),
+        turns: &DMatrix<f64>,
     ) -> Option<f64> {
         let values = &self.rival.node.values;
         let run = |values: &[f64]| {
@@ -184,12 +222,24 @@ impl<'a, 'n> Opponent<'a, 'n> {
             jacobian.set_column(n, &((run(&moved)? - &here) * (self.scale[n] / (step * size))));
         }
         let difference = truth.component_mul(weights) - here;
-        let mut normal = jacobian.tr_mul(&jacobian) + self.known.tr_mul(&self.known);
-        for i in 0..normal.nrows() {
-            normal[(i, i)] = normal[(i, i)] * (1.0 + 1e-9) + 1e-9;
+        // The parameters may move as far as the recordings let them, the turns as far as the noise of the displacement.
+        let (count, own) = (values.len(), turns.ncols());
+        let mut all = jacobian.resize_horizontally(count + own, 0.0);
+        all.columns_mut(count, own).copy_from(turns);
+        let mut normal = all.tr_mul(&all);
+        let known = self.known.tr_mul(&self.known);
+        normal.view_mut((0, 0), (count, count)).add_assign(&known);
+        for i in 0..count + own {
+            let free = if i < count { 1e-9 } else { 1.0 };
+            normal[(i, i)] = normal[(i, i)] * (1.0 + 1e-9) + free;
         }
-        let moves = normal.cholesky()?.solve(&jacobian.tr_mul(&difference));
-        Some((&difference - &jacobian * &moves).norm_squared() + (&self.known * &moves).norm_squared())
+        let moves = normal.cholesky()?.solve(&all.tr_mul(&difference));
+        let (of_parameters, of_turns) = (moves.rows(0, count), moves.rows(count, own));
+        Some(
+            (&difference - &all * &moves).norm_squared()
+                + (&self.known * of_parameters).norm_squared()
+                + of_turns.norm_squared(),
+        )
     }
 }
 
@@ -218,7 +268,7 @@ pub(super) fn propose(bench: &Bench<'_>, question: &Question<'_>) -> Option<Next
     let reach = Reach::new(
         bench.span.displacement_mm,
         bench.span.speed_mm_s,
-        noise.sample_hz,
+        [noise.sample_hz, noise.budget],
         bench.limits.as_ref(),
     );
     let trials = trials(&reach);
@@ -230,7 +280,15 @@ pub(super) fn propose(bench: &Bench<'_>, question: &Question<'_>) -> Option<Next
             return None;
         }
         let weights = noise.weights(&course, &truth);
-        let gain = |o: &Opponent<'_, '_>| Some(worth.gain(o.left(bench, &course, &truth, &weights)?));
+        let told = (&truth, &weights);
+        let turns = turns(
+            bench,
+            (&ours, &chosen.values),
+            &course,
+            told,
+            noise.displacement_mm,
+        )?;
+        let gain = |o: &Opponent<'_, '_>| Some(worth.gain(o.left(bench, &course, told, &turns)?));
         let counted = bench.data.counted() as f64 + noise.counted(&course);
         let alike = worth.gain(ALIKE * worth.spread * counted);
         // More of the effect is seen too, and with it more asked of what could stand in its place.

@@ -15,6 +15,9 @@ const BEYOND: f64 = 0.25;
 /// Points after a turn lie this share of the way since then apart, and no closer than this share of the whole travel.
 const COARSENING: f64 = 0.04;
 const FINEST: f64 = 1.0 / 600.0;
+/// Time of the ramps before and after a wave, about, and most cycles of one.
+const RAMPS_S: f64 = 12.0;
+const LONGEST_CYCLES: f64 = 60.0;
 /// Points in time at least.
 const POINTS: f64 = 400.0;
 
@@ -27,6 +30,8 @@ pub(super) struct Reach {
     pub speed_mm_s: f64,
     pub acceleration_mm_s2: f64,
     pub sample_hz: f64,
+    /// Samples that a recording is judged by without thinning.
+    pub samples: f64,
 }
 
 impl Reach {
@@ -34,7 +39,7 @@ impl Reach {
     pub fn new(
         displacement_mm: [f64; 2],
         recorded_mm_s: f64,
-        sample_hz: f64,
+        [sample_hz, samples]: [f64; 2],
         limits: Option<&ProfileLimits>,
     ) -> Reach {
         let [low, high] = [displacement_mm[0].max(0.0), displacement_mm[1]];
@@ -50,6 +55,7 @@ impl Reach {
             speed_mm_s: speed_mm_s.max(1.0),
             acceleration_mm_s2,
             sample_hz,
+            samples,
         }
     }
 
@@ -74,6 +80,8 @@ pub(super) struct Point {
 /// A test as it will be recorded.
 pub(super) struct Course {
     pub points: Vec<Point>,
+    /// Points at which the motion turns.
+    pub turns: Vec<usize>,
     pub duration_s: f64,
     /// Whole cycles between turns.
     pub cycles: f64,
@@ -126,6 +134,7 @@ fn thinned(x: &[f64], reach: &Reach) -> Course {
     let finest_s = 1.0 / reach.sample_hz;
     let longest_s = duration_s / POINTS;
     let (mut points, mut half): (Vec<Point>, usize) = (Vec::new(), 0);
+    let mut turned = Vec::new();
     for k in 0..=last {
         let turn = turns.get(half) == Some(&k);
         let (from, since_s) = points.last().map_or((x[0], f64::INFINITY), |p| {
@@ -148,10 +157,14 @@ fn thinned(x: &[f64], reach: &Reach) -> Course {
                 },
             });
         }
-        half += usize::from(turn);
+        if turn {
+            turned.push(points.len() - 1);
+            half += 1;
+        }
     }
     Course {
         points,
+        turns: turned,
         duration_s,
         cycles: 0.5 * (turns.len() + 1) as f64,
     }
@@ -233,6 +246,15 @@ pub(super) fn trials(reach: &Reach) -> Vec<Trial> {
                 format!("sine-{load}-{frequency_hz}-hz"),
                 waves("sine", mean, amplitude_mm, frequency_hz, cycles),
             ));
+            // A slow logger sees little of a cycle: as many as it is judged by.
+            let wave_s = reach.samples / reach.sample_hz - RAMPS_S;
+            let long = (frequency_hz * wave_s).min(LONGEST_CYCLES) as u32;
+            if long >= 2 * cycles {
+                list.push((
+                    format!("sine-{load}-{frequency_hz}-hz-{long}-cycles"),
+                    waves("sine", mean, amplitude_mm, frequency_hz, long),
+                ));
+            }
         }
         // Corners as sharp as the oil lets them be: both directions of full speed within the window of the check.
         let corner_mm_s = 0.5 * reach.acceleration_mm_s2 * check::ACCELERATION_WINDOW_S;
@@ -276,7 +298,7 @@ mod tests {
     #[test]
     fn every_test_is_a_profile_within_what_is_allowed() {
         for limits in [Some(&LIMITS), None] {
-            let reach = Reach::new([-0.01, 24.0], 40.0, 500.0, limits);
+            let reach = Reach::new([-0.01, 24.0], 40.0, [500.0, 3000.0], limits);
             let list = trials(&reach);
             assert!(list.len() > 20);
             for trial in &list {
@@ -317,7 +339,7 @@ mod tests {
             displacement_max_mm: 10.0,
             ..LIMITS
         };
-        let reach = Reach::new([0.0, 24.0], 40.0, 500.0, Some(&low));
+        let reach = Reach::new([0.0, 24.0], 40.0, [500.0, 3000.0], Some(&low));
         let allowed = trials(&reach)
             .iter()
             .filter(|t| t.course(&reach, Some(&low)).is_some())
@@ -326,8 +348,31 @@ mod tests {
     }
 
     #[test]
+    fn a_slow_logger_is_given_more_cycles_and_none_that_it_is_not_judged_by() {
+        let samples = |sample_hz: f64| {
+            let reach = Reach::new([0.0, 24.0], 40.0, [sample_hz, 3000.0], Some(&LIMITS));
+            let long: Vec<f64> = trials(&reach)
+                .iter()
+                .filter(|t| t.name.ends_with("-hz-60-cycles"))
+                .map(|t| {
+                    let course = t.course(&reach, Some(&LIMITS)).expect("within the limits");
+                    assert!(course.cycles >= 60.0, "{}", t.name);
+                    course.duration_s * sample_hz
+                })
+                .collect();
+            long
+        };
+        let slow = samples(50.0);
+        assert!(!slow.is_empty() && slow.iter().all(|n| *n < 3000.0), "{slow:?}");
+        assert!(
+            samples(1000.0).is_empty(),
+            "12 cycles are all that it can be judged by"
+        );
+    }
+
+    #[test]
     fn a_slow_logger_is_asked_for_no_fast_test() {
-        let reach = Reach::new([0.0, 24.0], 40.0, 20.0, Some(&LIMITS));
+        let reach = Reach::new([0.0, 24.0], 40.0, [20.0, 3000.0], Some(&LIMITS));
         assert!(
             trials(&reach)
                 .iter()

@@ -30,7 +30,7 @@ const FAR_OFF: f64 = 25.0;
 const NEAREST: f64 = 0.05;
 /// Two explanations closer than this in log-likelihood, or this share of what the finding brings, are not told apart.
 const CLOSE_GAIN: f64 = 6.0;
-const CLOSE_SHARE: f64 = 0.08;
+const CLOSE_SHARE: f64 = 0.04;
 /// Whatever the finding brings: a mean square above the best, in units of the noise, that is told apart.
 pub(super) const ALIKE: f64 = 0.04;
 /// Temperature of the confidence: of the claims that two runs of 400 sealed cases (seeds 404 and 777) were 71 % sure of, 97 % were
