@@ -6,7 +6,7 @@ use nalgebra::{SMatrix, SVector};
 /// Half widths of the windows that are tried, in samples.
 const HALVES: [usize; 6] = [96, 48, 24, 12, 6, 3];
 
-/// Noises that a sample may lie off the piece that explains it.
+/// Noises that a sample may lie off the piece that explains it: of a wide window's squares one sample beyond a corner is little.
 const OUTLYING: f64 = 3.0;
 
 pub(super) fn median(mut values: Vec<f64>) -> f64 {
@@ -107,21 +107,23 @@ pub(super) fn smoothed(time_s: &[f64], values: &[f64], noise: f64) -> Vec<Local>
     (0..n)
         .map(|i| {
             for half in HALVES {
-                if i >= half && i + half < n {
-                    let middle = i - half..i + half + 1;
-                    if let Some(local) = fitted::<5>(time_s, values, middle, i, noise) {
-                        return local;
-                    }
+                let middle = (i >= half && i + half < n)
+                    .then(|| fitted::<5>(time_s, values, i - half..i + half + 1, i, noise))
+                    .flatten();
+                let off = |l: &Local| (l.mm - values[i]).abs();
+                if let Some(local) = middle.filter(|l| off(l) <= OUTLYING * noise) {
+                    return local;
                 }
                 // Beyond a corner only one side belongs to the sample: the one that it lies nearer to.
                 let sides = [i.saturating_sub(2 * half)..i + 1, i..(i + 2 * half + 1).min(n)];
-                let off = |l: &Local| (l.mm - values[i]).abs();
                 let nearer = sides
                     .into_iter()
                     .filter(|side| side.len() > half.max(4))
                     .filter_map(|side| fitted::<3>(time_s, values, side, i, noise))
                     .min_by(|a, b| off(a).total_cmp(&off(b)));
-                if let Some(local) = nearer {
+                // A sample that lies off both sides is noise, no corner.
+                let belongs = nearer.filter(|l| off(l) <= OUTLYING * noise);
+                if let Some(local) = belongs.or(middle).or(nearer) {
                     return local;
                 }
             }
@@ -178,8 +180,7 @@ pub(super) fn fitted<const N: usize>(
             .sum();
         let free = (count - N).max(1) as f64;
         let limit = noise * (1.0 + 2.0 / (2.0 * free).sqrt());
-        // Of a wide window's squares one sample beyond a corner is no part: the sample itself must agree.
-        if squares > free * limit * limit || solved[0].abs() > OUTLYING * noise {
+        if squares > free * limit * limit {
             return None;
         }
     }

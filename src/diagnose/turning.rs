@@ -5,6 +5,8 @@ use super::smoothing::{Local, fitted, median};
 /// Distance from a turning point, in noises, and number of samples that make a dwell.
 const DWELL: f64 = 6.0;
 const LEAST_DWELL: usize = 12;
+/// Share of the samples near a turning point from which a dwell is a rest: of a parabola's, 0.65 lie within a noise of their median.
+const RESTS: f64 = 0.85;
 /// Squares in noises that a creep must take off a dwell: chance takes as many from one in 3000.
 const CREEP: f64 = 16.0;
 
@@ -34,36 +36,27 @@ pub(super) fn settle_turns(
             continue;
         }
         let dwell = from..to + 1;
-        let squares = |path: &[Local]| -> f64 {
-            let off = values[dwell.clone()].iter().zip(path);
-            off.map(|(v, l)| (v - l.mm).powi(2)).sum()
-        };
-        let mean = values[dwell.clone()].iter().sum::<f64>() / dwell.len() as f64;
-        let stands = Local {
-            mm: mean,
-            sure: true,
-            ..Local::default()
-        };
-        let mut path = vec![stands; dwell.len()];
-        let creeps: Option<Vec<Local>> = dwell
+        let round: Option<Vec<Local>> = dwell
             .clone()
             .map(|i| fitted::<3>(time_s, values, dwell.clone(), i, f64::INFINITY))
             .collect();
-        if let Some(creeps) = creeps
-            && squares(&path) - squares(&creeps) > CREEP * noise * noise
-        {
-            path = creeps;
-        }
-        // On the way to it and from it nothing goes beyond it: that too would pass for the turn.
-        let outside = [first.checked_sub(1), Some(last + 1)];
-        let below = outside
-            .into_iter()
-            .flatten()
-            .find_map(|j| Some(locals.get(j)?.mm < level));
-        let sign = if below.unwrap_or(true) { 1.0 } else { -1.0 };
-        for (ways, end) in [(first..from, path[0]), (to + 1..last + 1, path[path.len() - 1])] {
-            for local in &mut locals[ways] {
-                local.mm = sign * (sign * local.mm).min(sign * end.mm);
+        let Some(mut path) = round else { continue };
+        // The crest of a wave leaves its own level as soon as it has come; a rest is nearly all that lies near it.
+        if dwell.len() as f64 > RESTS * (last + 1 - first) as f64 {
+            let rest = rested(&values[dwell.clone()], &path, noise);
+            path = rest.unwrap_or(path);
+            // On the way to it and from it nothing goes beyond it: that too would pass for the turn.
+            let outside = [first.checked_sub(1), Some(last + 1)];
+            let neighbour = outside.into_iter().flatten().find_map(|j| locals.get(j));
+            let sign = if neighbour.is_none_or(|l| l.mm < level) {
+                1.0
+            } else {
+                -1.0
+            };
+            for (way, end) in [(first..from, path[0]), (to + 1..last + 1, path[path.len() - 1])] {
+                for local in &mut locals[way] {
+                    local.mm = sign * (sign * local.mm).min(sign * end.mm);
+                }
             }
         }
         for (local, settled) in locals[dwell].iter_mut().zip(path) {
@@ -73,6 +66,21 @@ pub(super) fn settle_turns(
             };
         }
     }
+}
+
+/// A dwell at one level; none where `creeping` explains more of it than chance would.
+fn rested(values: &[f64], creeping: &[Local], noise: f64) -> Option<Vec<Local>> {
+    let mm = values.iter().sum::<f64>() / values.len() as f64;
+    let squares = |at: &dyn Fn(usize) -> f64| -> f64 {
+        let off = values.iter().enumerate().map(|(k, v)| v - at(k));
+        off.map(|off| off * off).sum()
+    };
+    let taken = squares(&|_| mm) - squares(&|k| creeping[k].mm);
+    let rest = Local {
+        mm,
+        ..Local::default()
+    };
+    (taken <= CREEP * noise * noise).then(|| vec![rest; values.len()])
 }
 
 /// A turning point as well as it can be known.
@@ -229,5 +237,27 @@ mod tests {
         let crept_mm = x[25 * 30] - x[15 * 30];
         // 10 of the 12 s; a parabola's ends over 360 samples are known to 0.3 um.
         assert!((crept_mm + 0.005).abs() < 0.001, "{crept_mm}");
+    }
+
+    /// 6 mm at 1 Hz: at 1 kHz some 20 samples lie within six noises of the crest, few enough to pass for a rest.
+    #[test]
+    fn the_crest_of_a_wave_is_no_rest() {
+        let time_s: Vec<f64> = (0..20_000).map(|i| 1e-3 * f64::from(i)).collect();
+        let truth = |t: f64| -6.0 * (std::f64::consts::TAU * t).cos();
+        let x: Vec<f64> = time_s
+            .iter()
+            .enumerate()
+            .map(|(i, &t)| truth(t) + 0.003 * noisy(i))
+            .collect();
+        let noise_mm = noise(&time_s, &x);
+        let mut locals = smoothed(&time_s, &x, noise_mm);
+        let crests: Vec<usize> = (0..19).map(|k| 500 + 1000 * k).collect();
+        settle_turns(&time_s, &x, &crests, noise_mm, &mut locals);
+        let off = crests.iter().map(|&i| locals[i].mm - truth(time_s[i]));
+        let mean_mm = off.sum::<f64>() / crests.len() as f64;
+        assert!(
+            mean_mm.abs() < 0.2 * noise_mm,
+            "{mean_mm} mm, noise {noise_mm} mm"
+        );
     }
 }
