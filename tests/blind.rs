@@ -84,6 +84,7 @@ fn sixty_sealed_cases() {
         seed: 20_261,
         strength: None,
         family: None,
+        look_alikes: 0,
         threads: std::thread::available_parallelism().map_or(1, usize::from),
     };
     let marks = run(&request, &mut |seals| assert_eq!(seals.len(), 60), &|_| {}).expect("seals open");
@@ -91,7 +92,7 @@ fn sixty_sealed_cases() {
         marks.iter().all(|m| m.refused.is_none()),
         "every case is a sound recording"
     );
-    let found = figures::figures(&marks);
+    let found = figures::figures(&marks, &[]);
     for f in &found {
         println!("{}: {:?} of {}, asked {}", f.what, f.reached, f.count, f.asked);
     }
@@ -99,7 +100,7 @@ fn sixty_sealed_cases() {
         let figure = found.iter().find(|f| f.what.starts_with(what)).expect("a row");
         figure.reached.expect("cases bear on it")
     };
-    println!("{}", page::text(&marks));
+    println!("{}", page::text(&request, &marks));
     assert!(reached("exact set, single") >= 95.0);
     assert!(reached("exact set, two") >= 80.0);
     assert!(reached("true effect named") >= 95.0);

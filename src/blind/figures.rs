@@ -61,8 +61,8 @@ fn median(mut values: Vec<f64>) -> (Option<f64>, usize) {
     (middle, n)
 }
 
-/// The table.
-pub fn figures(marks: &[Mark]) -> Vec<Figure> {
+/// The table; `look_alikes` count for the rows of `--run-next` alone.
+pub fn figures(marks: &[Mark], look_alikes: &[Mark]) -> Vec<Figure> {
     let one = |m: &&Mark| matches!(m.label.family, Family::Single | Family::Concealed);
     let two = |m: &&Mark| m.label.family == Family::Pair;
     let none = |m: &&Mark| matches!(m.label.family, Family::None | Family::NoneNoisy);
@@ -97,7 +97,8 @@ pub fn figures(marks: &[Mark]) -> Vec<Figure> {
         .iter()
         .filter(|m| m.exact() && !m.label.hidden.is_empty())
         .filter_map(|m| m.answer.as_ref().map(|a| a.heldout));
-    let settlings = marks.iter().filter_map(|m| m.settling.as_ref());
+    let settling = || marks.iter().chain(look_alikes);
+    let settlings = settling().filter_map(|m| m.settling.as_ref());
     let (ece, claims) = calibration_error(marks);
     vec![
         row(
@@ -171,7 +172,7 @@ pub fn figures(marks: &[Mark]) -> Vec<Figure> {
         row(
             "settled by `--run-next`, one with a look-alike, all strengths",
             "at least 80 %",
-            share(marks.iter().filter_map(Mark::settled)),
+            share(settling().filter_map(Mark::settled)),
             "%",
             |v| v >= 80.0,
         ),
@@ -280,7 +281,7 @@ mod tests {
             mark(&[], &[], &[]),
             mark(&[], &["inertia"], &[]),
         ];
-        let found = figures(&marks);
+        let found = figures(&marks, &[]);
         let reached = |what: &str| {
             found
                 .iter()
@@ -309,8 +310,8 @@ mod tests {
                 ..right[i].clone()
             })
             .collect();
-        assert_eq!(figures(&right)[0].reached, Some(100.0));
-        assert_eq!(figures(&swapped)[0].reached, Some(0.0));
+        assert_eq!(figures(&right, &[])[0].reached, Some(100.0));
+        assert_eq!(figures(&swapped, &[])[0].reached, Some(0.0));
     }
 
     #[test]

@@ -32,6 +32,9 @@ pub struct Request {
     pub strength: Option<f64>,
     /// Only the cases of this family, under the numbers that they have among all.
     pub family: Option<Family>,
+    /// Numbers after `cases` among which those with a look-alike are examined too: the row of `--run-next` alone counts them,
+    /// for too few of the others have anything to settle.
+    pub look_alikes: u64,
     /// Cores; one case runs on one.
     pub threads: usize,
 }
@@ -39,9 +42,15 @@ pub struct Request {
 impl Request {
     /// Numbers of the cases that are examined.
     pub fn numbers(&self) -> Vec<u64> {
-        (0..self.cases)
-            .filter(|&n| self.family.is_none_or(|f| Family::of(n) == f))
-            .collect()
+        let drawn = (0..self.cases).filter(|&n| self.family.is_none_or(|f| Family::of(n) == f));
+        let beyond =
+            (self.cases..self.cases + self.look_alikes).filter(|&n| Family::of(n) == Family::Confounded);
+        drawn.chain(beyond).collect()
+    }
+
+    /// The marks of the cases asked for, and those of the look-alikes after them.
+    pub fn split<'m>(&self, marks: &'m [Mark]) -> (&'m [Mark], &'m [Mark]) {
+        marks.split_at(marks.partition_point(|m| m.label.number < self.cases))
     }
 }
 
@@ -135,4 +144,35 @@ fn side_by_side<T: Sync, R: Send>(list: &[T], threads: usize, f: &(dyn Fn(&T) ->
     let mut results = results.into_inner().unwrap_or_default();
     results.sort_by_key(|(i, _)| *i);
     results.into_iter().map(|(_, r)| r).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn look_alikes_beyond_the_cases_are_drawn_and_kept_apart() {
+        let request = Request {
+            cases: 40,
+            seed: 1,
+            strength: None,
+            family: None,
+            look_alikes: 160,
+            threads: 1,
+        };
+        let numbers = request.numbers();
+        assert!(numbers[..40].iter().copied().eq(0..40));
+        // Every kind comes once in 20.
+        assert_eq!(numbers.len(), 40 + 160 / 20);
+        assert!(numbers[40..].iter().all(|&n| Family::of(n) == Family::Confounded));
+        let marks: Vec<Mark> = [39, 40]
+            .map(|number| {
+                let mut mark = score::tests::mark(&["inertia"], &["inertia"], &[]);
+                mark.label.number = number;
+                mark
+            })
+            .into();
+        let (drawn, beyond) = request.split(&marks);
+        assert_eq!((drawn[0].label.number, beyond[0].label.number), (39, 40));
+    }
 }

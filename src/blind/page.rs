@@ -20,8 +20,9 @@ fn reached(f: &Figure) -> String {
 }
 
 /// The table for a terminal.
-pub fn text(marks: &[Mark]) -> String {
-    let list = figures(marks);
+pub fn text(request: &Request, marks: &[Mark]) -> String {
+    let (drawn, look_alikes) = request.split(marks);
+    let list = figures(drawn, look_alikes);
     let width = list.iter().map(|f| f.what.len()).max().unwrap_or(0);
     let mut out = String::new();
     for f in &list {
@@ -46,7 +47,8 @@ pub fn markdown(request: &Request, seal: &str, marks: &[Mark]) -> String {
     page
 }
 
-fn write_page(page: &mut String, request: &Request, seal: &str, marks: &[Mark]) -> std::fmt::Result {
+fn write_page(page: &mut String, request: &Request, seal: &str, all: &[Mark]) -> std::fmt::Result {
+    let (marks, look_alikes) = request.split(all);
     let strength = request
         .strength
         .map_or(String::new(), |s| format!(" --strength {s}"));
@@ -63,16 +65,22 @@ fn write_page(page: &mut String, request: &Request, seal: &str, marks: &[Mark]) 
         page,
         "The truth shares no code with the diagnosis (`src/truth`, held by a test). A strength of 1 is the detection limit: the\n\
          part of an effect that no refit of the baseline absorbs has an RMS of {} sigma / sqrt(n), n at most {} effective samples\n\
-         for each branch of the motion. Anything under 200 cases is an anecdote; this page stands on {}.\n",
+         for each branch of the motion. Anything under 200 cases is an anecdote; this page stands on {}{}.\n",
         limit::MULTIPLE,
         limit::SAMPLES_PER_BRANCH,
-        marks.len()
+        marks.len(),
+        match look_alikes.len() {
+            0 => String::new(),
+            n => format!(
+                ", and\nits rows of `--run-next` on {n} more with a look-alike, the next of the same seed: few have anything to settle"
+            ),
+        }
     )?;
     writeln!(
         page,
         "## Figures\n\n| | asked for | reached | n | met |\n|---|---|---|---|---|"
     )?;
-    for f in figures(marks) {
+    for f in figures(marks, look_alikes) {
         let met = if f.met { "yes" } else { "**no**" };
         writeln!(
             page,
@@ -84,7 +92,7 @@ fn write_page(page: &mut String, request: &Request, seal: &str, marks: &[Mark]) 
         )?;
     }
     write_strengths(page, marks)?;
-    write_settlings(page, marks)?;
+    write_settlings(page, all)?;
     write_reliability(page, marks)?;
     write_confusion(page, marks)?;
     write_wrong(page, marks)
@@ -242,6 +250,7 @@ mod tests {
             seed: 7,
             strength: None,
             family: None,
+            look_alikes: 0,
             threads: 1,
         };
         let page = markdown(&request, "abc", &marks);
@@ -249,7 +258,7 @@ mod tests {
             page.contains("--seed 7") && page.contains("`abc`") && page.contains("| inertia | **1** | 1 |")
         );
         assert!(page.contains("| 0 | one effect | 5 | inertia | relaxation | inertia |"));
-        let text = text(&marks);
-        assert!(text.contains("50.0 %") && text.lines().count() == figures(&marks).len());
+        let text = text(&request, &marks);
+        assert!(text.contains("50.0 %") && text.lines().count() == figures(&marks, &[]).len());
     }
 }

@@ -72,6 +72,9 @@ fn arguments(command: clap::Command) -> clap::Command {
         )
 }
 
+/// Of this many times as many cases those with a look-alike are examined for the row of `--run-next`.
+const LOOK_ALIKES: u64 = 4;
+
 #[derive(serde::Serialize)]
 struct Summary {
     cases: u64,
@@ -91,13 +94,16 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
             "--strength {s}: enter detection limits above 0 and up to 1000"
         )));
     }
+    let family = matches
+        .get_one::<String>("kind")
+        .and_then(|key| Family::ALL.into_iter().find(|f| f.key() == key));
+    let cases = number("cases").unwrap_or(400);
     let request = Request {
-        cases: number("cases").unwrap_or(400),
+        cases,
         seed: number("seed").unwrap_or(1),
         strength,
-        family: matches
-            .get_one::<String>("kind")
-            .and_then(|key| Family::ALL.into_iter().find(|f| f.key() == key)),
+        family,
+        look_alikes: if family.is_none() { LOOK_ALIKES * cases } else { 0 },
         threads: std::thread::available_parallelism().map_or(1, usize::from),
     };
     let out = matches.get_one::<PathBuf>("out");
@@ -110,8 +116,8 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
         );
     }
     let mut sealed = String::new();
-    let cases = request.numbers().len() as u64;
-    if cases == 0 {
+    let examined = request.numbers().len() as u64;
+    if examined == 0 {
         return Err(CliError::Input(format!(
             "--cases {}: no case of that kind is among so few; every kind comes once in 20",
             request.cases
@@ -132,7 +138,7 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
             if let Ok(mut bar) = progress.lock() {
                 bar.show(Progressed {
                     elapsed_s,
-                    remaining_s: elapsed_s * (cases - done) as f64 / done as f64,
+                    remaining_s: elapsed_s * (examined - done) as f64 / done as f64,
                     cycles: 0,
                     cycles_total: 0,
                 });
@@ -146,14 +152,15 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
     if let Some(folder) = out {
         write_results(folder, &request, &sealed, &marks)?;
     }
+    let (drawn, look_alikes) = request.split(&marks);
     let result = Summary {
-        cases,
+        cases: drawn.len() as u64,
         seed: request.seed,
         sealed_sha256: sealed,
-        figures: figures(&marks),
-        reliability: reliability(&marks),
+        figures: figures(drawn, look_alikes),
+        reliability: reliability(drawn),
     };
-    output.result(&result, || page::text(&marks))?;
+    output.result(&result, || page::text(&request, &marks))?;
     Ok(Done::Well)
 }
 
