@@ -17,7 +17,7 @@ use virtual_rig::{concealing, play, sine};
 fn confounded(folder: &Path) -> (PathBuf, PathBuf) {
     let bench = concealing(
         "progressive_stiffness",
-        &[("extra_rate_n_per_mm", 1.0), ("knee_mm", 8.0), ("width_mm", 2.0)],
+        &[("extra_rate_n_per_mm", 0.5), ("knee_mm", 8.0), ("width_mm", 2.0)],
     );
     let file = folder.join("bench.toml");
     std::fs::write(&file, bench.to_toml()).expect("scratch folder is writable");
@@ -96,14 +96,14 @@ fn rounds_are_run_and_kept_until_it_is_settled_or_nothing_helps() {
     assert_eq!(last["effects"], serde_json::json!(["progressive_stiffness"]));
 }
 
-/// At one rate and one load a loss in proportion to speed is a lag of a channel, or friction of another form.
+/// At one rate and one load a loss in proportion to speed is a lag of a channel too; more than 0.02 N s/mm one sine tells.
 #[test]
 fn a_damping_is_told_from_a_lag() {
     let folder = tempfile::tempdir().expect("a folder");
-    let bench = concealing("viscous_damping", &[("damping_n_s_per_mm", 0.1)]);
+    let bench = concealing("viscous_damping", &[("damping_n_s_per_mm", 0.015)]);
     let file = folder.path().join("bench.toml");
     std::fs::write(&file, bench.to_toml()).expect("scratch folder is writable");
-    let (_, csv) = play(&bench, &sine("one", 8.0, 1.0, 8), Some(folder.path()));
+    let (_, csv) = play(&bench, &sine("one", 12.0, 0.5, 4), Some(folder.path()));
     let (ended, rounds) = virtual_rounds(folder.path(), &file, &csv.expect("exported"));
     assert_eq!(ended["settled"], true, "{}", ended["why"]);
     assert!(rounds.len() > 1, "one sine does not settle it by itself");

@@ -397,6 +397,18 @@ fn within_noise(bench: &Bench<'_>, node: &Node, place: usize) -> bool {
         .any(|(i, _)| node.values[from + i].abs() < noise_mm)
 }
 
+/// Does an effect of a node stand at zero? Then it is none, and what its node gained is where the others went.
+fn idle(bench: &Bench<'_>, node: &Node, place: usize) -> bool {
+    let from = super::tables::offset(bench, &node.attached, place);
+    let attached = &node.attached[place];
+    let amplitudes = attached.effect.amplitudes;
+    !amplitudes.is_empty()
+        && amplitudes.iter().all(|&i| {
+            let [low, high] = attached.parameters[i].bounds;
+            node.values[from + i].abs() < 1e-9 * (high - low)
+        })
+}
+
 /// The set with the largest gain less its price, then whatever can be spared leaves it.
 pub(super) fn choose(bench: &Bench<'_>, nodes: &mut Vec<Node>, worth: Worth) -> usize {
     let extras = bench.setup.extras.len();
@@ -428,7 +440,8 @@ pub(super) fn choose(bench: &Bench<'_>, nodes: &mut Vec<Node>, worth: Worth) -> 
             let needed = PRICE.max(SHARE * total).max(material).max(leftover);
             let held_out = worth.gain(nodes[i].select - nodes[chosen].select);
             let slight = taken_n(bench.data, &nodes[i], &nodes[chosen]) < SLIGHT * bench.data.force_range_n
-                || within_noise(bench, &nodes[chosen], leave);
+                || within_noise(bench, &nodes[chosen], leave)
+                || idle(bench, &nodes[chosen], leave);
             let excess = if slight {
                 loss.min(needed) - needed - PRICE
             } else {
@@ -447,7 +460,7 @@ pub(super) fn choose(bench: &Bench<'_>, nodes: &mut Vec<Node>, worth: Worth) -> 
     }
 }
 
-/// Index of the node that lacks one effect of another; fitted if it is not there yet.
+/// Index of the node that lacks one effect of another; fitted if it is not there yet, or if the effect did nothing.
 pub(super) fn without(bench: &Bench<'_>, nodes: &mut Vec<Node>, of: usize, leave: usize) -> usize {
     let extras = bench.setup.extras.len();
     let mut attached = nodes[of].attached.clone();
@@ -457,17 +470,26 @@ pub(super) fn without(bench: &Bench<'_>, nodes: &mut Vec<Node>, of: usize, leave
     attached.remove(leave);
     let mut key: Key = attached[extras..].iter().map(|a| a.effect.code).collect();
     key.sort_unstable();
-    if let Some(i) = (0..nodes.len())
+    let known = (0..nodes.len())
         .filter(|&i| nodes[i].key(extras) == key)
-        .min_by(|&a, &b| nodes[a].fit.total_cmp(&nodes[b].fit))
+        .min_by(|&a, &b| nodes[a].fit.total_cmp(&nodes[b].fit));
+    if let Some(known) = known
+        && !idle(bench, &nodes[of], leave)
     {
-        return i;
+        return known;
     }
-    match settle(&bench.structure(attached), values) {
-        Some((node, _)) => {
+    let fitted = settle(&bench.structure(attached), values).map(|(node, _)| node);
+    match (fitted, known) {
+        (Some(node), Some(known)) => {
+            if node.cost() < nodes[known].cost() {
+                nodes[known] = node;
+            }
+            known
+        }
+        (Some(node), None) => {
             nodes.push(node);
             nodes.len() - 1
         }
-        None => 0,
+        (None, known) => known.unwrap_or(0),
     }
 }

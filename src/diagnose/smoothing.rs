@@ -6,8 +6,9 @@ use nalgebra::{SMatrix, SVector};
 /// Half widths of the windows that are tried, in samples.
 const HALVES: [usize; 6] = [96, 48, 24, 12, 6, 3];
 
-/// Noises that a sample may lie off the piece that explains it: of a wide window's squares one sample beyond a corner is little.
-const OUTLYING: f64 = 3.0;
+/// Noises that a sample and its neighbours may lie off the piece that explains them: of a wide window's squares those beyond a
+/// corner are little. The mean of three is noise beyond it once in 3000.
+const OUTLYING: f64 = 2.1;
 
 pub(super) fn median(mut values: Vec<f64>) -> f64 {
     if values.is_empty() {
@@ -110,21 +111,18 @@ pub(super) fn smoothed(time_s: &[f64], values: &[f64], noise: f64) -> Vec<Local>
                 let middle = (i >= half && i + half < n)
                     .then(|| fitted::<5>(time_s, values, i - half..i + half + 1, i, noise))
                     .flatten();
-                let off = |l: &Local| (l.mm - values[i]).abs();
-                if let Some(local) = middle.filter(|l| off(l) <= OUTLYING * noise) {
-                    return local;
-                }
                 // Beyond a corner only one side belongs to the sample: the one that it lies nearer to.
-                let sides = [i.saturating_sub(2 * half)..i + 1, i..(i + 2 * half + 1).min(n)];
-                let nearer = sides
-                    .into_iter()
-                    .filter(|side| side.len() > half.max(4))
-                    .filter_map(|side| fitted::<3>(time_s, values, side, i, noise))
-                    .min_by(|a, b| off(a).total_cmp(&off(b)));
-                // A sample that lies off both sides is noise, no corner.
-                let belongs = nearer.filter(|l| off(l) <= OUTLYING * noise);
-                if let Some(local) = belongs.or(middle).or(nearer) {
-                    return local;
+                let side = || {
+                    let sides = [i.saturating_sub(2 * half)..i + 1, i..(i + 2 * half + 1).min(n)];
+                    sides
+                        .into_iter()
+                        .filter(|side| side.len() > half.max(4))
+                        .filter_map(|side| fitted::<3>(time_s, values, side, i, noise))
+                        .min_by(|a, b| a.off.total_cmp(&b.off))
+                };
+                let belongs = |p: &Piece| p.off <= OUTLYING * noise;
+                if let Some(piece) = middle.filter(belongs).or_else(|| side().filter(belongs)) {
+                    return piece.local;
                 }
             }
             // Nothing smooth is as fine as that: through the samples themselves.
@@ -134,12 +132,23 @@ pub(super) fn smoothed(time_s: &[f64], values: &[f64], noise: f64) -> Vec<Local>
             } else {
                 fitted::<3>(time_s, values, from..to, i, f64::INFINITY)
             }
-            .unwrap_or(Local {
-                mm: values[i],
-                ..Local::default()
-            })
+            .map_or(
+                Local {
+                    mm: values[i],
+                    ..Local::default()
+                },
+                |piece| piece.local,
+            )
         })
         .collect()
+}
+
+/// A polynomial at one sample of its window.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Piece {
+    pub local: Local,
+    /// How far the sample and its neighbours lie off it in the mean, mm.
+    pub off: f64,
 }
 
 /// Polynomial of `N` coefficients over a window, at sample `i`; none where it leaves more than noise.
@@ -149,7 +158,7 @@ pub(super) fn fitted<const N: usize>(
     window: std::ops::Range<usize>,
     i: usize,
     noise: f64,
-) -> Option<Local> {
+) -> Option<Piece> {
     let count = window.len();
     if count < N {
         return None;
@@ -174,21 +183,24 @@ pub(super) fn fitted<const N: usize>(
         right += row * (values[j] - values[i]);
     }
     let solved = normal.cholesky()?.solve(&right);
+    let left = |j: usize| values[j] - values[i] - row(j).dot(&solved);
     if noise.is_finite() {
-        let squares: f64 = window
-            .map(|j| (values[j] - values[i] - row(j).dot(&solved)).powi(2))
-            .sum();
+        let squares: f64 = window.clone().map(|j| left(j).powi(2)).sum();
         let free = (count - N).max(1) as f64;
         let limit = noise * (1.0 + 2.0 / (2.0 * free).sqrt());
         if squares > free * limit * limit {
             return None;
         }
     }
-    Some(Local {
-        mm: values[i] + solved[0],
-        mm_s: solved[1] / width_s,
-        mm_s2: 2.0 * solved[2] / (width_s * width_s),
-        sure: noise.is_finite(),
+    let near = i.saturating_sub(1).max(window.start)..(i + 2).min(window.end);
+    Some(Piece {
+        off: (near.clone().map(left).sum::<f64>() / near.len() as f64).abs(),
+        local: Local {
+            mm: values[i] + solved[0],
+            mm_s: solved[1] / width_s,
+            mm_s2: 2.0 * solved[2] / (width_s * width_s),
+            sure: noise.is_finite(),
+        },
     })
 }
 

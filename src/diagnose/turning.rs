@@ -38,7 +38,7 @@ pub(super) fn settle_turns(
         let dwell = from..to + 1;
         let round: Option<Vec<Local>> = dwell
             .clone()
-            .map(|i| fitted::<3>(time_s, values, dwell.clone(), i, f64::INFINITY))
+            .map(|i| Some(fitted::<3>(time_s, values, dwell.clone(), i, f64::INFINITY)?.local))
             .collect();
         let Some(mut path) = round else { continue };
         // The crest of a wave leaves its own level as soon as it has come; a rest is nearly all that lies near it.
