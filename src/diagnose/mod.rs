@@ -2,13 +2,14 @@
 //!
 //! The steps, one file each: `condition` the recordings (`smoothing`, `turning`, `travel`), `baseline` with what it is said
 //! to know, `problem` (structure against data), `surrogate` (for slow models), `hum` taken out, `score` every candidate from
-//! one simulation, `select` by a search judged on held-out cycles, `residual` (where), `bank` (what nothing explains, with
+//! one simulation, `select` by a search and `choose` on held-out cycles, `residual` (where), `bank` (what nothing explains, with
 //! what `repeats`), `next_test` among the `trial`s that the bench can run, `verdict`.
 //! Files, configs and pages are for others; `Diagnosis` has all they need.
 
 pub mod aggregates;
 mod bank;
 mod baseline;
+mod choose;
 mod condition;
 pub mod diagnosis;
 mod fit;

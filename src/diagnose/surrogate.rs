@@ -16,11 +16,12 @@ use nalgebra::{DMatrix, DVector};
 
 use super::Means;
 use super::baseline::Setup;
+use super::choose::{choose, without};
 use super::condition::{Part, Track};
 use super::fit::polish;
 use super::problem::Data;
 use super::score::Tangent;
-use super::select::{Bench, Key, Node, Search, Worth, choose, without};
+use super::select::{Bench, Key, Node, Search, Worth};
 use super::traced::{Operator, Scale, TERMS, Traced};
 use crate::model::{Parameter, Plant};
 

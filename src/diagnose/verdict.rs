@@ -1,13 +1,14 @@
 //! From a search to a diagnosis: findings with confidence, alternatives, what is unexplained, errors, the improved model.
 
 use super::bank;
+use super::choose::without;
 use super::condition::Part;
 use super::diagnosis::*;
 use super::fit::profile;
 use super::next_test;
 use super::problem::Structure;
 use super::residual;
-use super::select::{Bench, Node, Search, Worth, without};
+use super::select::{Bench, Node, Search, Worth};
 use super::surrogate;
 use super::tables::{baseline_parameters, candidates, curves, errors, not_testable, offset, values_of};
 use crate::identify::Residuals;
