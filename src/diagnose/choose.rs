@@ -3,7 +3,7 @@
 use super::condition::Part;
 use super::fit::settle;
 use super::problem::Data;
-use super::select::{Bench, Key, Node, PRICE, SHARE, Worth};
+use super::select::{Bench, Key, Node, PRICE, SHARE, Worth, least};
 
 /// Share of what is left above the noise without it that an effect must bring: less is the misfit of another's form.
 const LEFTOVER: f64 = 0.2;
@@ -45,12 +45,7 @@ fn within_noise(bench: &Bench<'_>, node: &Node, place: usize) -> bool {
 /// Parameters of the baseline that are held by a bound beyond what anybody believes.
 fn held(bench: &Bench<'_>, node: &Node) -> usize {
     let own = bench.setup.model.parameters.iter().zip(&node.values);
-    own.filter(|(p, v)| {
-        let near = 1e-3 * (p.belief[1] - p.belief[0]);
-        (**v < p.bounds[0] + near && p.bounds[0] < p.belief[0] - near)
-            || (**v > p.bounds[1] - near && p.bounds[1] > p.belief[1] + near)
-    })
-    .count()
+    own.filter(|(p, v)| p.strained_by(**v)).count()
 }
 
 /// Does an effect of a node stand at zero? Then it is none, and what its node gained is where the others went.
@@ -68,17 +63,11 @@ fn idle(bench: &Bench<'_>, node: &Node, place: usize) -> bool {
 /// The set with the largest gain less its price, then whatever can be spared leaves it.
 pub(super) fn choose(bench: &Bench<'_>, nodes: &mut Vec<Node>, worth: Worth) -> usize {
     let extras = bench.setup.extras.len();
-    let strained = |node: &Node| held(bench, node).saturating_sub(held(bench, &nodes[0]));
     // A set with which the baseline goes to a bound that nobody believes in pays as for one effect more.
-    let prices: Vec<f64> = nodes
-        .iter()
-        .map(|n| PRICE * (n.attached.len() - extras + strained(n)) as f64)
-        .collect();
+    let strained = |node: &Node| held(bench, node).saturating_sub(held(bench, &nodes[0]));
+    let price = |node: &Node| PRICE * (node.attached.len() - extras + strained(node)) as f64;
     let counted = (bench.data.count(Part::Fit) + bench.data.count(Part::Select)) as f64;
-    let dear = |i: usize| worth.gain(nodes[i].cost()) + prices[i];
-    let mut chosen = (0..nodes.len())
-        .min_by(|&a, &b| dear(a).total_cmp(&dear(b)))
-        .expect("the baseline is there");
+    let mut chosen = least(nodes, |n| worth.gain(n.cost()) + price(n));
     loop {
         let total = worth.gain(nodes[0].cost() - nodes[chosen].cost());
         let mut spared: Option<(f64, usize)> = None;
@@ -94,12 +83,12 @@ pub(super) fn choose(bench: &Bench<'_>, nodes: &mut Vec<Node>, worth: Worth) -> 
                 }
             }
             let loss = worth.gain(nodes[i].cost() - nodes[chosen].cost());
-            let least = if bench.setup.surrogate.is_some() {
+            let slightest = if bench.setup.surrogate.is_some() {
                 MATERIAL_SLOW
             } else {
                 MATERIAL
             };
-            let material = worth.gain(least * worth.spread * counted);
+            let material = worth.gain(slightest * worth.spread * counted);
             let leftover = worth.gain(LEFTOVER * (nodes[i].cost() - counted).max(0.0));
             let needed = PRICE.max(SHARE * total).max(material).max(leftover);
             let held_out = worth.gain(nodes[i].select - nodes[chosen].select);

@@ -355,7 +355,8 @@ fn deeper(bench: &Bench<'_>, root: &Node, child: &Node) -> Option<Node> {
     (root.fit - node.fit > PRICE.max(0.01 * root.fit)).then_some(node)
 }
 
-fn least(nodes: &[Node], cost: impl Fn(&Node) -> f64) -> usize {
+/// Index of the node of least cost.
+pub(super) fn least(nodes: &[Node], cost: impl Fn(&Node) -> f64) -> usize {
     (0..nodes.len())
         .min_by(|&a, &b| cost(&nodes[a]).total_cmp(&cost(&nodes[b])))
         .expect("the baseline is there")

@@ -223,11 +223,7 @@ fn strained(node: &Node) -> bool {
     let named = node.attached.iter().rev().take_while(|a| !a.own);
     let parameters = named.flat_map(|a| a.parameters.iter().rev());
     let values = node.values.iter().rev().skip(1);
-    parameters.zip(values).any(|(p, v)| {
-        let near = 1e-3 * (p.bounds[1] - p.bounds[0]);
-        (*v > p.bounds[1] - near && p.bounds[1] > p.belief[1] + near)
-            || (*v < p.bounds[0] + near && p.bounds[0] < p.belief[0] - near)
-    })
+    parameters.zip(values).any(|(p, v)| p.strained_by(*v))
 }
 
 /// What could stand in the place of one effect of the chosen set.

@@ -58,6 +58,17 @@ pub struct Parameter {
     pub what: &'static str,
 }
 
+impl Parameter {
+    /// Does a bound hold a value where nobody believes it? Bounds that are those of belief are no finding.
+    pub fn strained_by(&self, value: f64) -> bool {
+        let near = 1e-3 * (self.belief[1] - self.belief[0]);
+        let beyond = |side: usize, sign: f64| {
+            sign * (self.bounds[side] - value) < near && sign * (self.bounds[side] - self.belief[side]) > near
+        };
+        beyond(0, -1.0) || beyond(1, 1.0)
+    }
+}
+
 /// Why a model could not be built.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum BuildError {
@@ -207,4 +218,27 @@ pub(crate) fn structure_numbers<const N: usize>(
         }
     }
     Ok(numbers)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bound_where_nobody_believes_holds_a_value_and_one_of_belief_does_not() {
+        let rate = Parameter {
+            name: "rate_n_per_mm",
+            unit: "N/mm",
+            start: 80.0,
+            bounds: [0.1, 300.0],
+            belief: [10.0, 300.0],
+            what: "",
+        };
+        assert!(rate.strained_by(0.1), "at a bound far below what is believed");
+        assert!(!rate.strained_by(5.0), "not believed, but no bound holds it");
+        assert!(
+            !rate.strained_by(80.0) && !rate.strained_by(300.0),
+            "bound and belief are one"
+        );
+    }
 }
