@@ -14,16 +14,16 @@ const MATERIAL_SLOW: f64 = 0.2;
 /// Force that an effect must take away, RMS, as a share of the range: a seventh of what no load cell is straighter than.
 const SLIGHT: f64 = 3e-5;
 
-/// What one node takes off another's residuals, N root mean square.
+/// What one node takes off another's residuals, N root mean square; a point counts by how well its force is known.
 fn taken_n(data: &Data, without: &Node, with: &Node) -> f64 {
-    let (mut sum, mut count) = (0.0, 0.0);
+    let (mut sum, mut weights) = (0.0, 0.0);
     for (i, &weight) in data.weight.iter().enumerate() {
-        if weight > 0.0 && data.part[i] != Part::Report {
-            sum += (without.residuals[i].powi(2) - with.residuals[i].powi(2)) / (weight * weight);
-            count += 1.0;
+        if data.part[i] != Part::Report {
+            sum += without.residuals[i].powi(2) - with.residuals[i].powi(2);
+            weights += weight * weight;
         }
     }
-    (sum.max(0.0) / f64::max(count, 1.0)).sqrt()
+    (sum.max(0.0) / f64::max(weights, f64::MIN_POSITIVE)).sqrt()
 }
 
 /// Is the motion that an effect takes finer than the displacement's noise? Its mean over many reversals may stand out, but so do

@@ -9,6 +9,13 @@ const HALVES: [usize; 6] = [96, 48, 24, 12, 6, 3];
 /// Noises that a sample and its neighbours may lie off the piece that explains them: of a wide window's squares those beyond a
 /// corner are little. The mean of three is noise beyond it once in 3000.
 const OUTLYING: f64 = 2.1;
+/// A sample that only a window so many times narrower explains is odd by itself: a corner is seen to one side about as far.
+const ODD: usize = 4;
+/// Where a window leaves more than the noise, but less than `BURST` times its power, and neighbours are not alike by more than
+/// `ALIKE` times what chance does (1 over the root of the count), the noise is larger there for a while. Fewer samples do not tell.
+const BURST: f64 = 4.0;
+const ALIKE: f64 = 1.5;
+const LEAST_BURST: usize = 25;
 
 pub(super) fn median(mut values: Vec<f64>) -> f64 {
     if values.is_empty() {
@@ -97,50 +104,73 @@ pub(super) struct Local {
     pub mm: f64,
     pub mm_s: f64,
     pub mm_s2: f64,
-    /// A smooth piece explains its window to within the noise; otherwise it only goes through the samples.
-    pub sure: bool,
+    /// Samples of the smooth piece that explains them to within the noise; 0 where it only goes through the samples.
+    pub window: usize,
 }
 
 /// Least-squares polynomials over the widest window that leaves nothing but noise: on both sides of a sample, or on one where
 /// the other is beyond a corner (Savitzky and Golay 1964; width after Lepski 1991).
 pub(super) fn smoothed(time_s: &[f64], values: &[f64], noise: f64) -> Vec<Local> {
-    let n = values.len();
-    (0..n)
-        .map(|i| {
-            for half in HALVES {
-                let middle = (i >= half && i + half < n)
-                    .then(|| fitted::<5>(time_s, values, i - half..i + half + 1, i, noise))
-                    .flatten();
-                // Beyond a corner only one side belongs to the sample: the one that it lies nearer to.
-                let side = || {
-                    let sides = [i.saturating_sub(2 * half)..i + 1, i..(i + 2 * half + 1).min(n)];
-                    sides
-                        .into_iter()
-                        .filter(|side| side.len() > half.max(4))
-                        .filter_map(|side| fitted::<3>(time_s, values, side, i, noise))
-                        .min_by(|a, b| a.off.total_cmp(&b.off))
-                };
-                let belongs = |p: &Piece| p.off <= OUTLYING * noise;
-                if let Some(piece) = middle.filter(belongs).or_else(|| side().filter(belongs)) {
-                    return piece.local;
-                }
-            }
-            // Nothing smooth is as fine as that: through the samples themselves.
-            let (from, to) = (i.saturating_sub(2), (i + 3).min(n));
-            if to - from == 5 {
-                fitted::<5>(time_s, values, from..to, i, f64::INFINITY)
-            } else {
-                fitted::<3>(time_s, values, from..to, i, f64::INFINITY)
-            }
-            .map_or(
-                Local {
-                    mm: values[i],
-                    ..Local::default()
-                },
-                |piece| piece.local,
-            )
-        })
+    (0..values.len())
+        .map(|i| explained(time_s, values, i, noise).unwrap_or_else(|| through(time_s, values, i)))
         .collect()
+}
+
+/// The widest piece that explains a sample; none where nothing smooth is as fine as that.
+fn explained(time_s: &[f64], values: &[f64], i: usize, noise: f64) -> Option<Local> {
+    let n = values.len();
+    let middle = |half: usize| {
+        let inside = i >= half && i + half < n;
+        inside
+            .then(|| fitted::<5>(time_s, values, i - half..i + half + 1, i, noise))
+            .flatten()
+    };
+    // Beyond a corner only one side belongs to the sample: the one that it lies nearer to.
+    let side = |half: usize| {
+        let sides = [i.saturating_sub(2 * half)..i + 1, i..(i + 2 * half + 1).min(n)];
+        sides
+            .into_iter()
+            .filter(|side| side.len() > half.max(4))
+            .filter_map(|side| fitted::<3>(time_s, values, side, i, noise))
+            .min_by(|a, b| a.off.total_cmp(&b.off))
+    };
+    let belongs = |p: &Piece| p.off <= OUTLYING * noise;
+    // Half width of the widest window of which all is explained but the sample.
+    let mut odd: Option<(usize, Local)> = None;
+    for (k, &half) in HALVES.iter().enumerate() {
+        let both = middle(half);
+        let seen = both.filter(belongs).or_else(|| {
+            // A bend that is too much for this window is seen by the next; one to the side would hide it in its parabola.
+            let narrower = HALVES.get(k + 1).and_then(|&h| middle(h));
+            let corner = !narrower.as_ref().is_some_and(belongs);
+            corner.then(|| side(half)).flatten().filter(belongs)
+        });
+        match (seen, odd) {
+            (Some(_), Some((wide, local))) if ODD * half <= wide => return Some(local),
+            (Some(piece), _) => return Some(piece.local),
+            (None, None) => odd = both.map(|p| (half, p.local)),
+            (None, Some(_)) => {}
+        }
+    }
+    let (wide, local) = odd?;
+    (wide >= ODD * HALVES[HALVES.len() - 1]).then_some(local)
+}
+
+/// Through the samples themselves.
+fn through(time_s: &[f64], values: &[f64], i: usize) -> Local {
+    let around = i.saturating_sub(2)..(i + 3).min(values.len());
+    let piece = if around.len() == 5 {
+        fitted::<5>(time_s, values, around, i, f64::INFINITY)
+    } else {
+        fitted::<3>(time_s, values, around, i, f64::INFINITY)
+    };
+    piece.map_or(
+        Local {
+            mm: values[i],
+            ..Local::default()
+        },
+        |piece| piece.local,
+    )
 }
 
 /// A polynomial at one sample of its window.
@@ -184,13 +214,8 @@ pub(super) fn fitted<const N: usize>(
     }
     let solved = normal.cholesky()?.solve(&right);
     let left = |j: usize| values[j] - values[i] - row(j).dot(&solved);
-    if noise.is_finite() {
-        let squares: f64 = window.clone().map(|j| left(j).powi(2)).sum();
-        let free = (count - N).max(1) as f64;
-        let limit = noise * (1.0 + 2.0 / (2.0 * free).sqrt());
-        if squares > free * limit * limit {
-            return None;
-        }
+    if noise.is_finite() && !is_noise(window.clone().map(left), count - N, noise) {
+        return None;
     }
     let near = i.saturating_sub(1).max(window.start)..(i + 2).min(window.end);
     Some(Piece {
@@ -199,9 +224,24 @@ pub(super) fn fitted<const N: usize>(
             mm: values[i] + solved[0],
             mm_s: solved[1] / width_s,
             mm_s2: 2.0 * solved[2] / (width_s * width_s),
-            sure: noise.is_finite(),
+            window: if noise.is_finite() { count } else { 0 },
         },
     })
+}
+
+/// Is what a polynomial leaves, with `free` degrees of freedom, noise and nothing else?
+fn is_noise(left: impl Iterator<Item = f64>, free: usize, noise: f64) -> bool {
+    let (mut count, mut squares, mut alike, mut before) = (0usize, 0.0, 0.0, 0.0);
+    for value in left {
+        squares += value * value;
+        alike += value * before;
+        before = value;
+        count += 1;
+    }
+    let free = free.max(1) as f64;
+    let power = squares / (free * noise * noise);
+    power.sqrt() <= 1.0 + 2.0 / (2.0 * free).sqrt()
+        || (count >= LEAST_BURST && power <= BURST && alike <= ALIKE * squares / (count as f64).sqrt())
 }
 
 /// Least-squares monotone path between reversals, rising and falling in turn.
@@ -317,5 +357,31 @@ pub(super) mod tests {
             .map(|(l, t)| (l.mm - truth(*t)).abs())
             .fold(0.0, f64::max);
         assert!(worst < 2.5 * noise_mm, "{worst} mm, noise {noise_mm} mm");
+    }
+
+    /// A mass of 75 kg makes 1 N of 13 mm/s2: what is no more than an odd sample, or a while of more noise, must not be a force.
+    #[test]
+    fn odd_samples_and_bursts_of_noise_are_no_acceleration() {
+        let omega = std::f64::consts::TAU;
+        let time_s: Vec<f64> = (0..6000).map(|i| 1e-3 * f64::from(i)).collect();
+        let x: Vec<f64> = time_s
+            .iter()
+            .enumerate()
+            .map(|(i, t)| {
+                let odd = if i % 500 == 123 { 0.015 } else { 0.0 };
+                let burst = if i % 1000 < 60 { 2.0 } else { 1.0 };
+                6.0 * (omega * t).sin() + 0.003 * burst * noisy(i) + odd
+            })
+            .collect();
+        let locals = smoothed(&time_s, &x, noise(&time_s, &x));
+        let off = |(l, t): (&Local, &f64)| (l.mm_s2 + 6.0 * omega * omega * (omega * t).sin()).abs();
+        let worst = locals
+            .iter()
+            .zip(&time_s)
+            .skip(100)
+            .take(5800)
+            .map(off)
+            .fold(0.0, f64::max);
+        assert!(worst < 20.0, "{worst} mm/s2");
     }
 }

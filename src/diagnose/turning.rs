@@ -36,13 +36,14 @@ pub(super) fn settle_turns(
             continue;
         }
         let dwell = from..to + 1;
+        let window = dwell.len();
         let round: Option<Vec<Local>> = dwell
             .clone()
             .map(|i| Some(fitted::<3>(time_s, values, dwell.clone(), i, f64::INFINITY)?.local))
             .collect();
         let Some(mut path) = round else { continue };
         // The crest of a wave leaves its own level as soon as it has come; a rest is nearly all that lies near it.
-        if dwell.len() as f64 > RESTS * (last + 1 - first) as f64 {
+        if window as f64 > RESTS * (last + 1 - first) as f64 {
             let rest = rested(&values[dwell.clone()], &path, noise);
             path = rest.unwrap_or(path);
             // On the way to it and from it nothing goes beyond it: that too would pass for the turn.
@@ -58,12 +59,12 @@ pub(super) fn settle_turns(
                     local.mm = sign * (sign * local.mm).min(sign * end.mm);
                 }
             }
+        } else if median(locals[dwell.clone()].iter().map(|l| l.window as f64).collect()) >= window as f64 {
+            // Wider pieces saw the crest better, its acceleration above all.
+            continue;
         }
         for (local, settled) in locals[dwell].iter_mut().zip(path) {
-            *local = Local {
-                sure: true,
-                ..settled
-            };
+            *local = Local { window, ..settled };
         }
     }
 }
@@ -143,7 +144,7 @@ pub(super) fn turned(
             turn.mm = mm;
             turn.between = Some((i, time_s[i] + after_s));
         }
-        let resolved = (a.sure && b.sure) || round(time_s, x, i);
+        let resolved = (a.window > 0 && b.window > 0) || round(time_s, x, i);
         if !resolved {
             // Somewhere between the samples and where their straight neighbours would meet.
             let line =
@@ -259,5 +260,9 @@ mod tests {
             mean_mm.abs() < 0.2 * noise_mm,
             "{mean_mm} mm, noise {noise_mm} mm"
         );
+        // Nor is it a piece of its own: 20 samples would know its acceleration to 60 mm/s2.
+        let bend = |i: usize| locals[i].mm_s2.abs() - 6.0 * std::f64::consts::TAU.powi(2);
+        let worst = crests.iter().map(|&i| bend(i).abs()).fold(0.0, f64::max);
+        assert!(worst < 15.0, "{worst} mm/s2");
     }
 }

@@ -125,21 +125,22 @@ impl Rates {
     }
 }
 
-/// Counts reversals of the motion: by a band, and so late by its width, which is narrow with hindsight.
+/// Counts reversals of the motion: by a band, and so late by its width, but at once where hindsight knows how far the way back goes.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Reversals {
     extreme_mm: Option<f64>,
     turned_mm: f64,
     direction: f64,
-    free_of_noise: bool,
+    /// Turning points on either side of the next displacement, known with hindsight.
+    reach_mm: Option<[f64; 2]>,
     /// Reversals so far.
     pub count: u32,
 }
 
 impl Reversals {
-    /// See [`Steady::tell`].
-    pub fn tell(&mut self) {
-        self.free_of_noise = true;
+    /// The next displacement is known with hindsight, see [`Steady::tell`], and so are the turning points on either side of it.
+    pub fn tell(&mut self, motion: &Motion) {
+        self.reach_mm = Some(motion.reach_mm);
     }
 
     /// Moves to `displacement_mm`.
@@ -149,12 +150,13 @@ impl Reversals {
         }
         let extreme_mm = self.extreme_mm.get_or_insert(displacement_mm);
         let past = displacement_mm - *extreme_mm;
-        if std::mem::take(&mut self.free_of_noise) {
-            if past * self.direction < 0.0 && past.abs() < BAND_MM {
-                // A dwell at the turning point is no way back yet.
-                return;
-            }
+        if let Some([low_mm, high_mm]) = self.reach_mm.take() {
             if past * self.direction < 0.0 {
+                let back_to_mm = if self.direction > 0.0 { low_mm } else { high_mm };
+                if (back_to_mm - *extreme_mm).abs() < BAND_MM {
+                    // A dwell at the turning point is no way back.
+                    return;
+                }
                 // Only a branch of some length ends in a reversal.
                 self.count += u32::from((*extreme_mm - self.turned_mm).abs() >= REVERSAL_MM);
                 self.turned_mm = *extreme_mm;
@@ -252,5 +254,29 @@ mod tests {
             reversals.step(x);
         }
         assert_eq!(reversals.count, 20);
+    }
+
+    /// Up 10 mm and back by steps of 1 um: the first step back counts, but not the 5 um by which a dwell before it creeps.
+    #[test]
+    fn with_hindsight_a_reversal_counts_at_once_and_a_dwell_does_not() {
+        let mut reversals = Reversals::default();
+        let mut go = |to_mm: f64, reach_mm: [f64; 2]| {
+            reversals.tell(&Motion {
+                velocity_mm_s: 0.0,
+                acceleration_mm_s2: 0.0,
+                reach_mm,
+            });
+            reversals.step(to_mm);
+            reversals.count
+        };
+        let counts = [
+            go(0.0, [f64::NEG_INFINITY, 10.0]),
+            go(10.0, [f64::NEG_INFINITY, 10.0]),
+            go(9.995, [9.995, 10.0]),
+            go(10.0, [9.995, 10.0]),
+            go(9.999, [2.0, 10.0]),
+            go(9.998, [2.0, 10.0]),
+        ];
+        assert_eq!(counts, [0, 0, 0, 0, 1, 1]);
     }
 }

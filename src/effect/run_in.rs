@@ -136,9 +136,9 @@ impl Wrap for RunIn {
         self.reversals = Reversals::default();
     }
 
-    fn told(&mut self, _motion: &Motion) {
+    fn told(&mut self, motion: &Motion) {
         self.drag.tell();
-        self.reversals.tell();
+        self.reversals.tell(motion);
     }
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
