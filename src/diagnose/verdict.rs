@@ -11,6 +11,7 @@ use super::residual;
 use super::select::{Bench, Node, Search, Worth};
 use super::surrogate;
 use super::tables::{baseline_parameters, candidates, curves, errors, not_testable, offset, values_of};
+use crate::effect::Axis;
 use crate::identify::Residuals;
 use crate::identify::confidence::{Confidence, Warning, confidence};
 use crate::identify::evaluator::Evaluator;
@@ -141,21 +142,25 @@ pub(super) fn conclude(
         not_testable: not_testable(bench, before),
         unexplained_share,
         curves: curves(data, plain, after),
-        maps: residual::maps(data, &before.residuals, &after.residuals),
+        maps: residual::maps(data, &plain.residuals, &after.residuals),
         improved: improved(bench, after),
         effects,
         fit,
     }
 }
 
-/// Where freeing the form of the baseline's own friction took most of the difference away, the group that acts after a reversal
-/// is nearest, though the baseline is said to have it.
-fn turn_round(bench: &Bench<'_>, plain: &Node, freed: &Node) -> Vec<Alternative> {
+/// Did freeing the form of the baseline's own friction take most of the difference away?
+fn turns_otherwise(bench: &Bench<'_>, plain: &Node, freed: &Node) -> bool {
     let freed_form = plain.attached.len() < bench.setup.extras.len();
+    freed_form && freed.select <= NO_FIT_SHARE * plain.select
+}
+
+/// Where it did, the group that acts after a reversal is nearest, though the baseline is said to have it.
+fn turn_round(bench: &Bench<'_>, plain: &Node, freed: &Node) -> Vec<Alternative> {
     let Some(presliding) = crate::effect::find("presliding").ok() else {
         return Vec::new();
     };
-    if !freed_form || freed.select > NO_FIT_SHARE * plain.select {
+    if !turns_otherwise(bench, plain, freed) {
         return Vec::new();
     }
     let errors =
@@ -402,6 +407,10 @@ fn locations(
     if unexplained {
         // Where the baseline goes wrong, then where what is left lies: freeing its friction may have moved it.
         let mut list = residual::locate(bench.data, &plain.residuals, &jacobian(plain));
+        if turns_otherwise(bench, plain, before) {
+            // What a freer turn-round takes away lies after the reversals, wherever else it shows.
+            list.sort_by_key(|l| l.axis != Axis::DistanceFromReversalMm);
+        }
         let left = residual::locate(bench.data, &after.residuals, &jacobian(after));
         list.extend(left.into_iter().filter(|l| l.share > LEFT_SHARE));
         return list;
