@@ -96,11 +96,11 @@ fn rounds_are_run_and_kept_until_it_is_settled_or_nothing_helps() {
     assert_eq!(last["effects"], serde_json::json!(["progressive_stiffness"]));
 }
 
-/// At one rate and one load a loss in proportion to speed is a lag of a channel too; more than 0.02 N s/mm one sine tells.
+/// At one rate and one load a loss in proportion to speed is a lag of a channel too; 0.015 N s/mm and more one sine tells.
 #[test]
 fn a_damping_is_told_from_a_lag() {
     let folder = tempfile::tempdir().expect("a folder");
-    let bench = concealing("viscous_damping", &[("damping_n_s_per_mm", 0.015)]);
+    let bench = concealing("viscous_damping", &[("damping_n_s_per_mm", 0.010)]);
     let file = folder.path().join("bench.toml");
     std::fs::write(&file, bench.to_toml()).expect("scratch folder is writable");
     let (_, csv) = play(&bench, &sine("one", 12.0, 0.5, 4), Some(folder.path()));
