@@ -146,3 +146,35 @@ pub(super) fn without(bench: &Bench<'_>, nodes: &mut Vec<Node>, of: usize, leave
         (None, known) => known.unwrap_or(0),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two recordings, forces known to 1 and to 10 N: 2 N gone from the good one, what the other has left is chance.
+    #[test]
+    fn a_noisy_recording_does_not_hide_what_a_good_one_shows() {
+        let data = Data {
+            tracks: Vec::new(),
+            force_n: vec![0.0; 200],
+            weight: [[1.0; 100], [0.1; 100]].concat(),
+            part: vec![Part::Fit; 200],
+            lengths: vec![100, 100],
+            zero_sigma_n: 1.0,
+            force_range_n: 1000.0,
+        };
+        let node = |good: f64, noisy: f64| Node {
+            attached: Vec::new(),
+            values: Vec::new(),
+            residuals: [[good; 100], [noisy; 100]].concat(),
+            fit: 0.0,
+            select: 0.0,
+        };
+        // Off by 2 N, then by nothing; the other by 10 N, then 10.4 N: counted in N alone more came than was taken.
+        let taken = taken_n(&data, &node(2.0, 1.0), &node(0.0, 1.04));
+        assert!(
+            (taken - f64::sqrt((4.0 - 0.0816) / 1.01)).abs() < 1e-12,
+            "{taken}"
+        );
+    }
+}

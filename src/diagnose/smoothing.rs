@@ -137,12 +137,13 @@ fn explained(time_s: &[f64], values: &[f64], i: usize, noise: f64) -> Option<Loc
     let belongs = |p: &Piece| p.off <= OUTLYING * noise;
     // Half width of the widest window of which all is explained but the sample.
     let mut odd: Option<(usize, Local)> = None;
+    let mut next = middle(HALVES[0]);
     for (k, &half) in HALVES.iter().enumerate() {
-        let both = middle(half);
+        let both = next;
         let seen = both.filter(belongs).or_else(|| {
+            next = HALVES.get(k + 1).and_then(|&h| middle(h));
             // A bend that is too much for this window is seen by the next; one to the side would hide it in its parabola.
-            let narrower = HALVES.get(k + 1).and_then(|&h| middle(h));
-            let corner = !narrower.as_ref().is_some_and(belongs);
+            let corner = !next.as_ref().is_some_and(belongs);
             corner.then(|| side(half)).flatten().filter(belongs)
         });
         match (seen, odd) {
