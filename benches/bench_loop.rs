@@ -3,15 +3,15 @@
 
 use std::path::Path;
 
-use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
+use criterion::{BatchSize, Criterion, Throughput};
 
-use leafbench::cli::virtual_bench::VirtualBench;
-use leafbench::config::Bench;
-use leafbench::control::run::RunOrder;
-use leafbench::daemon::header;
-use leafbench::profile::{Player, Profile};
-use leafbench::recording::run_file::RunFileWriter;
-use leafbench::twin::Twin;
+use crate::cli::virtual_bench::VirtualBench;
+use crate::config::Bench;
+use crate::control::run::RunOrder;
+use crate::daemon::header;
+use crate::profile::{Player, Profile};
+use crate::recording::run_file::RunFileWriter;
+use crate::twin::Twin;
 
 /// Ramp, counted cycles at 2.5 Hz and back: 10 s.
 const PROFILE: &str = "name = \"bench-loop\"\ncontrol = \"displacement\"\n[[block]]\n\
@@ -20,7 +20,7 @@ const PROFILE: &str = "name = \"bench-loop\"\ncontrol = \"displacement\"\n[[bloc
     taper_cycles = 2\ncorrect = true\n\
     [[block.segment]]\nkind = \"ramp\"\nto_mm = 0.0\nduration_s = 2.0\n";
 
-fn bench_loop(criterion: &mut Criterion) {
+pub fn bench_loop(criterion: &mut Criterion) {
     let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("bench-configs");
     let bench = Bench::load(&configs.join("benches/mock.toml")).expect("shipped");
     let profile = Profile::from_toml(PROFILE, "bench_loop").expect("well formed");
@@ -66,6 +66,3 @@ fn bench_loop(criterion: &mut Criterion) {
     });
     group.finish();
 }
-
-criterion_group!(benches, bench_loop);
-criterion_main!(benches);

@@ -2,11 +2,11 @@
 
 use std::hint::black_box;
 
-use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use leafbench::identify::curve::Initial;
-use leafbench::identify::{Control, CurveOptions, CurveProblem, Options, Residuals, fit};
-use leafbench::model::{self, finite_segment};
-use leafbench::recording::Recording;
+use criterion::{Criterion, Throughput};
+use crate::identify::curve::Initial;
+use crate::identify::{Control, CurveOptions, CurveProblem, Options, Residuals, fit};
+use crate::model::{self, finite_segment};
+use crate::recording::Recording;
 
 const SAMPLES: usize = 3000;
 
@@ -14,7 +14,7 @@ fn motion(i: usize) -> f64 {
     5.0 + 3.0 * (std::f64::consts::TAU * i as f64 / 300.0).sin()
 }
 
-fn step(c: &mut Criterion) {
+pub fn step(c: &mut Criterion) {
     let mut group = c.benchmark_group("model step");
     group.throughput(Throughput::Elements(SAMPLES as u64));
     let build = |name: &str, values: Option<&[f64]>, structure: &str| {
@@ -45,7 +45,7 @@ fn step(c: &mut Criterion) {
     group.finish();
 }
 
-fn refit(c: &mut Criterion) {
+pub fn refit(c: &mut Criterion) {
     let structure = toml::Table::new();
     let mut group = c.benchmark_group("equivalent, 5 x 3000 samples");
     let model = model::find("equivalent").expect("listed");
@@ -87,6 +87,3 @@ fn refit(c: &mut Criterion) {
     }
     group.finish();
 }
-
-criterion_group!(benches, step, refit);
-criterion_main!(benches);

@@ -7,9 +7,9 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use criterion::measurement::{Measurement, ValueFormatter, WallTime};
-use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
-use leafbench::model::Plant;
-use leafbench::model::leaf_pack::{Dynamics, LeafPack, Mounting, Structure, Values, graded_path};
+use criterion::{BenchmarkId, Criterion};
+use crate::model::Plant;
+use crate::model::leaf_pack::{Dynamics, LeafPack, Mounting, Structure, Values, graded_path};
 use nix::time::{ClockId, clock_gettime};
 
 fn seconds(clock: ClockId) -> f64 {
@@ -23,7 +23,7 @@ fn own_time_s() -> f64 {
 }
 
 /// The same for criterion.
-struct OwnTime;
+pub struct OwnTime;
 
 impl Measurement for OwnTime {
     type Intermediate = f64;
@@ -98,7 +98,7 @@ fn variants() -> Vec<(&'static str, Structure)> {
     ]
 }
 
-fn step(c: &mut Criterion<OwnTime>) {
+pub fn step(c: &mut Criterion<OwnTime>) {
     let mut group = c.benchmark_group("leaf pack, 1 kHz step of the 1 Hz sine");
     for (name, structure) in variants() {
         let mut p = pack(&structure);
@@ -128,7 +128,7 @@ fn step(c: &mut Criterion<OwnTime>) {
     group.finish();
 }
 
-fn static_row(c: &mut Criterion<OwnTime>) {
+pub fn static_row(c: &mut Criterion<OwnTime>) {
     let path = graded_path(&[0.0, 26.0, 0.0], 1.0);
     let mut group = c.benchmark_group("leaf pack, static row with assembly");
     for (name, structure) in variants().into_iter().take(3) {
@@ -140,7 +140,7 @@ fn static_row(c: &mut Criterion<OwnTime>) {
 }
 
 /// What the peers run: 2.5 s of the 1 Hz sine, in the thread's own time, five times; the middle one is printed.
-fn duty(_: &mut Criterion<OwnTime>) {
+pub fn duty(_: &mut Criterion<OwnTime>) {
     for (name, structure) in variants() {
         let mut took_s: Vec<f64> = (0..5)
             .map(|_| {
@@ -159,7 +159,7 @@ fn duty(_: &mut Criterion<OwnTime>) {
 }
 
 /// Not a mean but a tail: printed once, over 60 s of the 2.5 Hz sine, in the thread's own time.
-fn tail(_: &mut Criterion<OwnTime>) {
+pub fn tail(_: &mut Criterion<OwnTime>) {
     for (name, structure) in variants() {
         let mut p = pack(&structure);
         let mut took_us: Vec<f64> = (0..60_000)
@@ -184,7 +184,7 @@ fn tail(_: &mut Criterion<OwnTime>) {
 }
 
 /// The first paper's budget: 300 static rows with other values each, on two threads.
-fn evolution(_: &mut Criterion<OwnTime>) {
+pub fn evolution(_: &mut Criterion<OwnTime>) {
     let path = graded_path(&[0.0, 26.0, 0.0], 1.0);
     let start = Instant::now();
     let own_s = seconds(ClockId::CLOCK_PROCESS_CPUTIME_ID);
@@ -211,10 +211,3 @@ fn evolution(_: &mut Criterion<OwnTime>) {
         "300 static rows with assembly on 2 threads: {wall_s:.2} s, {own_s:.2} s of processor time in all"
     );
 }
-
-criterion_group! {
-    name = benches;
-    config = Criterion::default().with_measurement(OwnTime);
-    targets = step, static_row, duty, tail, evolution
-}
-criterion_main!(benches);

@@ -2,10 +2,10 @@
 
 use std::hint::black_box;
 
-use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use leafbench::protocol::frame::Frame;
-use leafbench::protocol::message::{FromRig, ToRig, WireMode};
-use leafbench::protocol::serial_framing::{Decoder, PACKET_MAX, encode};
+use criterion::{Criterion, Throughput};
+use crate::protocol::frame::Frame;
+use crate::protocol::message::{FromRig, ToRig, WireMode};
+use crate::protocol::serial_framing::{Decoder, PACKET_MAX, encode};
 
 const NODE: u8 = 1;
 const FRAMES: u16 = 1000;
@@ -24,7 +24,7 @@ fn samples() -> Vec<Frame> {
         .collect()
 }
 
-fn protocol(criterion: &mut Criterion) {
+pub fn protocol(criterion: &mut Criterion) {
     let frames = samples();
     let mut group = criterion.benchmark_group("frames");
     group.throughput(Throughput::Elements(u64::from(FRAMES)));
@@ -68,6 +68,3 @@ fn protocol(criterion: &mut Criterion) {
     });
     group.finish();
 }
-
-criterion_group!(benches, protocol);
-criterion_main!(benches);

@@ -1,12 +1,12 @@
 //! How fast a run is recorded, exported and read: samples a second into the run file, CSV rows a second both ways.
 
-use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use leafbench::recording::csv::{self, CsvFormat, CsvWriter};
-use leafbench::recording::run_file::{RunFile, RunFileWriter};
-use leafbench::recording::{
+use criterion::{Criterion, Throughput};
+use crate::recording::csv::{self, CsvFormat, CsvWriter};
+use crate::recording::run_file::{RunFile, RunFileWriter};
+use crate::recording::{
     ChannelScale, Ending, FirmwareIdentity, Flags, Header, Outcome, Recorder, Sample, export,
 };
-use leafbench::units::{Command, Mode};
+use crate::units::{Command, Mode};
 
 /// The static ramp's length: 120 s at 1 kHz.
 const SAMPLES: u64 = 120_000;
@@ -62,7 +62,7 @@ fn samples(header: &Header) -> Vec<Sample> {
     (0..SAMPLES).map(sample).collect()
 }
 
-fn recording(criterion: &mut Criterion) {
+pub fn recording(criterion: &mut Criterion) {
     let header = header();
     let samples = samples(&header);
     let format = CsvFormat::new(&header, &[Mode::Displacement]);
@@ -119,6 +119,3 @@ fn recording(criterion: &mut Criterion) {
     });
     group.finish();
 }
-
-criterion_group!(benches, recording);
-criterion_main!(benches);

@@ -13,9 +13,10 @@
 //! | 2 | model, link, truth |
 //! | 3 | effect, control |
 //! | 4 | identify, mockrig, twin |
-//! | 5 | diagnose, config |
-//! | 6 | report, daemon, blind |
-//! | 7 | cli |
+//! | 5 | papers, config |
+//! | 6 | diagnose, daemon |
+//! | 7 | report, blind |
+//! | 8 | cli |
 //!
 //! # The walk of a sample
 //! `link` (frame) → `protocol::message` (counts) → `control::channel` (newtons, millimetres) → `control` (command,
@@ -24,21 +25,33 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
-pub mod blind;
-pub mod cli;
-pub mod config;
-pub mod control;
-pub mod daemon;
-pub mod diagnose;
-pub mod effect;
-pub mod identify;
-pub mod link;
-pub mod mockrig;
-pub mod model;
-pub mod profile;
-pub mod protocol;
-pub mod recording;
-pub mod report;
-pub mod truth;
-pub mod twin;
-pub mod units;
+mod blind;
+mod cli;
+mod config;
+mod control;
+mod daemon;
+mod diagnose;
+mod effect;
+mod identify;
+mod link;
+mod mockrig;
+mod model;
+mod papers;
+mod profile;
+mod protocol;
+mod recording;
+mod report;
+mod truth;
+mod twin;
+mod units;
+
+pub use cli::main;
+
+#[cfg(feature = "benchmarks")]
+#[doc(hidden)]
+#[path = "../benches/mod.rs"]
+pub mod benchmarks;
+
+#[cfg(test)]
+#[path = "../tests/mod.rs"]
+mod tests;

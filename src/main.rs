@@ -3,5 +3,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    leafbench::cli::main()
+    leafbench::main()
 }

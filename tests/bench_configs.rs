@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use leafbench::config::{Bench, ConfigError, Specimen};
-use leafbench::profile::{Profile, ProfileError, violations};
+use crate::config::{Bench, ConfigError, Specimen};
+use crate::profile::{Profile, ProfileError, violations};
 
 fn files(folder: &str) -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"))

@@ -1,9 +1,9 @@
 //! Sealed cases, and the controls that must fail to find anything.
 
-use leafbench::blind::{Request, baseline, examine, figures, page, run};
-use leafbench::diagnose::{Diagnosis, Options, Verdict, diagnose};
-use leafbench::recording::Recording;
-use leafbench::truth::Case;
+use crate::blind::{Request, baseline, examine, figures, page, run};
+use crate::diagnose::{Diagnosis, Options, Verdict, diagnose};
+use crate::recording::Recording;
+use crate::truth::Case;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 

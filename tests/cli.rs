@@ -1,11 +1,10 @@
 //! The command line as a technician and a script use it: in virtual time, and in real time against the mock rig in memory.
 
-#[expect(dead_code, reason = "each test takes its part")]
-mod support;
 
+use super::support::{self, program};
 use std::path::Path;
 
-use support::{Daemon, config, json, leafbench, run};
+use super::support::{Daemon, config, json, leafbench, run};
 
 fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
@@ -234,7 +233,7 @@ fn a_bench_file_with_a_wrong_key_is_refused_with_its_line() {
 
 /// A triangle of the equivalent spring (rate 80 N/mm, ratio 0.15, presliding 0.4 mm), stepped here and not by the fit.
 fn recording_csv() -> String {
-    use leafbench::model;
+    use crate::model;
     let mut plant = model::find("equivalent")
         .and_then(|m| m.plant(&[0.0, 80.0, 0.15, 0.4], &toml::Table::new()))
         .expect("within bounds");
@@ -253,7 +252,7 @@ fn identify_gives_parameters_back_and_writes_a_specimen() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let (recording, out) = (folder.path().join("a.csv"), folder.path().join("found.toml"));
     std::fs::write(&recording, recording_csv()).expect("written");
-    let run = std::process::Command::new(env!("CARGO_BIN_EXE_leafbench"))
+    let run = std::process::Command::new(program())
         .args([
             "identify",
             "--model",
@@ -268,7 +267,7 @@ fn identify_gives_parameters_back_and_writes_a_specimen() {
         .expect("started");
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
     let found: serde_json::Value = serde_json::from_slice(&run.stdout).expect("JSON");
-    let specimen = leafbench::config::Specimen::load(&out).expect("a specimen file");
+    let specimen = crate::config::Specimen::load(&out).expect("a specimen file");
     for (name, truth) in [
         ("rate_n_per_mm", 80.0),
         ("friction_ratio", 0.15),
@@ -288,7 +287,7 @@ fn identify_gives_parameters_back_and_writes_a_specimen() {
 #[test]
 fn identify_refuses_bad_input_and_says_what_to_do() {
     let refused = |arguments: &[&str], word: &str| {
-        let run = std::process::Command::new(env!("CARGO_BIN_EXE_leafbench"))
+        let run = std::process::Command::new(program())
             .arg("identify")
             .args(arguments)
             .output()

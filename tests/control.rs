@@ -1,17 +1,17 @@
 //! Control against the mock rig in virtual time: whole runs, and what happens when something goes wrong.
 
-use leafbench::control::channel::Channels;
-use leafbench::control::limits::DetectorLimits;
-use leafbench::control::run::RunOrder;
-use leafbench::control::{Phase, Refusal, Rig, RigConfig};
-use leafbench::link::{Link, loopback};
-use leafbench::mockrig::{MockRig, MockRigConfig};
-use leafbench::model;
-use leafbench::profile::{Block, Level, Profile, Segment};
-use leafbench::protocol::message::{Limits, RigState};
-use leafbench::recording::recorder::Memory;
-use leafbench::recording::{ChannelScale, Ending, EventKind, FirmwareIdentity, Flags, Header};
-use leafbench::units::Mode;
+use crate::control::channel::Channels;
+use crate::control::limits::DetectorLimits;
+use crate::control::run::RunOrder;
+use crate::control::{Phase, Refusal, Rig, RigConfig};
+use crate::link::{Link, loopback};
+use crate::mockrig::{MockRig, MockRigConfig};
+use crate::model;
+use crate::profile::{Block, Level, Profile, Segment};
+use crate::protocol::message::{Limits, RigState};
+use crate::recording::recorder::Memory;
+use crate::recording::{ChannelScale, Ending, EventKind, FirmwareIdentity, Flags, Header};
+use crate::units::Mode;
 
 const MS: u64 = 1_000_000;
 

@@ -1,7 +1,5 @@
 //! The daemon as a process: kills, signals, forged requests.
 
-#[expect(dead_code, reason = "each test takes its part")]
-mod support;
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -9,7 +7,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use nix::sys::signal::Signal;
-use support::{Daemon, PATIENCE, json, until};
+use super::support::{Daemon, PATIENCE, json, until};
 
 /// Long enough to be interrupted.
 const LONG: &str = "name = \"long\"\ncontrol = \"displacement\"\n[[block]]\n[[block.segment]]\nkind = \"ramp\"\n\

@@ -1,11 +1,10 @@
 //! Concealed effects are found, absent ones are not named, strangers are called unknown. The truth is in `support/truth.rs`,
 //! which shares no code with the library.
 
-#[path = "support/truth.rs"]
-mod truth;
 
-use leafbench::diagnose::{Baseline, Diagnosis, Options, Verdict, diagnose};
-use leafbench::recording::Recording;
+use super::support::truth;
+use crate::diagnose::{Baseline, Diagnosis, Options, Verdict, diagnose};
+use crate::recording::Recording;
 
 fn recordings(codes: &[&'static str], strength: f64, seed: u64) -> Vec<Recording> {
     let mut random = truth::seeded(seed);
@@ -21,7 +20,7 @@ fn recordings(codes: &[&'static str], strength: f64, seed: u64) -> Vec<Recording
 }
 
 fn judge(recordings: &[Recording]) -> Diagnosis {
-    let baseline = Baseline::of(leafbench::model::find("equivalent").expect("listed"));
+    let baseline = Baseline::of(crate::model::find("equivalent").expect("listed"));
     let options = Options::default();
     diagnose(recordings, &baseline, &options, &mut |_, _| {}).expect("diagnosed")
 }
@@ -100,7 +99,7 @@ fn what_no_library_has_is_unknown_and_located() {
     let place = diagnosis
         .location
         .iter()
-        .find(|l| l.axis == leafbench::effect::Axis::DisplacementMm)
+        .find(|l| l.axis == crate::effect::Axis::DisplacementMm)
         .expect("located along the displacement");
     let (low, high) = (hidden.place - 1.5, hidden.place + 1.5);
     let both = (place.to.min(high) - place.from.max(low)).max(0.0);
@@ -129,7 +128,7 @@ fn a_look_alike_is_reported_with_the_test_that_would_tell() {
 #[test]
 fn same_input_same_diagnosis_whatever_the_cores() {
     let recordings = recordings(&["coulomb_friction"], 3.0, 51);
-    let baseline = Baseline::of(leafbench::model::find("equivalent").expect("listed"));
+    let baseline = Baseline::of(crate::model::find("equivalent").expect("listed"));
     let run = |threads| {
         let options = Options {
             points: 600,

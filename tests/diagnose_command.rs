@@ -1,12 +1,13 @@
 //! `leafbench diagnose` as a person calls it: files written, improved model runs, refusals say where and what to do.
 
+use super::support::program;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use leafbench::truth::{Case, sensors};
+use crate::truth::{Case, sensors};
 
 fn leafbench(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_leafbench"))
+    Command::new(program())
         .args(arguments)
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .output()

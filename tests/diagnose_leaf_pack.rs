@@ -4,18 +4,15 @@
 //! The full case, five recordings of some 3000 samples, prints its times:
 //! `cargo test --release --test diagnose_leaf_pack -- --ignored --nocapture`.
 
-#[expect(dead_code, reason = "other tests use the rest")]
-#[path = "support/bench.rs"]
-mod virtual_rig;
 
 use std::path::Path;
 use std::time::Instant;
 
-use leafbench::config::{Bench, EffectConfig};
-use leafbench::diagnose::{Baseline, Diagnosis, Options, Verdict, diagnose};
-use leafbench::model::Plant;
-use leafbench::recording::Recording;
-use virtual_rig::{play, sine};
+use crate::config::{Bench, EffectConfig};
+use crate::diagnose::{Baseline, Diagnosis, Options, Verdict, diagnose};
+use crate::model::Plant;
+use crate::recording::Recording;
+use super::support::bench::{play, sine};
 
 /// Seconds for five recordings of 3000 samples on two cores.
 const AT_MOST_S: f64 = 60.0;
@@ -85,7 +82,7 @@ fn judge(
     let mut real = bench.clone();
     truth.conceal(&mut real);
     let recordings: Vec<Recording> = profiles.iter().map(|p| recorded(&real, p, samples)).collect();
-    let mut baseline = Baseline::of(leafbench::model::find("leaf-pack").expect("listed"));
+    let mut baseline = Baseline::of(crate::model::find("leaf-pack").expect("listed"));
     baseline.structure = bench.model.structure.clone();
     baseline.start = Some(bench.model.values().expect("shipped"));
     let begun = Instant::now();
@@ -181,7 +178,7 @@ fn a_pack_whose_parameters_are_wrong_is_refitted_and_nothing_is_named() {
         .plant()
         .expect("the improved model can be built");
     let improved = alone(improved, diagnosis.improved.force_zero_n, &recordings[0]);
-    let model = leafbench::model::find("leaf-pack").expect("listed");
+    let model = crate::model::find("leaf-pack").expect("listed");
     let wrong = model.plant(&bench.model.values().expect("shipped"), &bench.model.structure);
     let wrong = alone(wrong.expect("shipped"), 0.0, &recordings[0]);
     println!(

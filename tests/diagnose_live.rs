@@ -1,19 +1,14 @@
 //! The whole chain as processes in real time: a daemon whose rig conceals an effect, runs, export, `diagnose`, and a
 //! daemon whose twin is the improved model, beside the same rig.
 
-#[expect(dead_code, reason = "each test takes its part")]
-mod support;
-#[path = "support/bench.rs"]
-#[expect(dead_code, reason = "each test takes its part")]
-mod virtual_rig;
 
 use std::path::{Path, PathBuf};
 
-use leafbench::config::Bench;
-use leafbench::recording::Sample;
-use leafbench::recording::run_file::{EXTENSION, RunFile};
-use support::{Daemon, config, json, run};
-use virtual_rig::{concealing, twin_nrmse};
+use crate::config::Bench;
+use crate::recording::Sample;
+use crate::recording::run_file::{EXTENSION, RunFile};
+use super::support::{Daemon, config, json, run};
+use super::support::bench::{concealing, twin_nrmse};
 
 /// A shared machine may stop the daemon for longer than any bench bears; then once more.
 const ATTEMPTS: usize = 10;

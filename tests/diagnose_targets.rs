@@ -1,10 +1,11 @@
 //! Diagnoses from published tables alone: what must be found in them, and what must not where nothing is there.
 
+use super::support::program;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use leafbench::diagnose::Verdict;
-use leafbench::diagnose::aggregates::{AggregateDiagnosis, Table, TableReader, diagnose_table};
+use crate::diagnose::Verdict;
+use crate::diagnose::aggregates::{AggregateDiagnosis, Table, TableReader, diagnose_table};
 
 fn table_path(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -35,7 +36,7 @@ fn diagnose(table: Table) -> AggregateDiagnosis {
 }
 
 fn leafbench(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_leafbench"))
+    Command::new(program())
         .args(arguments)
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .output()
@@ -257,7 +258,7 @@ fn the_command_writes_its_files_and_refuses_with_row_and_column() {
     let out = folder.path().join("out");
     let points = table_path("p001_table5_1_load_deflection.csv");
     // From a folder that has no bench file.
-    let ran = Command::new(env!("CARGO_BIN_EXE_leafbench"))
+    let ran = Command::new(program())
         .args(["diagnose", "--targets", &text(&points), "--out", &text(&out)])
         .current_dir(folder.path())
         .output()

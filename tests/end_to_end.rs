@@ -1,12 +1,11 @@
 //! The whole chain: a concealed effect in the mock rig, runs, export, `diagnose`, and a twin that follows better with what it wrote.
 
-#[path = "support/bench.rs"]
-mod virtual_rig;
 
+use super::support::program;
 use std::process::Command;
 
-use leafbench::config::Bench;
-use virtual_rig::{concealing, play, sine, twin_nrmse};
+use crate::config::Bench;
+use super::support::bench::{concealing, play, sine, twin_nrmse};
 
 #[test]
 fn what_is_concealed_is_found_and_the_improved_model_follows_the_rig() {
@@ -27,7 +26,7 @@ fn what_is_concealed_is_found_and_the_improved_model_follows_the_rig() {
     }
     let out = folder.path().join("out");
     arguments.extend(["--out".to_owned(), text(&out)]);
-    let ran = Command::new(env!("CARGO_BIN_EXE_leafbench"))
+    let ran = Command::new(program())
         .args(&arguments)
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .output()

@@ -1,10 +1,10 @@
 //! Known parameters come back: from the third paper's curves, and from synthetic recordings within their own intervals.
 
-use leafbench::identify::curve::{Initial, Weighting};
-use leafbench::identify::papers::{second, third};
-use leafbench::identify::{Control, CurveOptions, CurveProblem, Method, Options, fit, least_squares};
-use leafbench::model::{self, Plant};
-use leafbench::recording::Recording;
+use crate::identify::curve::{Initial, Weighting};
+use crate::papers::{second, third};
+use crate::identify::{Control, CurveOptions, CurveProblem, Method, Options, fit, least_squares};
+use crate::model::{self, Plant};
+use crate::recording::Recording;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

@@ -4,11 +4,10 @@
 //! The reference figures are those of an independent planar corotational script, of MuJoCo 4.0.0 and of Exudyn 1.13.6 on the
 //! same duty.
 
-mod leaf_pack_duty;
 
-use leaf_pack_duty::{all_sources, close, pack, shackle, sine_row, static_row, values};
-use leafbench::model::Plant;
-use leafbench::model::leaf_pack::{NormalChoice, Structure, Values, graded_path};
+use super::leaf_pack_duty::{all_sources, close, pack, shackle, sine_row, static_row, values};
+use crate::model::Plant;
+use crate::model::leaf_pack::{NormalChoice, Structure, Values, graded_path};
 
 /// The reference's table of stiffness over clamp length. It comes out to 0.1 % with E = 210 GPa; at the 207 GPa of the
 /// other rows every entry is 1.4 % softer, as it must be: the table was evidently made with 210.

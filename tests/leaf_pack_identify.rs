@@ -4,12 +4,12 @@
 //! The fitted mesh has to be as fine as the recording is good. 240 samples with 2 N of noise know the shackle's angle to
 //! 0.5 mrad; the paper's 84 segments move it by 0.7 mrad (3 of 20 intervals held it), 172 by 0.07 mrad.
 
-use leafbench::identify::Method;
-use leafbench::identify::curve::{Initial, Weighting};
-use leafbench::identify::{Control, CurveOptions, CurveProblem, Options, fit, least_squares};
-use leafbench::model::leaf_pack::{LeafPack, Mounting, Structure, Values};
-use leafbench::model::{self, Plant};
-use leafbench::recording::Recording;
+use crate::identify::Method;
+use crate::identify::curve::{Initial, Weighting};
+use crate::identify::{Control, CurveOptions, CurveProblem, Options, fit, least_squares};
+use crate::model::leaf_pack::{LeafPack, Mounting, Structure, Values};
+use crate::model::{self, Plant};
+use crate::recording::Recording;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

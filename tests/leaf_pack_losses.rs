@@ -1,10 +1,9 @@
 //! Where the leaf pack's energy goes: the balance, each source of friction by itself, damping and inertia.
 
-mod leaf_pack_duty;
 
-use leaf_pack_duty::{all_sources, close, loop_j, pack, sine_row, static_loop, static_row, values};
-use leafbench::model::Plant;
-use leafbench::model::leaf_pack::{
+use super::leaf_pack_duty::{all_sources, close, loop_j, pack, sine_row, static_loop, static_row, values};
+use crate::model::Plant;
+use crate::model::leaf_pack::{
     Dynamics, FrictionChoice, Mounting, Source, Structure, Values, graded_path,
 };
 

@@ -1,10 +1,9 @@
 //! The leaf pack as plant and as a fit's model: no motion breaks it, every believable pack converges, its files run.
 
-mod leaf_pack_duty;
 
-use leaf_pack_duty::{all_sources, close, loop_j, pack, sine_row, static_row, values};
-use leafbench::model::leaf_pack::{LeafPack, Mounting, PARAMETERS, Structure, Values};
-use leafbench::model::{self, Plant};
+use super::leaf_pack_duty::{all_sources, close, loop_j, pack, sine_row, static_row, values};
+use crate::model::leaf_pack::{LeafPack, Mounting, PARAMETERS, Structure, Values};
+use crate::model::{self, Plant};
 
 #[test]
 fn a_pusher_that_lifts_off_feels_nothing() {

@@ -1,14 +1,11 @@
 //! The twin watches its residual while the run goes on: told once, at the right place, and not where nothing is wrong.
 
-#[expect(dead_code, reason = "each test takes its part")]
-mod support;
-#[path = "support/bench.rs"]
-mod virtual_rig;
 
-use leafbench::recording::recorder::Memory;
-use leafbench::recording::{Event, EventKind};
-use support::{Daemon, config, json, until};
-use virtual_rig::{concealing, mock, play, sine, twin_nrmse};
+use super::support;
+use crate::recording::recorder::Memory;
+use crate::recording::{Event, EventKind};
+use super::support::{Daemon, config, json, until};
+use super::support::bench::{concealing, mock, play, sine, twin_nrmse};
 
 fn told(memory: &Memory) -> Vec<&Event> {
     memory
@@ -99,7 +96,7 @@ fn a_mismatch_holds_the_run_where_the_bench_says_so() {
         "coulomb_friction",
         &[("friction_n", 60.0), ("transition_mm", 0.2)],
     );
-    bench.daemon.model_mismatch = leafbench::config::MismatchAction::Hold;
+    bench.daemon.model_mismatch = crate::config::MismatchAction::Hold;
     let file = folder.path().join("bench.toml");
     std::fs::write(&file, bench.to_toml()).expect("scratch folder is writable");
     let data = folder.path().join("data");

@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use leafbench::cli::virtual_bench::VirtualBench;
-use leafbench::config::Bench;
-use leafbench::control::run::RunOrder;
-use leafbench::daemon::header::{self, Planned};
-use leafbench::profile::{Player, Profile};
-use leafbench::recording::{Ending, Event, Header, Outcome, Recorder, Sample};
+use crate::cli::virtual_bench::VirtualBench;
+use crate::config::Bench;
+use crate::control::run::RunOrder;
+use crate::daemon::header::{self, Planned};
+use crate::profile::{Player, Profile};
+use crate::recording::{Ending, Event, Header, Outcome, Recorder, Sample};
 
 #[derive(Default)]
 struct Kept {

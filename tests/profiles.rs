@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use leafbench::config::{Bench, Specimen};
-use leafbench::profile::{Player, Profile, Slot};
-use leafbench::twin::dry_run;
+use crate::config::{Bench, Specimen};
+use crate::profile::{Player, Profile, Slot};
+use crate::twin::dry_run;
 
 const RATE_HZ: f64 = 1000.0;
 const SINES: [(&str, f64, f64); 4] = [

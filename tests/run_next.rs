@@ -1,17 +1,13 @@
 //! `diagnose --run-next`: the bench runs the test that tells and judges again.
 
-#[expect(dead_code, reason = "each test takes its part")]
-mod support;
-#[path = "support/bench.rs"]
-#[expect(dead_code, reason = "each test takes its part")]
-mod virtual_rig;
 
+use super::support::{self, program};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use nix::sys::signal::{Signal, kill};
-use support::{Daemon, config, json, until};
-use virtual_rig::{concealing, play, sine};
+use super::support::{Daemon, config, json, until};
+use super::support::bench::{concealing, play, sine};
 
 /// A bench that conceals a weak helper leaf, and one short sine about its knee: a knee and a smooth bend are alike there.
 fn confounded(folder: &Path) -> (PathBuf, PathBuf) {
@@ -56,7 +52,7 @@ fn check_rounds(rounds: &[serde_json::Value], out: &Path) {
 /// What `--run-next` on a virtual bench ends with, and its rounds.
 fn virtual_rounds(folder: &Path, bench: &Path, csv: &Path) -> (serde_json::Value, Vec<serde_json::Value>) {
     let out = folder.join("out");
-    let ran = Command::new(env!("CARGO_BIN_EXE_leafbench"))
+    let ran = Command::new(program())
         .args([
             "diagnose",
             "--run-next=virtual",

@@ -7,9 +7,9 @@ use std::os::fd::{AsFd, OwnedFd};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use leafbench::link::{self, Arrival, Link, Side};
-use leafbench::protocol::message::{FromRig, NmtCommand, ToRig, next_counter};
-use leafbench::protocol::serial_framing::{Decoder, PACKET_MAX, encode};
+use crate::link::{self, Arrival, Link, Side};
+use crate::protocol::message::{FromRig, NmtCommand, ToRig, next_counter};
+use crate::protocol::serial_framing::{Decoder, PACKET_MAX, encode};
 
 const NODE: u8 = 5;
 /// Far beyond what a loaded machine needs; only a lost frame waits this long.

@@ -4,9 +4,9 @@
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use leafbench::link::{self, Arrival, Link, Side};
-use leafbench::protocol::frame::Frame;
-use leafbench::protocol::message::{FromRig, NmtCommand, ToRig, next_counter};
+use crate::link::{self, Arrival, Link, Side};
+use crate::protocol::frame::Frame;
+use crate::protocol::message::{FromRig, NmtCommand, ToRig, next_counter};
 use socketcan::{CanFrame, CanRemoteFrame, CanSocket, EmbeddedFrame, ExtendedId, Socket, StandardId};
 
 const NODE: u8 = 5;

@@ -8,8 +8,8 @@ use clap::{Arg, ArgMatches, value_parser};
 
 use super::progress::{Mark, Progress};
 use super::{CliError, Command, Done, Output};
-use crate::identify::papers::first::{self, Choice, Reading};
-use crate::identify::papers::{second, third};
+use crate::papers::first::{self, Choice, Reading};
+use crate::papers::{second, third};
 use crate::report::svg::{Curve, xy_plot};
 
 /// See [`super::COMMANDS`].

@@ -11,7 +11,7 @@ use super::{CliError, Done, Output, diagnose};
 use crate::config::Bench;
 use crate::diagnose::Baseline;
 use crate::diagnose::aggregates::{AggregateDiagnosis, Row, TableReader, diagnose_table};
-use crate::identify::papers::first::Two;
+use crate::papers::first::Two;
 use crate::identify::targets::{Target, TargetProblem};
 use crate::identify::{Control, IdentifyError, Options, fit};
 use crate::report::aggregates::page;

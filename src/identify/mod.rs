@@ -13,7 +13,6 @@ pub mod jacobian;
 pub mod least_squares;
 pub mod nelder_mead;
 pub mod objective;
-pub mod papers;
 pub mod path;
 pub mod profile_likelihood;
 pub mod targets;

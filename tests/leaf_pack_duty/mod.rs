@@ -1,8 +1,7 @@
 //! The duty that the leaf pack's tests share: Table 1 geometry, clamp 100 mm, no eye offset, interleaf mu 0.3, nothing else.
-#![allow(dead_code)]
 
-use leafbench::model::Plant;
-use leafbench::model::leaf_pack::{LeafPack, Mounting, Structure, Values, graded_path};
+use crate::model::Plant;
+use crate::model::leaf_pack::{LeafPack, Mounting, Structure, Values, graded_path};
 
 pub const REFERENCE_MU: f64 = 0.3;
 

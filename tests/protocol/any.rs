@@ -1,10 +1,10 @@
 //! Any message at all, for property tests.
 
-use leafbench::protocol::message::*;
+use crate::protocol::message::*;
 use proptest::prelude::*;
 use proptest::sample::select;
 
-use crate::fields::Message;
+use super::fields::Message;
 
 fn counter() -> impl Strategy<Value = u8> {
     0..COUNTER_MODULO

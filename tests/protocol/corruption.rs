@@ -1,9 +1,9 @@
 //! Up to three flipped bits in a protected frame never pass for another value (CRC-8 0x2F has distance 4 at our length):
 //! all single and double flips, and all triple ones, of a frame of every kind.
 
-use leafbench::protocol::message::*;
+use crate::protocol::message::*;
 
-use crate::fields::Message;
+use super::fields::Message;
 
 const NODE: u8 = 1;
 

@@ -6,13 +6,13 @@ use std::collections::BTreeMap;
 use can_dbc::{
     ByteOrder, Dbc, MessageId, MultiplexIndicator, NumericValue, Signal, ValueDescription, ValueType,
 };
-use leafbench::protocol::cob;
-use leafbench::protocol::message::*;
+use crate::protocol::cob;
+use crate::protocol::message::*;
 use proptest::prelude::*;
 use proptest::strategy::ValueTree;
 use proptest::test_runner::TestRunner;
 
-use crate::any;
+use super::any;
 
 /// The DBC is written for this node.
 const NODE: u8 = 1;

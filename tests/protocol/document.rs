@@ -2,11 +2,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use leafbench::protocol::frame::Frame;
-use leafbench::protocol::message::*;
-use leafbench::protocol::serial_framing::{PACKET_MAX, encode};
+use crate::protocol::frame::Frame;
+use crate::protocol::message::*;
+use crate::protocol::serial_framing::{PACKET_MAX, encode};
 
-use crate::fields::{Fields, Message};
+use super::fields::{Fields, Message};
 
 const NODE: u8 = 1;
 

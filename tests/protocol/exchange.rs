@@ -9,8 +9,8 @@ use proptest::strategy::ValueTree;
 use proptest::test_runner::TestRunner;
 use serde::{Deserialize, Serialize};
 
-use crate::any;
-use crate::fields::{Fields, Message};
+use super::any;
+use super::fields::{Fields, Message};
 
 const NODE: u8 = 1;
 

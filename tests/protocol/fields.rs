@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use leafbench::protocol::frame::Frame;
-use leafbench::protocol::message::*;
+use crate::protocol::frame::Frame;
+use crate::protocol::message::*;
 
 /// Raw values by field, without CRC.
 pub type Fields = BTreeMap<String, i64>;

@@ -1,8 +1,8 @@
 //! Whatever arrives, nothing panics, and what is accepted is exactly what would have been sent.
 
-use leafbench::protocol::frame::Frame;
-use leafbench::protocol::message::{FromRig, ToRig};
-use leafbench::protocol::serial_framing::Decoder;
+use crate::protocol::frame::Frame;
+use crate::protocol::message::{FromRig, ToRig};
+use crate::protocol::serial_framing::Decoder;
 use proptest::prelude::*;
 
 proptest! {

@@ -1,10 +1,10 @@
 //! Every message comes back as it went, over CAN frames and serial packets.
 
-use leafbench::protocol::serial_framing::{Decoder, PACKET_MAX, encode};
+use crate::protocol::serial_framing::{Decoder, PACKET_MAX, encode};
 use proptest::prelude::*;
 
-use crate::any;
-use crate::fields::Message;
+use super::any;
+use super::fields::Message;
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(4096))]

@@ -1,8 +1,8 @@
 //! Serial: one damaged byte, wherever it is, costs at most two frames, and noise costs no memory.
 
-use leafbench::protocol::frame::Frame;
-use leafbench::protocol::message::FromRig;
-use leafbench::protocol::serial_framing::{Decoder, PACKET_MAX, encode};
+use crate::protocol::frame::Frame;
+use crate::protocol::message::FromRig;
+use crate::protocol::serial_framing::{Decoder, PACKET_MAX, encode};
 use rand::{RngExt, SeedableRng};
 
 const NODE: u8 = 1;

@@ -3,16 +3,16 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-use leafbench::cli::virtual_bench::VirtualBench;
-use leafbench::config::{Bench, EffectConfig};
-use leafbench::control::run::RunOrder;
-use leafbench::daemon::header::{self, Planned};
-use leafbench::profile::{Player, Profile};
-use leafbench::recording::export::{self, Selection};
-use leafbench::recording::recorder::{FanOut, Memory};
-use leafbench::recording::run_file::{RunFile, RunFileWriter};
-use leafbench::recording::{Event, Header, Outcome, Recorder, Sample};
-use leafbench::twin::Twin;
+use crate::cli::virtual_bench::VirtualBench;
+use crate::config::{Bench, EffectConfig};
+use crate::control::run::RunOrder;
+use crate::daemon::header::{self, Planned};
+use crate::profile::{Player, Profile};
+use crate::recording::export::{self, Selection};
+use crate::recording::recorder::{FanOut, Memory};
+use crate::recording::run_file::{RunFile, RunFileWriter};
+use crate::recording::{Event, Header, Outcome, Recorder, Sample};
+use crate::twin::Twin;
 
 /// The shipped mock bench.
 pub fn mock() -> Bench {

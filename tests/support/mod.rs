@@ -1,5 +1,9 @@
 //! Daemons, mock rigs and commands as processes: started on free ports, waited for by condition, ended with the test.
 
+pub mod bench;
+pub mod truth;
+pub mod wire;
+
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Output, Stdio};
@@ -17,9 +21,25 @@ pub fn config(path: &str) -> PathBuf {
         .join(path)
 }
 
+/// The program as it was built for these tests: it lies one folder above this test binary.
+pub fn program() -> PathBuf {
+    let own = std::env::current_exe().expect("a test binary knows its path");
+    let program = own
+        .ancestors()
+        .nth(2)
+        .expect("target/PROFILE/deps/BINARY")
+        .join("leafbench");
+    assert!(
+        program.is_file(),
+        "{} is missing: run `cargo test`, which builds it, or `cargo build` first",
+        program.display()
+    );
+    program
+}
+
 /// `leafbench` with arguments, as it was built for this test.
 pub fn leafbench(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_leafbench"));
+    let mut command = Command::new(program());
     command
         .args(arguments)
         .env_remove("LEAFBENCH_DATA")

@@ -1,8 +1,7 @@
 //! Truth for concealed effects, written apart from the library: other elements (40 Jenkins elements with drawn lengths),
 //! other step (a quarter of a sample, exact motion), velocity and acceleration from the motion's formula, own sensors.
-#![allow(dead_code)]
 
-use leafbench::recording::Recording;
+use crate::recording::Recording;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

@@ -27,7 +27,7 @@ impl Wire {
             let copy = |from: std::os::fd::OwnedFd, to: std::os::fd::OwnedFd| {
                 std::thread::spawn(move || {
                     // The wire is no program: it does not wait for its turn, where that is allowed.
-                    let _ = leafbench::link::priority::raise_this_thread();
+                    let _ = crate::link::priority::raise_this_thread();
                     let (mut from, mut to) = (std::fs::File::from(from), std::fs::File::from(to));
                     // Ends with the processes at the ends.
                     let _ = std::io::copy(&mut from, &mut to);

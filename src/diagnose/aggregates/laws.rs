@@ -14,7 +14,7 @@ use super::regression::{Estimate, Line, line};
 use super::rows::mounts;
 use super::table::Row;
 use crate::diagnose::diagnosis::{Alternative, Finding, Value};
-use crate::identify::papers::first::Two;
+use crate::papers::first::Two;
 
 /// Exponent over the rate below which the loss "hardly changes": 12 % a decade.
 const FLAT: f64 = 0.05;

@@ -21,7 +21,7 @@ use super::diagnosis::{
 };
 use crate::effect::EFFECTS;
 use crate::identify::IdentifyError;
-use crate::identify::papers::first::Two;
+use crate::papers::first::Two;
 
 /// Errors of whole curves and on data that no parameter was fitted on are left out; the others are of the worst row.
 type Errors = super::diagnosis::Errors<Option<f64>>;

@@ -13,7 +13,7 @@ use super::{AggregateDiagnosis, Compared, Errors, FitErrors, not_testable};
 use crate::diagnose::diagnosis::{
     Alternative, Axis, Branch, Finding, ImprovedModel, Location, Value, Verdict,
 };
-use crate::identify::papers::second::{Rerun, rerun_over};
+use crate::papers::second::{Rerun, rerun_over};
 use crate::identify::{Fit, IdentifyError, confidence::student_975};
 use crate::model::five_link;
 

@@ -6,7 +6,7 @@ use super::table::{Fitted, Row, Table, belief};
 use super::{AggregateDiagnosis, Compared, Errors, FitErrors, not_testable, worst};
 use crate::diagnose::diagnosis::{ImprovedModel, Value, Verdict};
 use crate::identify::IdentifyError;
-use crate::identify::papers::first::{
+use crate::papers::first::{
     self, Choice, MOUNTS, PhysicsFit, Printed, ROWS, Reading, Two, believable, column, mount_name,
 };
 use crate::model::leaf_pack::{self, Mounting};

@@ -2,12 +2,12 @@
 
 use std::io::Read;
 
-use crate::identify::papers::first::Two;
+use crate::papers::first::Two;
 use crate::identify::targets::Motion;
 use crate::model::leaf_pack;
 
 /// A ramp of which no duration is told takes as long as the first paper's static test.
-const RAMP_S: f64 = crate::identify::papers::first::STATIC_S;
+const RAMP_S: f64 = crate::papers::first::STATIC_S;
 /// Names that tables use for the leaf pack's parameters.
 const ALIASES: [(&str, &str); 2] = [
     ("friction_coefficient", "interleaf_mu"),

@@ -1,0 +1,14 @@
+//! Speed of the wire, the recording, the fit and the whole loop: `cargo bench --features benchmarks --bench speed`.
+
+use criterion::{criterion_group, criterion_main};
+use leafbench::benchmarks::{bench_loop, identify, protocol, recording};
+
+criterion_group!(
+    speed,
+    protocol::protocol,
+    recording::recording,
+    bench_loop::bench_loop,
+    identify::step,
+    identify::refit
+);
+criterion_main!(speed);

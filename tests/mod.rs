@@ -1,0 +1,29 @@
+//! Tests by capability. They are part of the library's own test binary, because only a few types are public.
+
+mod architecture;
+mod bench_configs;
+mod blind;
+mod cli;
+mod control;
+mod daemon;
+mod diagnose;
+mod diagnose_command;
+mod diagnose_leaf_pack;
+mod diagnose_live;
+mod diagnose_targets;
+mod end_to_end;
+mod identify;
+mod leaf_pack;
+mod leaf_pack_duty;
+mod leaf_pack_identify;
+mod leaf_pack_losses;
+mod leaf_pack_robust;
+mod model_mismatch;
+mod paper_benches;
+mod profiles;
+mod protocol;
+mod run_next;
+mod serial;
+mod support;
+mod two_processes;
+mod vcan;
