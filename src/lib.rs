@@ -23,7 +23,7 @@
 //! segment, cycle, flags) → `twin` (model force beside it) → `recording::run_file` → `recording::csv`.
 //! A command walks the same files backwards, from `bench-configs/profiles/` on.
 #![forbid(unsafe_code)]
-#![warn(missing_docs)]
+#![warn(missing_docs, unreachable_pub)]
 
 mod blind;
 mod cli;
@@ -53,5 +53,6 @@ pub use cli::main;
 pub mod benchmarks;
 
 #[cfg(test)]
+#[allow(unreachable_pub, reason = "test helpers are seen by their own tests only")]
 #[path = "../tests/mod.rs"]
 mod tests;

@@ -11,7 +11,7 @@ const BINS: usize = 5;
 
 /// One figure against what is asked for.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub struct Figure {
+pub(crate) struct Figure {
     /// What.
     pub what: &'static str,
     /// Asked for, in words.
@@ -28,7 +28,7 @@ pub struct Figure {
 
 /// One bin of the reliability table.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Bin {
+pub(crate) struct Bin {
     /// Lower and upper edge of the confidence.
     pub range: [f64; 2],
     /// Claims in it.
@@ -62,7 +62,7 @@ fn median(mut values: Vec<f64>) -> (Option<f64>, usize) {
 }
 
 /// The table; `look_alikes` count for the rows of `--run-next` alone.
-pub fn figures(marks: &[Mark], look_alikes: &[Mark]) -> Vec<Figure> {
+pub(crate) fn figures(marks: &[Mark], look_alikes: &[Mark]) -> Vec<Figure> {
     let one = |m: &&Mark| matches!(m.label.family, Family::Single | Family::Concealed);
     let two = |m: &&Mark| m.label.family == Family::Pair;
     let none = |m: &&Mark| matches!(m.label.family, Family::None | Family::NoneNoisy);
@@ -201,7 +201,7 @@ pub fn figures(marks: &[Mark], look_alikes: &[Mark]) -> Vec<Figure> {
 }
 
 /// Reliability of the confidence, bins that hold a claim.
-pub fn reliability(marks: &[Mark]) -> Vec<Bin> {
+pub(crate) fn reliability(marks: &[Mark]) -> Vec<Bin> {
     let claims: Vec<(f64, bool)> = marks.iter().flat_map(Mark::claims).collect();
     (0..BINS)
         .filter_map(|b| {
@@ -234,7 +234,7 @@ fn calibration_error(marks: &[Mark]) -> (Option<f64>, usize) {
 }
 
 /// Truth, answer, count: cases of one hidden effect or none, from a strength on.
-pub fn confusion(marks: &[Mark], strength: f64) -> BTreeMap<(String, String), usize> {
+pub(crate) fn confusion(marks: &[Mark], strength: f64) -> BTreeMap<(String, String), usize> {
     let mut counts = BTreeMap::new();
     for m in marks {
         if m.label.family == Family::Pair || (!m.label.hidden.is_empty() && m.label.strength < strength) {
@@ -250,7 +250,7 @@ pub fn confusion(marks: &[Mark], strength: f64) -> BTreeMap<(String, String), us
 }
 
 /// Share of exact answers by family and strength, with counts: `(family, strength) -> (exact, all)`.
-pub fn by_strength(marks: &[Mark]) -> BTreeMap<(Family, u32), (usize, usize)> {
+pub(crate) fn by_strength(marks: &[Mark]) -> BTreeMap<(Family, u32), (usize, usize)> {
     let mut counts = BTreeMap::new();
     for m in marks {
         let entry = counts

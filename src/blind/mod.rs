@@ -3,11 +3,11 @@
 //! `seal` holds the labels, `score` judges one answer, `figures` puts many together, `page` prints them. Files and progress
 //! bars are for the command line.
 
-pub mod figures;
-pub mod page;
-pub mod score;
-pub mod seal;
-pub mod settle;
+pub(crate) mod figures;
+pub(crate) mod page;
+pub(crate) mod score;
+pub(crate) mod seal;
+pub(crate) mod settle;
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -18,12 +18,12 @@ use crate::model::equivalent;
 use crate::recording::Recording;
 use crate::truth::{Case, Family, Start};
 
-pub use score::{Answer, Mark};
-pub use seal::Seal;
+pub(crate) use score::{Answer, Mark};
+pub(crate) use seal::Seal;
 
 /// The run that is asked for.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Request {
+pub(crate) struct Request {
     /// How many cases.
     pub cases: u64,
     /// Seed of all of them.
@@ -41,7 +41,7 @@ pub struct Request {
 
 impl Request {
     /// Numbers of the cases that are examined.
-    pub fn numbers(&self) -> Vec<u64> {
+    pub(crate) fn numbers(&self) -> Vec<u64> {
         let drawn = (0..self.cases).filter(|&n| self.family.is_none_or(|f| Family::of(n) == f));
         let beyond =
             (self.cases..self.cases + self.look_alikes).filter(|&n| Family::of(n) == Family::Confounded);
@@ -49,13 +49,13 @@ impl Request {
     }
 
     /// The marks of the cases asked for, and those of the look-alikes after them.
-    pub fn split<'m>(&self, marks: &'m [Mark]) -> (&'m [Mark], &'m [Mark]) {
+    pub(crate) fn split<'m>(&self, marks: &'m [Mark]) -> (&'m [Mark], &'m [Mark]) {
         marks.split_at(marks.partition_point(|m| m.label.number < self.cases))
     }
 }
 
 /// The baseline that a case's start tells.
-pub fn baseline(start: &Start) -> Baseline {
+pub(crate) fn baseline(start: &Start) -> Baseline {
     let mut baseline = Baseline::of(&equivalent::MODEL);
     baseline.known = start
         .known
@@ -72,7 +72,7 @@ pub fn baseline(start: &Start) -> Baseline {
 }
 
 /// Diagnoses recordings of a case with what it tells of its start and its bench, and nothing of its label.
-pub fn examine(
+pub(crate) fn examine(
     case_shown: &Case,
     recordings: &[Recording],
     threads: usize,
@@ -87,7 +87,7 @@ pub fn examine(
 
 /// Draws, seals, diagnoses, opens and marks every case. `sealed` hears all seals before the first diagnosis begins;
 /// `done` hears how many cases are finished.
-pub fn run(
+pub(crate) fn run(
     request: &Request,
     sealed: &mut dyn FnMut(&[Seal]),
     done: &(dyn Fn(u64) + Sync),

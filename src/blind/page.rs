@@ -20,7 +20,7 @@ fn reached(f: &Figure) -> String {
 }
 
 /// The table for a terminal.
-pub fn text(request: &Request, marks: &[Mark]) -> String {
+pub(crate) fn text(request: &Request, marks: &[Mark]) -> String {
     let (drawn, look_alikes) = request.split(marks);
     let list = figures(drawn, look_alikes);
     let width = list.iter().map(|f| f.what.len()).max().unwrap_or(0);
@@ -40,7 +40,7 @@ pub fn text(request: &Request, marks: &[Mark]) -> String {
 }
 
 /// The page kept under `docs/`.
-pub fn markdown(request: &Request, seal: &str, marks: &[Mark]) -> String {
+pub(crate) fn markdown(request: &Request, seal: &str, marks: &[Mark]) -> String {
     let mut page = String::new();
     // Writing into a string cannot fail.
     let _ = write_page(&mut page, request, seal, marks);

@@ -6,7 +6,7 @@ use crate::truth::{Family, Label};
 
 /// What of a diagnosis is judged.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub struct Answer {
+pub(crate) struct Answer {
     /// In one word.
     pub verdict: Verdict,
     /// Code and confidence of what is named.
@@ -25,7 +25,7 @@ pub struct Answer {
 
 impl Answer {
     /// From a diagnosis.
-    pub fn of(d: &Diagnosis) -> Answer {
+    pub(crate) fn of(d: &Diagnosis) -> Answer {
         let floor = d.fit.noise_floor_nrmse.max(1e-12);
         Answer {
             verdict: d.verdict,
@@ -56,19 +56,19 @@ impl Answer {
     }
 
     /// Codes named, sorted.
-    pub fn codes(&self) -> Vec<&str> {
+    pub(crate) fn codes(&self) -> Vec<&str> {
         let mut codes: Vec<&str> = self.effects.iter().map(|(c, _)| c.as_str()).collect();
         codes.sort_unstable();
         codes
     }
 
     /// Are exactly these effects named, with nothing that it could be instead?
-    pub fn is_just(&self, truth: &[&str]) -> bool {
+    pub(crate) fn is_just(&self, truth: &[&str]) -> bool {
         self.verdict != Verdict::Unexplained && self.codes() == truth && self.alternatives.is_empty()
     }
 
     /// What is named, and what it could be instead.
-    pub fn in_words(&self) -> String {
+    pub(crate) fn in_words(&self) -> String {
         let named = match (self.verdict, self.codes().as_slice()) {
             (Verdict::MissingPhysics, codes) => codes.join(" and "),
             _ => self.word(),
@@ -80,7 +80,7 @@ impl Answer {
     }
 
     /// In one word for the confusion matrix.
-    pub fn word(&self) -> String {
+    pub(crate) fn word(&self) -> String {
         match (self.verdict, self.codes().as_slice()) {
             (Verdict::Unexplained, _) => "unknown".to_owned(),
             (_, []) => "none".to_owned(),
@@ -100,7 +100,7 @@ fn axis_name(axis: crate::diagnose::diagnosis::Axis) -> String {
 
 /// A case that was judged.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub struct Mark {
+pub(crate) struct Mark {
     /// What was true.
     pub label: Label,
     /// What was answered; none where the input was refused.
@@ -115,7 +115,7 @@ pub struct Mark {
 
 impl Mark {
     /// Puts label and answer together.
-    pub fn new(
+    pub(crate) fn new(
         label: Label,
         answer: Result<Answer, String>,
         seconds: f64,
@@ -132,14 +132,14 @@ impl Mark {
     }
 
     /// True codes, sorted; outsiders too.
-    pub fn truth(&self) -> Vec<&'static str> {
+    pub(crate) fn truth(&self) -> Vec<&'static str> {
         let mut codes: Vec<_> = self.label.hidden.iter().map(|h| h.code).collect();
         codes.sort_unstable();
         codes
     }
 
     /// In one word for the confusion matrix.
-    pub fn word(&self) -> String {
+    pub(crate) fn word(&self) -> String {
         match self.truth().as_slice() {
             [] => "none".to_owned(),
             [one] => (*one).to_owned(),
@@ -148,26 +148,26 @@ impl Mark {
     }
 
     /// Verdict, or `Unexplained` where the input was refused.
-    pub fn verdict(&self) -> Verdict {
+    pub(crate) fn verdict(&self) -> Verdict {
         self.answer.as_ref().map_or(Verdict::Unexplained, |a| a.verdict)
     }
 
     /// Were exactly the true effects named?
-    pub fn exact(&self) -> bool {
+    pub(crate) fn exact(&self) -> bool {
         self.label.family != Family::Outside
             && self.verdict() != Verdict::Unexplained
             && self.answer.as_ref().is_some_and(|a| a.codes() == self.truth())
     }
 
     /// Whether the rounds ended with the true effects alone; none where there was nothing to settle.
-    pub fn settled(&self) -> Option<bool> {
+    pub(crate) fn settled(&self) -> Option<bool> {
         let settling = self.settling.as_ref()?;
         let answer = settling.answer.as_ref();
         Some(answer.is_some_and(|a| a.is_just(&self.truth())))
     }
 
     /// One entry a true effect: is it named or among the alternatives?
-    pub fn covered(&self) -> Vec<bool> {
+    pub(crate) fn covered(&self) -> Vec<bool> {
         let Some(answer) = &self.answer else {
             return vec![false; self.label.hidden.len()];
         };
@@ -179,7 +179,7 @@ impl Mark {
     }
 
     /// Intersection over union of the best place on the true axis, one a local effect.
-    pub fn overlaps(&self) -> Vec<f64> {
+    pub(crate) fn overlaps(&self) -> Vec<f64> {
         self.label
             .hidden
             .iter()
@@ -195,7 +195,7 @@ impl Mark {
     }
 
     /// Name, value, interval and truth of every parameter that can be compared.
-    pub fn intervals(&self) -> Vec<(&'static str, f64, Option<[f64; 2]>, f64)> {
+    pub(crate) fn intervals(&self) -> Vec<(&'static str, f64, Option<[f64; 2]>, f64)> {
         let Some(answer) = &self.answer else {
             return Vec::new();
         };
@@ -215,7 +215,7 @@ impl Mark {
     }
 
     /// Confidence of each named effect, and whether it is true.
-    pub fn claims(&self) -> Vec<(f64, bool)> {
+    pub(crate) fn claims(&self) -> Vec<(f64, bool)> {
         let truth = self.truth();
         let claims = self.answer.iter().flat_map(|a| &a.effects);
         claims

@@ -8,7 +8,7 @@ use crate::truth::Label;
 
 /// Commitment to a label.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
-pub struct Seal {
+pub(crate) struct Seal {
     /// Number of the case.
     pub number: u64,
     /// Hex SHA-256 of nonce and label; says nothing about the label.
@@ -19,7 +19,7 @@ pub struct Seal {
 
 impl Seal {
     /// Locks a label. The nonce comes from a stream of the seed that no case uses.
-    pub fn of(label: &Label, seed: u64) -> Seal {
+    pub(crate) fn of(label: &Label, seed: u64) -> Seal {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream(u64::MAX - label.number);
         let nonce: [u8; 16] = random.random();
@@ -31,13 +31,13 @@ impl Seal {
     }
 
     /// Is this the label that was sealed?
-    pub fn open(&self, label: &Label) -> bool {
+    pub(crate) fn open(&self, label: &Label) -> bool {
         hash(&self.nonce, label) == self.sha256
     }
 }
 
 /// One hash over all seals, to be kept with the result.
-pub fn of_all(seals: &[Seal]) -> String {
+pub(crate) fn of_all(seals: &[Seal]) -> String {
     let text: Vec<&str> = seals.iter().map(|s| s.sha256.as_str()).collect();
     hex(&Sha256::digest(text.join("\n")))
 }

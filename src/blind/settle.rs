@@ -9,13 +9,13 @@ use crate::profile::{Player, Profile, ProfileLimits};
 use crate::truth::{Case, Family};
 
 /// Tests that are played at most, as many as `--rounds` allows where nothing is said.
-pub const ROUNDS: usize = 4;
+pub(crate) const ROUNDS: usize = 4;
 /// The bench's commands a second.
 const COMMANDS_HZ: f64 = 1000.0;
 
 /// How the rounds of a case ended.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub struct Settling {
+pub(crate) struct Settling {
     /// Names of the profiles played.
     pub tests: Vec<String>,
     /// Effects named, or those it could be instead, after each test.
@@ -29,14 +29,14 @@ pub struct Settling {
 }
 
 /// Whether there is something to settle: a case with a look-alike where something is named, and not the truth alone.
-pub fn is_open(case: &Case, first: &Answer) -> bool {
+pub(crate) fn is_open(case: &Case, first: &Answer) -> bool {
     let truth: Vec<&str> = case.label.hidden.iter().map(|h| h.code).collect();
     let nothing_claimed = first.word() == "none";
     case.label.family == Family::Confounded && !nothing_claimed && !first.is_just(&truth)
 }
 
 /// What the bench allows a test: as fast as the shipped mock bench, and a quarter beyond what was recorded.
-pub fn limits(case: &Case) -> ProfileLimits {
+pub(crate) fn limits(case: &Case) -> ProfileLimits {
     let [top_mm, top_n] = case.label.top;
     ProfileLimits {
         force_min_n: -200.0,
@@ -49,7 +49,7 @@ pub fn limits(case: &Case) -> ProfileLimits {
 }
 
 /// Plays the rounds that follow a first diagnosis.
-pub fn settle(case: &Case, first: Diagnosis) -> Settling {
+pub(crate) fn settle(case: &Case, first: Diagnosis) -> Settling {
     let begun = Instant::now();
     let mut recordings = case.recordings.clone();
     let mut diagnosis = first;

@@ -13,7 +13,7 @@ use crate::blind::{Mark, Request, page, run as run_cases, seal};
 use crate::truth::{Case, Family, sensors};
 
 /// See [`super::COMMANDS`].
-pub const COMMAND: Command = Command {
+pub(super) const COMMAND: Command = Command {
     name: "blind",
     what: "Test the diagnosis on sealed cases with concealed effects and print how often it was right",
     arguments,

@@ -12,24 +12,24 @@ use crate::daemon::ENDPOINT_FILE;
 use crate::daemon::client_types::{Endpoint, Failure};
 
 /// Where runs are kept where nothing else is said, as in the shipped benches.
-pub const DEFAULT_DATA: &str = "leafbench-data";
+pub(super) const DEFAULT_DATA: &str = "leafbench-data";
 /// A plan on a costly model takes its time.
 const TIMEOUT: Duration = Duration::from_secs(120);
 
 /// `--data` and its environment variable.
-pub fn data_argument() -> Arg {
+pub(super) fn data_argument() -> Arg {
     Arg::new("data").long("data").value_name("DIR").value_parser(clap::value_parser!(PathBuf)).help(
         "Folder of the run files; the daemon is found through it too [env LEAFBENCH_DATA, else leafbench-data]",
     )
 }
 
 /// The folder asked for.
-pub fn data_folder(matches: &ArgMatches) -> PathBuf {
+pub(super) fn data_folder(matches: &ArgMatches) -> PathBuf {
     named_data_folder(matches).unwrap_or_else(|| DEFAULT_DATA.into())
 }
 
 /// The folder asked for, where one was named.
-pub fn named_data_folder(matches: &ArgMatches) -> Option<PathBuf> {
+pub(super) fn named_data_folder(matches: &ArgMatches) -> Option<PathBuf> {
     matches
         .get_one::<PathBuf>("data")
         .cloned()
@@ -37,7 +37,7 @@ pub fn named_data_folder(matches: &ArgMatches) -> Option<PathBuf> {
 }
 
 /// A daemon that can be asked.
-pub struct Client {
+pub(super) struct Client {
     agent: ureq::Agent,
     url: String,
     folder: PathBuf,
@@ -45,7 +45,7 @@ pub struct Client {
 
 impl Client {
     /// The daemon that `--data` leads to.
-    pub fn of(matches: &ArgMatches) -> Result<Client, CliError> {
+    pub(super) fn of(matches: &ArgMatches) -> Result<Client, CliError> {
         Client::of_folder(&data_folder(matches))
     }
 
@@ -72,17 +72,17 @@ impl Client {
     }
 
     /// Address of the technician's page.
-    pub fn page(&self) -> String {
+    pub(super) fn page(&self) -> String {
         format!("{}/", self.url)
     }
 
     /// GET.
-    pub fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, CliError> {
+    pub(super) fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, CliError> {
         self.answer(self.agent.get(format!("{}{path}", self.url)).call())
     }
 
     /// POST.
-    pub fn post<T: DeserializeOwned>(&self, path: &str, body: &impl Serialize) -> Result<T, CliError> {
+    pub(super) fn post<T: DeserializeOwned>(&self, path: &str, body: &impl Serialize) -> Result<T, CliError> {
         self.answer(self.agent.post(format!("{}{path}", self.url)).send_json(body))
     }
 

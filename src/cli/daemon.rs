@@ -17,7 +17,7 @@ use crate::link::priority::raise_this_thread;
 use crate::link::{self, Link, Side, loopback};
 
 /// See [`super::COMMANDS`].
-pub const COMMAND: Command = Command {
+pub(super) const COMMAND: Command = Command {
     name: "daemon",
     what: "Own the rig: connect, serve the technician's page and the other commands, record runs",
     arguments,

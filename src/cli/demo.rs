@@ -32,7 +32,7 @@ const SETTLED_CYCLE: u32 = 5;
 const PROGRESS_MS: u64 = 500;
 
 /// See [`super::COMMANDS`].
-pub const COMMAND: Command = Command {
+pub(super) const COMMAND: Command = Command {
     name: "demo",
     what: "Static ramp and 6 mm sine on the mock rig in virtual time: table, CSV and a page with the loops",
     arguments: |command| {

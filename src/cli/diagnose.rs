@@ -15,7 +15,7 @@ use crate::recording::{Recording, csv};
 use crate::report::diagnosis::{Context, page};
 
 /// See [`super::COMMANDS`].
-pub const COMMAND: Command = Command {
+pub(super) const COMMAND: Command = Command {
     name: "diagnose",
     what: "Say which physics the baseline model leaves out of recordings, and write the model with it added",
     arguments,
@@ -162,7 +162,7 @@ fn in_mm_and_n(recording: &Recording) -> Result<(), CliError> {
 }
 
 /// What stays the same however many recordings there are.
-pub struct Case<'a> {
+pub(super) struct Case<'a> {
     /// The rig and its specimen.
     pub bench: &'a Bench,
     /// What the diagnosis starts from.
@@ -173,7 +173,7 @@ pub struct Case<'a> {
 
 impl Case<'_> {
     /// Diagnoses and writes the files to `folder`.
-    pub fn diagnose(&self, recordings: &[Recording], folder: &Path) -> Result<Diagnosis, CliError> {
+    pub(super) fn diagnose(&self, recordings: &[Recording], folder: &Path) -> Result<Diagnosis, CliError> {
         let diagnosis = with_progress(recordings, self.bench, self.baseline, self.output)?;
         let improved = improved_bench(self.bench, &diagnosis.improved);
         write_all(
@@ -189,13 +189,13 @@ impl Case<'_> {
 }
 
 /// `--out`.
-pub fn out_folder(matches: &ArgMatches) -> PathBuf {
+pub(super) fn out_folder(matches: &ArgMatches) -> PathBuf {
     let named = matches.get_one::<PathBuf>("out").cloned();
     named.unwrap_or_else(|| PathBuf::from("diagnosis"))
 }
 
 /// The verdict as the terminal has it.
-pub fn word(verdict: Verdict) -> &'static str {
+pub(super) fn word(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::Adequate => "ADEQUATE",
         Verdict::MissingPhysics => "MISSING PHYSICS",
@@ -263,7 +263,7 @@ fn with_progress(
 }
 
 /// The bench with the improved model in its specimen and its twin, so that twin, simulator and mock rig run it.
-pub fn improved_bench(bench: &Bench, improved: &ImprovedModel) -> Bench {
+pub(super) fn improved_bench(bench: &Bench, improved: &ImprovedModel) -> Bench {
     let model = ModelConfig {
         name: improved.model.clone(),
         known: Vec::new(),
@@ -315,7 +315,7 @@ fn write_all(
 }
 
 /// What a person reads in the terminal.
-pub fn text(d: &Diagnosis, folder: &Path) -> String {
+pub(super) fn text(d: &Diagnosis, folder: &Path) -> String {
     let mut lines = vec![format!("{}: {}", word(d.verdict), d.summary)];
     for e in &d.effects {
         lines.push(format!(

@@ -19,7 +19,7 @@ use crate::recording::run_file::RunFileError;
 
 /// Why a command failed.
 #[derive(Debug, thiserror::Error)]
-pub enum CliError {
+pub(crate) enum CliError {
     /// Nobody listens.
     #[error(
         "no daemon is running here ({tried}): start one in another terminal with `leafbench daemon --bench \
@@ -99,7 +99,7 @@ pub enum CliError {
 
 impl CliError {
     /// See the help's list.
-    pub fn exit_code(&self) -> u8 {
+    pub(crate) fn exit_code(&self) -> u8 {
         match self {
             CliError::NoDaemon { .. } | CliError::DaemonGone => 3,
             CliError::Refused(_) | CliError::Control(_) => 4,
@@ -108,7 +108,7 @@ impl CliError {
     }
 
     /// A file or folder that failed.
-    pub fn file(path: &std::path::Path, doing: &'static str) -> impl FnOnce(std::io::Error) -> CliError {
+    pub(crate) fn file(path: &std::path::Path, doing: &'static str) -> impl FnOnce(std::io::Error) -> CliError {
         let path = path.to_owned();
         move |source| CliError::File { path, doing, source }
     }

@@ -11,7 +11,7 @@ use crate::recording::export::{self, Selection};
 use crate::recording::run_file::{EXTENSION, RunFile};
 
 /// See [`super::COMMANDS`].
-pub const COMMAND: Command = Command {
+pub(super) const COMMAND: Command = Command {
     name: "export",
     what: "Write a run as CSV with its data package, and its cycles as a second CSV; needs no daemon",
     arguments,

@@ -6,7 +6,7 @@ use super::stop::print_accepted;
 use crate::daemon::client_types::Nothing;
 
 /// See [`super::COMMANDS`].
-pub const COMMAND: Command = Command {
+pub(super) const COMMAND: Command = Command {
     name: "hold",
     what: "Keep the rig's position; the run may resume",
     arguments: |command| command.arg(data_argument()),

@@ -21,7 +21,7 @@ use crate::model::{self, Model};
 use crate::recording::csv;
 
 /// See [`super::COMMANDS`].
-pub const COMMAND: Command = Command {
+pub(super) const COMMAND: Command = Command {
     name: "identify",
     what: "Fit a model's parameters to recordings, or to a table of peak forces and loop energies",
     arguments: |command| {

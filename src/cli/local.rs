@@ -14,7 +14,7 @@ use crate::profile::Profile;
 const DEFAULT_BENCH: &str = "benches/mock.toml";
 
 /// `--bench`.
-pub fn bench_argument() -> Arg {
+pub(super) fn bench_argument() -> Arg {
     Arg::new("bench")
         .long("bench")
         .value_name("FILE")
@@ -23,7 +23,7 @@ pub fn bench_argument() -> Arg {
 }
 
 /// `--profiles`.
-pub fn profiles_argument() -> Arg {
+pub(super) fn profiles_argument() -> Arg {
     Arg::new("profiles")
         .long("profiles")
         .value_name("DIR")
@@ -32,7 +32,7 @@ pub fn profiles_argument() -> Arg {
 }
 
 /// The bench asked for; the default one is built in, for folders where the shipped configs are not.
-pub fn bench(matches: &ArgMatches) -> Result<Bench, CliError> {
+pub(super) fn bench(matches: &ArgMatches) -> Result<Bench, CliError> {
     Ok(match (matches.get_one::<PathBuf>("bench"), configs()) {
         (Some(path), _) => Bench::load(path)?,
         (None, Ok(folder)) => Bench::load(&folder.join(DEFAULT_BENCH))?,
@@ -41,7 +41,7 @@ pub fn bench(matches: &ArgMatches) -> Result<Bench, CliError> {
 }
 
 /// The folder of profiles asked for.
-pub fn profiles_folder(matches: &ArgMatches) -> Result<PathBuf, CliError> {
+pub(super) fn profiles_folder(matches: &ArgMatches) -> Result<PathBuf, CliError> {
     match matches.get_one::<PathBuf>("profiles") {
         Some(path) => Ok(path.clone()),
         None => Ok(configs()?.join("profiles")),
@@ -49,7 +49,7 @@ pub fn profiles_folder(matches: &ArgMatches) -> Result<PathBuf, CliError> {
 }
 
 /// A profile by its file, or by name from the folder of profiles.
-pub fn profile(matches: &ArgMatches, name: &str) -> Result<(Profile, String), CliError> {
+pub(super) fn profile(matches: &ArgMatches, name: &str) -> Result<(Profile, String), CliError> {
     let path = Path::new(name);
     if path.extension().is_some_and(|e| e == "toml") {
         return Ok(library::read(path)?);
@@ -58,7 +58,7 @@ pub fn profile(matches: &ArgMatches, name: &str) -> Result<(Profile, String), Cl
 }
 
 /// `bench-configs`, beside the working folder or beside the binary, or above either.
-pub fn configs() -> Result<PathBuf, CliError> {
+pub(super) fn configs() -> Result<PathBuf, CliError> {
     let starts = [std::env::current_dir().ok(), std::env::current_exe().ok()];
     starts
         .iter()
@@ -76,7 +76,7 @@ pub fn configs() -> Result<PathBuf, CliError> {
 }
 
 /// The bench's mock rig with the bench's specimen under its pusher.
-pub fn mock_rig(bench: &Bench, seed: Option<u64>) -> Result<MockRig, CliError> {
+pub(super) fn mock_rig(bench: &Bench, seed: Option<u64>) -> Result<MockRig, CliError> {
     let mut config: MockRigConfig = bench
         .mock_rig
         .clone()

@@ -10,7 +10,7 @@ use crate::link::priority::raise_this_thread;
 use crate::link::{self, Side};
 
 /// See [`super::COMMANDS`].
-pub const COMMAND: Command = Command {
+pub(super) const COMMAND: Command = Command {
     name: "mock-rig",
     what: "Be a rig at the far end of a CAN bus or serial line: firmware, hydraulics, sensors and a spring",
     arguments: |command| {

@@ -24,7 +24,7 @@ mod status;
 mod stop;
 mod tare;
 mod targets;
-pub mod virtual_bench;
+pub(crate) mod virtual_bench;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -33,10 +33,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::{Arg, ArgAction, ArgMatches};
 
-pub use error::CliError;
+pub(crate) use error::CliError;
 
 /// A command of leafbench.
-pub struct Command {
+pub(crate) struct Command {
     /// As typed.
     pub name: &'static str,
     /// One sentence.
@@ -48,7 +48,7 @@ pub struct Command {
 }
 
 /// All commands, in the order of a working day.
-pub static COMMANDS: &[Command] = &[
+pub(crate) static COMMANDS: &[Command] = &[
     daemon::COMMAND,
     run::COMMAND,
     stop::COMMAND,
@@ -71,7 +71,7 @@ pub static COMMANDS: &[Command] = &[
 
 /// How a command ended that did what it could.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Done {
+pub(crate) enum Done {
     /// As asked for: exit code 0.
     Well,
     /// The run did not complete, a trip is predicted, or data are missing: exit code 1.
@@ -83,14 +83,14 @@ const EXIT_CODES: &str = "Exit codes: 0 done; 1 the run ended without completing
 
 /// Where results go: text for people, one JSON value for scripts. Progress and errors go to stderr.
 #[derive(Debug, Clone, Copy)]
-pub struct Output {
+pub(crate) struct Output {
     /// `--json`.
     pub json: bool,
 }
 
 impl Output {
     /// Prints a result. A reader that has gone (`| head`) is no error.
-    pub fn result<T: serde::Serialize>(
+    pub(crate) fn result<T: serde::Serialize>(
         &self,
         value: &T,
         text: impl FnOnce() -> String,

@@ -13,7 +13,7 @@ use crate::papers::{second, third};
 use crate::report::svg::{Curve, xy_plot};
 
 /// See [`super::COMMANDS`].
-pub const COMMAND: Command = Command {
+pub(super) const COMMAND: Command = Command {
     name: "papers",
     what: "Rerun what the three papers report and print their figures beside ours",
     arguments: |command| {

@@ -7,7 +7,7 @@ use super::{CliError, Command, Done, Output, local};
 use crate::daemon::plan::{self, Plan, PlanError};
 
 /// See [`super::COMMANDS`].
-pub const COMMAND: Command = Command {
+pub(super) const COMMAND: Command = Command {
     name: "plan",
     what: "Check a profile against the bench's limits and dry-run it on the model; nothing moves",
     arguments: |command| {
@@ -20,7 +20,7 @@ pub const COMMAND: Command = Command {
 };
 
 /// `PROFILE`.
-pub fn profile_argument() -> Arg {
+pub(super) fn profile_argument() -> Arg {
     Arg::new("profile")
         .value_name("PROFILE")
         .required(true)

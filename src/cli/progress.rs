@@ -9,7 +9,7 @@ const PLAIN_STEPS: f64 = 10.0;
 
 /// How far a run is.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Mark {
+pub(super) struct Mark {
     /// Seconds done.
     pub elapsed_s: f64,
     /// Seconds to go.
@@ -36,7 +36,7 @@ impl Mark {
 }
 
 /// `1 h 05 min`, `2 min 03 s`, `8 s`.
-pub fn duration(seconds: f64) -> String {
+pub(super) fn duration(seconds: f64) -> String {
     let s = seconds.max(0.0).round() as u64;
     match (s / 3600, s / 60 % 60, s % 60) {
         (0, 0, s) => format!("{s} s"),
@@ -46,7 +46,7 @@ pub fn duration(seconds: f64) -> String {
 }
 
 /// Progress of one thing, on stderr.
-pub struct Progress {
+pub(super) struct Progress {
     bar: Option<ProgressBar>,
     name: String,
     told: u32,
@@ -55,7 +55,7 @@ pub struct Progress {
 
 impl Progress {
     /// `silent`: nothing at all (for scripts).
-    pub fn new(name: &str, silent: bool) -> Progress {
+    pub(super) fn new(name: &str, silent: bool) -> Progress {
         let bar = (!silent && std::io::stderr().is_terminal()).then(|| {
             let bar = ProgressBar::new(1000);
             let style = ProgressStyle::with_template("{prefix} [{bar:40}] {percent:>3} %  {msg}");
@@ -76,7 +76,7 @@ impl Progress {
     }
 
     /// Moves on.
-    pub fn show(&mut self, mark: Mark) {
+    pub(super) fn show(&mut self, mark: Mark) {
         if let Some(bar) = &self.bar {
             bar.set_position((1000.0 * mark.share()) as u64);
             bar.set_message(mark.text());
@@ -90,7 +90,7 @@ impl Progress {
     }
 
     /// Takes the bar away.
-    pub fn finish(self) {
+    pub(super) fn finish(self) {
         if let Some(bar) = self.bar {
             bar.finish_and_clear();
         }

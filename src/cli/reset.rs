@@ -6,7 +6,7 @@ use super::stop::print_accepted;
 use crate::daemon::client_types::Nothing;
 
 /// See [`super::COMMANDS`].
-pub const COMMAND: Command = Command {
+pub(super) const COMMAND: Command = Command {
     name: "reset",
     what: "Clear the interlock once its cause is gone; moves nothing",
     arguments: |command| command.arg(data_argument()),

@@ -6,7 +6,7 @@ use super::stop::print_accepted;
 use crate::daemon::client_types::Nothing;
 
 /// See [`super::COMMANDS`].
-pub const COMMAND: Command = Command {
+pub(super) const COMMAND: Command = Command {
     name: "resume",
     what: "Go on with the run after a hold, at the cycle that was cut",
     arguments: |command| command.arg(data_argument()),

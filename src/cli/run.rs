@@ -16,7 +16,7 @@ use crate::daemon::client_types::{Accepted, RunProgress, RunState, StartRun, Sta
 const POLL_PERIOD: Duration = Duration::from_millis(150);
 
 /// See [`super::COMMANDS`].
-pub const COMMAND: Command = Command {
+pub(super) const COMMAND: Command = Command {
     name: "run",
     what: "Run a profile on the rig and wait for its end; Ctrl-C stops the run and unloads the rig",
     arguments,

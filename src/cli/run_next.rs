@@ -154,7 +154,7 @@ struct Ended<'a> {
 }
 
 /// Rounds of diagnosis and test.
-pub fn run(
+pub(super) fn run(
     matches: &ArgMatches,
     case: &Case<'_>,
     mut recordings: Vec<Recording>,

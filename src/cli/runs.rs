@@ -7,7 +7,7 @@ use crate::daemon::client_types::RunSummary;
 use crate::daemon::store::Store;
 
 /// See [`super::COMMANDS`].
-pub const COMMAND: Command = Command {
+pub(super) const COMMAND: Command = Command {
     name: "runs",
     what: "List the runs of the data folder, newest last; needs no daemon",
     arguments: |command| command.arg(data_argument()),

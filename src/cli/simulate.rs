@@ -23,7 +23,7 @@ const FRAMES: usize = 60;
 const SHOWN_S: f64 = 6.0;
 
 /// See [`super::COMMANDS`].
-pub const COMMAND: Command = Command {
+pub(super) const COMMAND: Command = Command {
     name: "simulate",
     what: "Step the bench's model through a profile, without rig or noise, and write what it does as CSV",
     arguments: |command| {

@@ -7,7 +7,7 @@ use crate::control::Phase;
 use crate::daemon::client_types::Status;
 
 /// See [`super::COMMANDS`].
-pub const COMMAND: Command = Command {
+pub(super) const COMMAND: Command = Command {
     name: "status",
     what: "Show what the bench is doing",
     arguments: |command| command.arg(data_argument()),
@@ -20,7 +20,7 @@ pub const COMMAND: Command = Command {
 };
 
 /// The phase in a word for people.
-pub fn phase_word(phase: Phase) -> &'static str {
+pub(super) fn phase_word(phase: Phase) -> &'static str {
     match phase {
         Phase::Connecting => "no rig: it is not heard yet",
         Phase::Ready => "ready",

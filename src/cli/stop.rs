@@ -7,7 +7,7 @@ use super::{CliError, Command, Done, Output};
 use crate::daemon::client_types::{Accepted, StopRequest};
 
 /// See [`super::COMMANDS`].
-pub const COMMAND: Command = Command {
+pub(super) const COMMAND: Command = Command {
     name: "stop",
     what: "End the run under way: the rig unloads, the data are kept",
     arguments: |command| {
@@ -27,7 +27,7 @@ pub const COMMAND: Command = Command {
 };
 
 /// Says what the daemon does now.
-pub fn print_accepted(accepted: Accepted, output: &Output) -> Result<Done, CliError> {
+pub(super) fn print_accepted(accepted: Accepted, output: &Output) -> Result<Done, CliError> {
     output.result(&accepted, || accepted.message.clone())?;
     Ok(Done::Well)
 }

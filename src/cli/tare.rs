@@ -6,7 +6,7 @@ use crate::control::TareReport;
 use crate::daemon::client_types::Nothing;
 
 /// See [`super::COMMANDS`].
-pub const COMMAND: Command = Command {
+pub(super) const COMMAND: Command = Command {
     name: "tare",
     what: "Take the present readings as zero; refused while the rig moves or is too far from zero",
     arguments: |command| command.arg(data_argument()),

@@ -17,7 +17,7 @@ use crate::identify::{Control, IdentifyError, Options, fit};
 use crate::report::aggregates::page;
 
 /// Reads the tables, diagnoses, writes and tells.
-pub fn run(
+pub(super) fn run(
     matches: &ArgMatches,
     bench: &Bench,
     baseline: &Baseline,

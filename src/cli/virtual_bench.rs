@@ -22,7 +22,7 @@ const BESIDE_THE_RUN_MS: u64 = 60_000;
 const SESSION: u8 = 1;
 
 /// Control on one end, the mock rig on the other.
-pub struct VirtualBench {
+pub(crate) struct VirtualBench {
     /// The host's side.
     pub rig: Rig,
     /// The far end.
@@ -35,7 +35,7 @@ pub struct VirtualBench {
 
 impl VirtualBench {
     /// The bench's mock rig with the bench's specimen, and control as the daemon configures it.
-    pub fn new(bench: &Bench, seed: Option<u64>) -> Result<VirtualBench, CliError> {
+    pub(crate) fn new(bench: &Bench, seed: Option<u64>) -> Result<VirtualBench, CliError> {
         let clock = Arc::new(AtomicU64::new(0));
         let (host_end, rig_end) = loopback::pair_with_clock(Arc::clone(&clock));
         Ok(VirtualBench {
@@ -49,7 +49,7 @@ impl VirtualBench {
     }
 
     /// One millisecond: the rig ticks, then control looks.
-    pub fn step(&mut self, recorder: &mut dyn Recorder) {
+    pub(crate) fn step(&mut self, recorder: &mut dyn Recorder) {
         self.now_ns += STEP_NS;
         self.clock.store(self.now_ns, Ordering::Relaxed);
         self.mock.tick(&mut self.rig_end);
@@ -57,12 +57,12 @@ impl VirtualBench {
     }
 
     /// Virtual time since the start.
-    pub fn now_ns(&self) -> u64 {
+    pub(crate) fn now_ns(&self) -> u64 {
         self.now_ns
     }
 
     /// Steps until the bench is in `phase`; false where it was not within `limit_ms`.
-    pub fn run_until(&mut self, phase: Phase, limit_ms: u64, recorder: &mut dyn Recorder) -> bool {
+    pub(crate) fn run_until(&mut self, phase: Phase, limit_ms: u64, recorder: &mut dyn Recorder) -> bool {
         for _ in 0..limit_ms {
             if self.rig.phase() == phase {
                 return true;
@@ -73,7 +73,7 @@ impl VirtualBench {
     }
 
     /// Connects if need be, plays one run to its end and unloads. `each_ms` sees the bench after every step.
-    pub fn play(
+    pub(crate) fn play(
         &mut self,
         order: RunOrder,
         recorder: &mut dyn Recorder,

@@ -96,7 +96,7 @@ impl<'a> Document<'a> {
 
 impl Bench {
     /// Reads a bench file and the specimen file that it names.
-    pub fn load(path: &Path) -> Result<Bench, ConfigError> {
+    pub(crate) fn load(path: &Path) -> Result<Bench, ConfigError> {
         let text = read_text(path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let specimen = |file: &str| Some(Specimen::load(&folder.join(file)));
@@ -104,12 +104,12 @@ impl Bench {
     }
 
     /// Reads a bench from a text that is complete in itself, such as [`Bench::to_toml`] writes; `origin` is for messages.
-    pub fn parse(text: &str, origin: &str) -> Result<Bench, ConfigError> {
+    pub(crate) fn parse(text: &str, origin: &str) -> Result<Bench, ConfigError> {
         Bench::parse_with(text, origin, &|_| None)
     }
 
     /// The shipped bench that needs no hardware, where its files are not at hand.
-    pub fn shipped() -> Result<Bench, ConfigError> {
+    pub(crate) fn shipped() -> Result<Bench, ConfigError> {
         let bench = include_str!("../../bench-configs/benches/mock.toml");
         let specimen = include_str!("../../bench-configs/specimens/samurai-front-equivalent.toml");
         let read = |file: &str| Some(Specimen::parse(specimen, file));
@@ -173,19 +173,19 @@ impl Bench {
     }
 
     /// The bench complete in one file, the specimen included; `parse` gives the same bench again.
-    pub fn to_toml(&self) -> String {
+    pub(crate) fn to_toml(&self) -> String {
         toml::to_string(self).expect("a bench holds tables, strings and numbers only")
     }
 }
 
 impl Specimen {
     /// Reads a specimen file.
-    pub fn load(path: &Path) -> Result<Specimen, ConfigError> {
+    pub(crate) fn load(path: &Path) -> Result<Specimen, ConfigError> {
         Specimen::parse(&read_text(path)?, &path.display().to_string())
     }
 
     /// Reads a specimen from its file's text.
-    pub fn parse(text: &str, origin: &str) -> Result<Specimen, ConfigError> {
+    pub(crate) fn parse(text: &str, origin: &str) -> Result<Specimen, ConfigError> {
         let (document, specimen) = Document::read::<Specimen>(text, origin)?;
         checks::model(&document, "model", &specimen.model)?;
         Ok(specimen)

@@ -20,7 +20,7 @@ use crate::recording::ChannelScale;
 
 /// Why a bench or specimen file cannot be used.
 #[derive(Debug, thiserror::Error)]
-pub enum ConfigError {
+pub(crate) enum ConfigError {
     /// The file is not there or not readable.
     #[error("{} cannot be read: {reason}: check the path and its rights", path.display())]
     Read {
@@ -47,7 +47,7 @@ pub enum ConfigError {
 
 /// A bench: checked, so that what holds it need not check again. There is no bench without limits.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Bench {
+pub(crate) struct Bench {
     /// Name for run headers and messages.
     pub name: String,
     /// How the rig is reached.
@@ -72,7 +72,7 @@ pub struct Bench {
 /// How the rig is reached.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct LinkConfig {
+pub(crate) struct LinkConfig {
     /// `mock:` in memory, `can:can0`, `serial:/dev/ttyUSB0`.
     pub address: String,
     /// Node of the rig, 1 to 126.
@@ -95,7 +95,7 @@ impl LinkConfig {
     }
 
     /// The mock rig in memory: no hardware, no process.
-    pub fn is_mock(&self) -> bool {
+    pub(crate) fn is_mock(&self) -> bool {
         self.address == "mock:"
     }
 }
@@ -103,7 +103,7 @@ impl LinkConfig {
 /// The load cell's calibration: `force_n = counts * sign * n_per_count - offset_n - tare`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct ForceChannel {
+pub(crate) struct ForceChannel {
     /// Newtons a count, positive.
     pub n_per_count: f64,
     /// 1 or -1: which way of the counts loads the spring.
@@ -125,7 +125,7 @@ pub struct ForceChannel {
 /// The LVDT's calibration: `displacement_mm = counts * sign * mm_per_count - offset_mm - tare`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct DisplacementChannel {
+pub(crate) struct DisplacementChannel {
     /// Millimetres a count, positive.
     pub mm_per_count: f64,
     /// 1 or -1: which way of the counts loads the spring.
@@ -147,7 +147,7 @@ pub struct DisplacementChannel {
 /// What must not be passed. Every one is needed; there is no switching off.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct BenchLimits {
+pub(crate) struct BenchLimits {
     /// Upper force, at most the cell's capacity.
     pub force_max_n: f64,
     /// Lower force, below zero: a spring that is pushed cannot pull.
@@ -185,7 +185,7 @@ pub struct BenchLimits {
 /// What follows when the twin's residual leaves its band.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum MismatchAction {
+pub(crate) enum MismatchAction {
     /// An event in the run and a line on the page.
     #[default]
     Tell,
@@ -198,7 +198,7 @@ pub enum MismatchAction {
 /// The daemon's own settings.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct DaemonConfig {
+pub(crate) struct DaemonConfig {
     /// Loopback address and port of the HTTP interface.
     pub listen: SocketAddr,
     /// Where runs are kept.
@@ -211,7 +211,7 @@ pub struct DaemonConfig {
 /// A spring with the model that describes it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Specimen {
+pub(crate) struct Specimen {
     /// Name or serial number.
     pub name: String,
     /// Where its figures come from.
@@ -224,7 +224,7 @@ pub struct Specimen {
 /// A model with its values.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct ModelConfig {
+pub(crate) struct ModelConfig {
     /// Name in `model::MODELS`.
     pub name: String,
     /// Codes of physics that it has beside the model's own (contracts.md).
@@ -244,7 +244,7 @@ pub struct ModelConfig {
 /// An effect attached to a model: code of physics and values.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct EffectConfig {
+pub(crate) struct EffectConfig {
     /// Code (contracts.md).
     pub code: String,
     /// Values by name.
@@ -254,7 +254,7 @@ pub struct EffectConfig {
 
 impl ModelConfig {
     /// One value a parameter, in the model's order.
-    pub fn values(&self) -> Result<Vec<f64>, BuildError> {
+    pub(crate) fn values(&self) -> Result<Vec<f64>, BuildError> {
         let model = model::find(&self.name)?;
         let mut values = model.start_values();
         for (name, &value) in &self.parameters {
@@ -267,7 +267,7 @@ impl ModelConfig {
     }
 
     /// The model ready to step, its effects attached; an effect's start where a value is missing.
-    pub fn plant(&self) -> Result<Box<dyn Plant>, BuildError> {
+    pub(crate) fn plant(&self) -> Result<Box<dyn Plant>, BuildError> {
         let model = model::find(&self.name)?;
         let plant = model.plant(&self.values()?, &self.structure)?;
         let refused = |e: EffectError| match e {
@@ -317,7 +317,7 @@ impl EffectConfig {
 
 impl ForceChannel {
     /// Scaling without tare.
-    pub fn scale(&self) -> ChannelScale {
+    pub(crate) fn scale(&self) -> ChannelScale {
         ChannelScale {
             scale_per_count: self.n_per_count * f64::from(self.sign),
             offset: self.offset_n,
@@ -328,7 +328,7 @@ impl ForceChannel {
 
 impl DisplacementChannel {
     /// Scaling without tare.
-    pub fn scale(&self) -> ChannelScale {
+    pub(crate) fn scale(&self) -> ChannelScale {
         ChannelScale {
             scale_per_count: self.mm_per_count * f64::from(self.sign),
             offset: self.offset_mm,
@@ -339,7 +339,7 @@ impl DisplacementChannel {
 
 impl Bench {
     /// Hex SHA-256 of [`Bench::to_toml`].
-    pub fn sha256(&self) -> String {
+    pub(crate) fn sha256(&self) -> String {
         Sha256::digest(self.to_toml())
             .iter()
             .map(|b| format!("{b:02x}"))
@@ -347,7 +347,7 @@ impl Bench {
     }
 
     /// First four bytes, big endian, of the SHA-256 of the calibration's text: what the rig is asked for before arming.
-    pub fn calibration_hash(&self) -> u32 {
+    pub(crate) fn calibration_hash(&self) -> u32 {
         let digest = Sha256::digest(self.calibration_text());
         digest
             .iter()
@@ -376,7 +376,7 @@ impl Bench {
     }
 
     /// The limits as the firmware holds them, for these scalings (tare included).
-    pub fn wire_limits(&self, force: &ChannelScale, displacement: &ChannelScale) -> Limits {
+    pub(crate) fn wire_limits(&self, force: &ChannelScale, displacement: &ChannelScale) -> Limits {
         let l = &self.limits;
         // A channel of negative sign turns upper into lower.
         let range = |scale: &ChannelScale, low: f64, high: f64| {
@@ -405,7 +405,7 @@ impl Bench {
     }
 
     /// The limits that a profile is checked against.
-    pub fn profile_limits(&self) -> ProfileLimits {
+    pub(crate) fn profile_limits(&self) -> ProfileLimits {
         let l = &self.limits;
         ProfileLimits {
             force_min_n: l.force_min_n,

@@ -15,7 +15,7 @@ const STILL_SIGMAS: f64 = 5.0;
 
 impl Bench {
     /// Noise of the two channels with the rounding of their counts: what a twin that is right may differ by.
-    pub fn noise(&self) -> Noise {
+    pub(crate) fn noise(&self) -> Noise {
         let (force, displacement) = (&self.force_channel, &self.displacement_channel);
         let rounding = |step: f64| step / 12f64.sqrt();
         Noise {
@@ -25,7 +25,7 @@ impl Bench {
     }
 
     /// Figures for [`crate::control::Rig`]. `session`: 1 to 255, another one after each start of the program.
-    pub fn rig_config(&self, session: u8) -> RigConfig {
+    pub(crate) fn rig_config(&self, session: u8) -> RigConfig {
         let channels = Channels {
             force: self.force_channel.scale(),
             displacement: self.displacement_channel.scale(),

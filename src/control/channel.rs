@@ -6,7 +6,7 @@ use crate::units::{Command, Mode};
 
 /// Both channels of the rig.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Channels {
+pub(crate) struct Channels {
     /// Load cell.
     pub force: ChannelScale,
     /// LVDT.
@@ -15,7 +15,7 @@ pub struct Channels {
 
 /// One reading in physical units.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Reading {
+pub(crate) struct Reading {
     /// Force in N.
     pub force_n: f64,
     /// Displacement in mm.
@@ -26,7 +26,7 @@ pub struct Reading {
 
 impl Channels {
     /// Physical values of a sample's counts. An invalid reading keeps its counts' value and is flagged.
-    pub fn reading(&self, force_counts: i32, displacement_counts: i32) -> Reading {
+    pub(crate) fn reading(&self, force_counts: i32, displacement_counts: i32) -> Reading {
         let mut flags = Flags::default();
         if force_counts == COUNTS_INVALID {
             flags.set(Flags::FORCE_INVALID);
@@ -42,7 +42,7 @@ impl Channels {
     }
 
     /// Counts of a command on its own channel, held inside the channel's range.
-    pub fn command_counts(&self, command: Command) -> i32 {
+    pub(crate) fn command_counts(&self, command: Command) -> i32 {
         let counts = match command {
             Command::Force(n) => self.force.counts(n),
             Command::Displacement(mm) => self.displacement.counts(mm),
@@ -54,7 +54,7 @@ impl Channels {
     }
 
     /// The channel that `mode` closes the loop on, of a reading.
-    pub fn feedback(mode: Mode, reading: &Reading) -> f64 {
+    pub(crate) fn feedback(mode: Mode, reading: &Reading) -> f64 {
         match mode {
             Mode::Force => reading.force_n,
             Mode::Displacement => reading.displacement_mm,
@@ -64,7 +64,7 @@ impl Channels {
 
 /// Running mean and spread of the newest readings: what tare takes, and whether the rig is still enough for it.
 #[derive(Debug, Clone)]
-pub struct Stillness {
+pub(crate) struct Stillness {
     force_n: [f64; Self::SAMPLES],
     displacement_mm: [f64; Self::SAMPLES],
     count: usize,
@@ -72,7 +72,7 @@ pub struct Stillness {
 
 /// Mean and standard deviation of both channels over the window.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Still {
+pub(crate) struct Still {
     /// Mean force in N.
     pub force_n: f64,
     /// Standard deviation of force in N.
@@ -95,10 +95,10 @@ impl Default for Stillness {
 
 impl Stillness {
     /// Window: 0.5 s of samples.
-    pub const SAMPLES: usize = 500;
+    pub(crate) const SAMPLES: usize = 500;
 
     /// Takes one valid reading.
-    pub fn push(&mut self, reading: &Reading) {
+    pub(crate) fn push(&mut self, reading: &Reading) {
         let at = self.count % Self::SAMPLES;
         self.force_n[at] = reading.force_n;
         self.displacement_mm[at] = reading.displacement_mm;
@@ -106,12 +106,12 @@ impl Stillness {
     }
 
     /// Forgets everything (after a tare, a gap or an invalid reading).
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.count = 0;
     }
 
     /// Mean and spread, once the window is full.
-    pub fn measure(&self) -> Option<Still> {
+    pub(crate) fn measure(&self) -> Option<Still> {
         (self.count >= Self::SAMPLES).then(|| {
             let (force_n, force_sigma_n) = mean_and_sigma(&self.force_n);
             let (displacement_mm, displacement_sigma_mm) = mean_and_sigma(&self.displacement_mm);

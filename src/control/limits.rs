@@ -5,7 +5,7 @@ const MS: u64 = 1_000_000;
 
 /// What a detector asks for, mildest first.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Action {
+pub(crate) enum Action {
     /// Keep the position; an operator may resume.
     Hold(String),
     /// NMT stop: the firmware unloads.
@@ -14,7 +14,7 @@ pub enum Action {
 
 /// Figures of the detectors (faults.md, ids L1, L2, L9, H5).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DetectorLimits {
+pub(crate) struct DetectorLimits {
     /// Sample stream silent for longer is an abort.
     pub silence_ms: u64,
     /// More samples lost within a second is a hold.
@@ -38,7 +38,7 @@ const LOOK_MS: u64 = 5;
 
 /// State of the detectors over one connection.
 #[derive(Debug)]
-pub struct Detectors {
+pub(crate) struct Detectors {
     limits: DetectorLimits,
     last_sample_ns: Option<u64>,
     /// How long polls have looked and found no sample.
@@ -50,7 +50,7 @@ pub struct Detectors {
 
 impl Detectors {
     /// Detectors that have seen nothing yet.
-    pub fn new(limits: DetectorLimits) -> Self {
+    pub(crate) fn new(limits: DetectorLimits) -> Self {
         Detectors {
             limits,
             last_sample_ns: None,
@@ -62,13 +62,13 @@ impl Detectors {
     }
 
     /// A run starts: counts of cycles and losses begin anew.
-    pub fn begin_run(&mut self, now_ns: u64) {
+    pub(crate) fn begin_run(&mut self, now_ns: u64) {
         self.lost_window = (now_ns, 0);
         self.short_cycles = 0;
     }
 
     /// A sample came at `now_ns` after `lost` missing ones.
-    pub fn on_sample(&mut self, now_ns: u64, lost: u64) -> Option<Action> {
+    pub(crate) fn on_sample(&mut self, now_ns: u64, lost: u64) -> Option<Action> {
         self.last_sample_ns = Some(now_ns);
         self.looked_in_vain_ns = 0;
         if lost == 0 {
@@ -90,13 +90,13 @@ impl Detectors {
     }
 
     /// Milliseconds since the newest sample; `None` before the first.
-    pub fn age_ms(&self, now_ns: u64) -> Option<u64> {
+    pub(crate) fn age_ms(&self, now_ns: u64) -> Option<u64> {
         self.last_sample_ns.map(|at| now_ns.saturating_sub(at) / MS)
     }
 
     /// The stream is silent for too long; asked once a poll. A host that was itself stopped cannot judge the stream: a
     /// pause between two looks counts as [`LOOK_MS`] at most, and the firmware's lease covers the rest.
-    pub fn silence(&mut self, now_ns: u64) -> Option<Action> {
+    pub(crate) fn silence(&mut self, now_ns: u64) -> Option<Action> {
         let since_look_ns = now_ns.saturating_sub(self.last_look_ns.replace(now_ns)?);
         self.last_sample_ns?;
         self.looked_in_vain_ns += since_look_ns.min(LOOK_MS * MS);
@@ -110,7 +110,7 @@ impl Detectors {
     }
 
     /// A counted cycle ended with `measured` amplitude where `asked` was asked for.
-    pub fn on_cycle(&mut self, cycle: u32, asked: f64, measured: f64) -> Option<Action> {
+    pub(crate) fn on_cycle(&mut self, cycle: u32, asked: f64, measured: f64) -> Option<Action> {
         if asked <= 0.0 || measured >= asked * (1.0 - self.limits.under_peak) {
             self.short_cycles = 0;
             return None;

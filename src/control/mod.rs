@@ -4,16 +4,16 @@
 //! The firmware closes the servo loop and has the last word on safety. Control streams time-tagged commands ahead of
 //! time, keeps the lease alive from this very loop, and accounts for every sample by the rig's own tick.
 
-pub mod channel;
-pub mod limits;
-pub mod realtime;
-pub mod rig_clock;
-pub mod run;
+pub(crate) mod channel;
+pub(crate) mod limits;
+pub(crate) mod realtime;
+pub(crate) mod rig_clock;
+pub(crate) mod run;
 mod sampling;
 mod sending;
-pub mod session;
-pub mod status;
-pub mod ticks;
+pub(crate) mod session;
+pub(crate) mod status;
+pub(crate) mod ticks;
 mod transitions;
 
 use crate::link::Link;
@@ -29,7 +29,7 @@ use limits::{Action, DetectorLimits, Detectors};
 use rig_clock::RigClock;
 use run::{Run, RunOrder};
 use session::{Answered, Session};
-pub use status::{Counters, Phase, Refusal, RigStatus, TareReport};
+pub(crate) use status::{Counters, Phase, Refusal, RigStatus, TareReport};
 use ticks::{Place, Ticks};
 
 const MS: u64 = 1_000_000;
@@ -44,7 +44,7 @@ const DEAD_STREAM_NS: u64 = 500 * MS;
 
 /// Figures that control needs of a bench.
 #[derive(Debug, Clone, PartialEq)]
-pub struct RigConfig {
+pub(crate) struct RigConfig {
     /// Node of the rig, 1 to 126.
     pub node: u8,
     /// Number of this host's session, 1 to 255; another one after each start of the program.
@@ -91,7 +91,7 @@ enum Activity {
 }
 
 /// One rig, driven from here.
-pub struct Rig {
+pub(crate) struct Rig {
     config: RigConfig,
     channels: Channels,
     session: Session,
@@ -122,7 +122,7 @@ pub struct Rig {
 
 impl Rig {
     /// A rig that has not been heard of yet.
-    pub fn new(config: RigConfig) -> Self {
+    pub(crate) fn new(config: RigConfig) -> Self {
         Rig {
             channels: config.channels,
             session: Session::new(
@@ -160,7 +160,7 @@ impl Rig {
 
     /// Does everything that is due at `now_ns` (monotonic): takes frames, watches, sends lease and commands, and hands
     /// samples and events to `recorder`. Never waits.
-    pub fn poll(&mut self, now_ns: u64, link: &mut Link, recorder: &mut dyn Recorder) {
+    pub(crate) fn poll(&mut self, now_ns: u64, link: &mut Link, recorder: &mut dyn Recorder) {
         self.note_lateness(now_ns);
         while let Some(arrival) = link.receive() {
             match FromRig::decode(&arrival.frame, self.config.node) {

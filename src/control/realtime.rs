@@ -30,7 +30,7 @@ const LATE_NS: u64 = PERIOD_NS;
 const REQUESTS: usize = 8;
 
 /// What people ask of control.
-pub enum Request {
+pub(crate) enum Request {
     /// Arms the rig and starts a run into this recorder, which is dropped once the run is over or came to nothing.
     Start(Box<RunOrder>, Box<dyn Recorder + Send>),
     /// Ends the run with this cause; the rig unloads.
@@ -51,7 +51,7 @@ pub enum Request {
 
 /// What control says to a request that it accepted.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Answer {
+pub(crate) enum Answer {
     /// It is under way.
     Accepted,
     /// The tare that was taken.
@@ -60,7 +60,7 @@ pub enum Answer {
 
 /// Why a request got no answer from control.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum RequestError {
+pub(crate) enum RequestError {
     /// Control refused.
     #[error(transparent)]
     Refused(#[from] Refusal),
@@ -76,7 +76,7 @@ pub enum RequestError {
 #[derive(
     Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema,
 )]
-pub struct LoopHealth {
+pub(crate) struct LoopHealth {
     /// Turns so far.
     pub turns: u64,
     /// Turns that began more than 1 ms after their deadline.
@@ -89,7 +89,7 @@ type Envelope = (Request, oneshot::Sender<Result<Answer, Refusal>>);
 
 /// The control thread as everybody else sees it.
 #[derive(Clone)]
-pub struct Control {
+pub(crate) struct Control {
     requests: SyncSender<Envelope>,
     published: Arc<Mutex<(RigStatus, LoopHealth)>>,
     degraded: Arc<[String]>,
@@ -97,7 +97,7 @@ pub struct Control {
 
 impl Control {
     /// Starts the thread. The handle joins once [`Request::End`] was asked for or every `Control` is gone.
-    pub fn spawn(rig: Rig, link: Link) -> io::Result<(Control, JoinHandle<()>)> {
+    pub(crate) fn spawn(rig: Rig, link: Link) -> io::Result<(Control, JoinHandle<()>)> {
         let (requests, inbox) = mpsc::sync_channel(REQUESTS);
         let (ready, degraded) = mpsc::sync_channel(1);
         let published = Arc::new(Mutex::new((rig.status(), LoopHealth::default())));
@@ -132,7 +132,7 @@ impl Control {
     }
 
     /// The newest status, at most about 20 ms old.
-    pub fn status(&self) -> (RigStatus, LoopHealth) {
+    pub(crate) fn status(&self) -> (RigStatus, LoopHealth) {
         self.published
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
@@ -140,12 +140,12 @@ impl Control {
     }
 
     /// What keeps the loop from its full precision, one sentence each; empty where all is well.
-    pub fn degraded(&self) -> &[String] {
+    pub(crate) fn degraded(&self) -> &[String] {
         &self.degraded
     }
 
     /// Asks control; the answer comes within a turn or two.
-    pub async fn ask(&self, request: Request) -> Result<Answer, RequestError> {
+    pub(crate) async fn ask(&self, request: Request) -> Result<Answer, RequestError> {
         let (answer, wait) = oneshot::channel();
         self.requests
             .try_send((request, answer))

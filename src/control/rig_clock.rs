@@ -7,18 +7,18 @@ const DRIFT_NS_PER_TICK: i64 = 1_000;
 
 /// Host time of tick 0, fitted to the quickest arrivals.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct RigClock {
+pub(crate) struct RigClock {
     origin_ns: Option<i64>,
 }
 
 impl RigClock {
     /// Forgets the fit.
-    pub fn restart(&mut self) {
+    pub(crate) fn restart(&mut self) {
         self.origin_ns = None;
     }
 
     /// Takes the arrival of one tick. True for the first after a restart.
-    pub fn take(&mut self, tick: u64, now_ns: u64) -> bool {
+    pub(crate) fn take(&mut self, tick: u64, now_ns: u64) -> bool {
         let seen = Self::origin(tick, now_ns);
         let first = self.origin_ns.is_none();
         self.origin_ns = Some(match self.origin_ns {
@@ -29,7 +29,7 @@ impl RigClock {
     }
 
     /// Age of a tick in ms beyond the quickest transport.
-    pub fn age_ms(&self, tick: u64, now_ns: u64) -> u64 {
+    pub(crate) fn age_ms(&self, tick: u64, now_ns: u64) -> u64 {
         let late_ns = self
             .origin_ns
             .map_or(0, |origin| Self::origin(tick, now_ns) - origin);

@@ -14,7 +14,7 @@ const MEMORY: usize = 1024;
 
 /// What is asked for at the start of a run.
 #[derive(Debug, Clone)]
-pub struct RunOrder {
+pub(crate) struct RunOrder {
     /// Head of the recording. Control fills in firmware, channels and remarks of its own.
     pub header: Header,
     /// What to do.
@@ -25,7 +25,7 @@ pub struct RunOrder {
 
 /// A cycle of a periodic segment that was sampled from its begin to its end.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct EndedCycle {
+pub(crate) struct EndedCycle {
     /// Counted cycle; 0 in a taper.
     pub cycle: u32,
     /// Segment of the expanded profile.
@@ -38,7 +38,7 @@ pub struct EndedCycle {
 
 /// A run under way.
 #[derive(Debug)]
-pub struct Run {
+pub(crate) struct Run {
     /// Head of the recording as it was begun.
     pub header: Header,
     profile: Profile,
@@ -61,7 +61,7 @@ pub struct Run {
 
 /// What the profile says about a tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Due {
+pub(crate) struct Due {
     /// The slot, where the profile has one for the tick.
     pub slot: Option<Slot>,
     /// The profile's last tick has passed.
@@ -70,7 +70,7 @@ pub struct Due {
 
 impl Run {
     /// A run whose time begins at `first_tick`, from `start_level` in the profile's unit.
-    pub fn new(order: RunOrder, start_level: f64, first_tick: u64) -> Result<Self, ProfileError> {
+    pub(crate) fn new(order: RunOrder, start_level: f64, first_tick: u64) -> Result<Self, ProfileError> {
         let player = player_from(
             &order.profile,
             start_level,
@@ -104,22 +104,22 @@ impl Run {
     }
 
     /// What the profile controls.
-    pub fn mode(&self) -> Mode {
+    pub(crate) fn mode(&self) -> Mode {
         self.profile.mode
     }
 
     /// Tick of the run's first sample.
-    pub fn first_tick(&self) -> u64 {
+    pub(crate) fn first_tick(&self) -> u64 {
         self.first_tick
     }
 
     /// Seconds of a tick in the run; negative before it.
-    pub fn time_s(&self, tick: u64) -> f64 {
+    pub(crate) fn time_s(&self, tick: u64) -> f64 {
         (tick as f64 - self.first_tick as f64) / self.header.sample_rate_hz
     }
 
     /// The next command to queue, if it is due by `horizon`.
-    pub fn next_command(&mut self, horizon: u64) -> Option<(u64, Slot)> {
+    pub(crate) fn next_command(&mut self, horizon: u64) -> Option<(u64, Slot)> {
         if self.held || self.last_tick.is_some() || self.next_tick > horizon {
             return None;
         }
@@ -134,19 +134,19 @@ impl Run {
     }
 
     /// What was planned for a tick.
-    pub fn due(&self, tick: u64) -> Option<Slot> {
+    pub(crate) fn due(&self, tick: u64) -> Option<Slot> {
         self.planned[tick as usize % MEMORY]
             .filter(|(t, _)| *t == tick)
             .map(|(_, s)| s)
     }
 
     /// The profile's last tick has passed.
-    pub fn is_finished(&self, tick: u64) -> bool {
+    pub(crate) fn is_finished(&self, tick: u64) -> bool {
         self.last_tick.is_some_and(|last| tick >= last)
     }
 
     /// Accounts for one sample of this run and follows the cycles. Returns a cycle that ended.
-    pub fn on_sample(&mut self, slot: Option<&Slot>, feedback: f64, lost: u64) -> Option<EndedCycle> {
+    pub(crate) fn on_sample(&mut self, slot: Option<&Slot>, feedback: f64, lost: u64) -> Option<EndedCycle> {
         self.samples += 1;
         self.lost += lost;
         let target = slot.and_then(|s| self.player.targets_of(s.segment));
@@ -156,7 +156,7 @@ impl Run {
     }
 
     /// Learns from a cycle that ended and hands the player its next correction; returns it where it changed.
-    pub fn correct(&mut self, ended: &EndedCycle) -> Option<Correction> {
+    pub(crate) fn correct(&mut self, ended: &EndedCycle) -> Option<Correction> {
         if !ended.target.corrected || self.held {
             return None;
         }
@@ -175,7 +175,7 @@ impl Run {
     }
 
     /// The rig holds since `tick`: nothing more is queued until [`Run::resume`].
-    pub fn hold(&mut self, tick: u64) {
+    pub(crate) fn hold(&mut self, tick: u64) {
         if self.held {
             return;
         }
@@ -195,13 +195,13 @@ impl Run {
     }
 
     /// True between hold and resume.
-    pub fn is_held(&self) -> bool {
+    pub(crate) fn is_held(&self) -> bool {
         self.held
     }
 
     /// Goes on from `level` at `tick`: a sine tapers in again at the cycle that was cut, anything else goes on from
     /// where it stood.
-    pub fn resume(&mut self, tick: u64, level: f64) -> Result<(), ProfileError> {
+    pub(crate) fn resume(&mut self, tick: u64, level: f64) -> Result<(), ProfileError> {
         let cycle = self.cycles_completed + 1;
         self.last_tick = None;
         if self.tracker.cut && cycle > self.player.total_cycles() {
@@ -218,27 +218,27 @@ impl Run {
     }
 
     /// Samples recorded so far.
-    pub fn samples(&self) -> u64 {
+    pub(crate) fn samples(&self) -> u64 {
         self.samples
     }
 
     /// Samples missing so far.
-    pub fn lost(&self) -> u64 {
+    pub(crate) fn lost(&self) -> u64 {
         self.lost
     }
 
     /// Counted cycles completed, those of a resumed test included.
-    pub fn cycles_completed(&self) -> u32 {
+    pub(crate) fn cycles_completed(&self) -> u32 {
         self.cycles_completed
     }
 
     /// Counted cycles of the whole profile.
-    pub fn cycles_total(&self) -> u32 {
+    pub(crate) fn cycles_total(&self) -> u32 {
         self.player.total_cycles()
     }
 
     /// Seconds of the run that lie ahead of `tick`.
-    pub fn remaining_s(&self, tick: u64) -> f64 {
+    pub(crate) fn remaining_s(&self, tick: u64) -> f64 {
         let unplayed = self
             .player
             .total_ticks()
@@ -248,7 +248,7 @@ impl Run {
     }
 
     /// The end of this run.
-    pub fn outcome(&self, ending: Ending, cause: &str) -> Outcome {
+    pub(crate) fn outcome(&self, ending: Ending, cause: &str) -> Outcome {
         Outcome {
             ending,
             cause: cause.to_owned(),

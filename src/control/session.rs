@@ -30,7 +30,7 @@ const HELLO: [(u16, u8); 8] = [
 
 /// Why the rig cannot be used, found at the hello. Nothing moves while one stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum HelloError {
+pub(crate) enum HelloError {
     /// Another major version of the protocol.
     #[error(
         "the rig speaks protocol {}.{}, this program {}.{}: install the matching firmware or program",
@@ -89,7 +89,7 @@ enum Stage {
 
 /// What became of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Answered {
+pub(crate) enum Answered {
     /// The request is done.
     Done(RequestCode),
     /// The rig refused it.
@@ -107,7 +107,7 @@ struct Pending {
 
 /// The conversation with one rig.
 #[derive(Debug)]
-pub struct Session {
+pub(crate) struct Session {
     node: u8,
     id: u8,
     limits: Limits,
@@ -125,7 +125,7 @@ pub struct Session {
 
 impl Session {
     /// A session that has not said hello yet. `id` 1 to 255 names this host to the rig.
-    pub fn new(node: u8, id: u8, limits: Limits, calibration_hash: u32, ack_timeout_ms: u64) -> Self {
+    pub(crate) fn new(node: u8, id: u8, limits: Limits, calibration_hash: u32, ack_timeout_ms: u64) -> Self {
         Session {
             node,
             id: id.max(1),
@@ -144,32 +144,32 @@ impl Session {
     }
 
     /// Session number on the wire.
-    pub fn id(&self) -> u8 {
+    pub(crate) fn id(&self) -> u8 {
         self.id
     }
 
     /// The hello is through and the rig is ours.
-    pub fn is_open(&self) -> bool {
+    pub(crate) fn is_open(&self) -> bool {
         self.stage == Stage::Open
     }
 
     /// Why the hello does not get through.
-    pub fn error(&self) -> Option<HelloError> {
+    pub(crate) fn error(&self) -> Option<HelloError> {
         self.error
     }
 
     /// What the rig said of itself.
-    pub fn identity(&self) -> FirmwareIdentity {
+    pub(crate) fn identity(&self) -> FirmwareIdentity {
         self.identity.clone()
     }
 
     /// CRC-32 of the limits, the argument of the Arm request.
-    pub fn configuration_crc(&self) -> u32 {
+    pub(crate) fn configuration_crc(&self) -> u32 {
         self.limits.crc32()
     }
 
     /// Starts over: link lost, or the firmware rebooted.
-    pub fn restart(&mut self, now_ns: u64) {
+    pub(crate) fn restart(&mut self, now_ns: u64) {
         self.stage = Stage::Reading(0);
         self.sent_ns = None;
         self.tries = 0;
@@ -178,12 +178,12 @@ impl Session {
     }
 
     /// True while an answer to a request is awaited.
-    pub fn awaits_answer(&self) -> bool {
+    pub(crate) fn awaits_answer(&self) -> bool {
         self.pending.is_some()
     }
 
     /// Sends a request. One at a time: a second one replaces the first, whose answer no longer matters.
-    pub fn request(&mut self, code: RequestCode, argument: u32, now_ns: u64, link: &mut Link) {
+    pub(crate) fn request(&mut self, code: RequestCode, argument: u32, now_ns: u64, link: &mut Link) {
         self.request_counter = next_counter(self.request_counter);
         let pending = Pending {
             counter: self.request_counter,
@@ -207,7 +207,7 @@ impl Session {
     }
 
     /// Takes the session that owns the rig. A lease that lapsed took ours: it is asked for again, nothing else is.
-    pub fn on_owner(&mut self, owner: u8) {
+    pub(crate) fn on_owner(&mut self, owner: u8) {
         if self.stage == Stage::Open && owner != self.id {
             self.stage = Stage::Opening;
             self.pending = None;
@@ -215,7 +215,7 @@ impl Session {
     }
 
     /// Takes the acknowledgement out of a status.
-    pub fn on_status(&mut self, ack_counter: u8, result: RequestResult, now_ns: u64) -> Option<Answered> {
+    pub(crate) fn on_status(&mut self, ack_counter: u8, result: RequestResult, now_ns: u64) -> Option<Answered> {
         let pending = self.pending?;
         if pending.counter != ack_counter || result == RequestResult::None {
             return None;
@@ -236,7 +236,7 @@ impl Session {
     }
 
     /// Sends what is due. Returns a request that was given up, sent twice and never answered.
-    pub fn poll(&mut self, now_ns: u64, link: &mut Link) -> Option<RequestCode> {
+    pub(crate) fn poll(&mut self, now_ns: u64, link: &mut Link) -> Option<RequestCode> {
         self.poll_hello(now_ns, link);
         let pending = self.pending?;
         if now_ns.saturating_sub(pending.sent_ns) < self.ack_timeout_ns {
@@ -311,7 +311,7 @@ impl Session {
     }
 
     /// Takes the value of an object that was read.
-    pub fn on_value(&mut self, index: u16, sub: u8, value: u32, now_ns: u64) {
+    pub(crate) fn on_value(&mut self, index: u16, sub: u8, value: u32, now_ns: u64) {
         match self.stage {
             Stage::Reading(i) if HELLO[i] == (index, sub) => {
                 if let Err(error) = self.learn((index, sub), value) {
@@ -366,7 +366,7 @@ impl Session {
     }
 
     /// Takes the confirmation of a write.
-    pub fn on_written(&mut self, index: u16, sub: u8) {
+    pub(crate) fn on_written(&mut self, index: u16, sub: u8) {
         if let Stage::Writing(i) = self.stage
             && index == object::LIMITS
             && usize::from(sub) == i + 1
@@ -380,7 +380,7 @@ impl Session {
     }
 
     /// Takes a refusal. A rig that is still moving takes no limits: that is waited for, not an error.
-    pub fn on_refused(&mut self, index: u16, sub: u8, abort: ConfigAbort, now_ns: u64) {
+    pub(crate) fn on_refused(&mut self, index: u16, sub: u8, abort: ConfigAbort, now_ns: u64) {
         if abort == ConfigAbort::State {
             self.restart(now_ns + HELLO_PAUSE_NS);
         } else if !self.is_open() {

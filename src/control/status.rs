@@ -7,7 +7,7 @@ use crate::recording::{Ending, FirmwareIdentity};
 /// What the bench is doing, for people and scripts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Phase {
+pub(crate) enum Phase {
     /// No rig is heard, or the hello is not through.
     Connecting,
     /// A run may start.
@@ -28,7 +28,7 @@ pub enum Phase {
 #[derive(
     Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema,
 )]
-pub struct Counters {
+pub(crate) struct Counters {
     /// Samples taken.
     pub samples: u64,
     /// Samples that the rig's ticks say are missing.
@@ -51,7 +51,7 @@ pub struct Counters {
 
 /// The bench at one moment.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
-pub struct RigStatus {
+pub(crate) struct RigStatus {
     /// What it is doing.
     pub phase: Phase,
     /// State of the firmware.
@@ -93,7 +93,7 @@ pub struct RigStatus {
 
 impl RigStatus {
     /// Nothing heard yet.
-    pub fn unknown() -> Self {
+    pub(crate) fn unknown() -> Self {
         RigStatus {
             phase: Phase::Connecting,
             rig_state: None,
@@ -118,7 +118,7 @@ impl RigStatus {
 
 /// Why a request is refused. Nothing moved.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum Refusal {
+pub(crate) enum Refusal {
     /// No rig.
     #[error("the rig is not connected{0}: check the link and the rig's power")]
     NotConnected(String),
@@ -174,7 +174,7 @@ pub enum Refusal {
 
 /// What a tare did.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
-pub struct TareReport {
+pub(crate) struct TareReport {
     /// Load cell before, N.
     pub force_old_n: f64,
     /// Load cell now, N.
@@ -191,7 +191,7 @@ pub struct TareReport {
 
 impl Rig {
     /// What the bench is doing.
-    pub fn phase(&self) -> Phase {
+    pub(crate) fn phase(&self) -> Phase {
         match &self.activity {
             Activity::Arming(_) => Phase::Arming,
             Activity::Running(run) if run.is_held() => Phase::Held,
@@ -208,14 +208,14 @@ impl Rig {
     }
 
     /// Everything that people want to see, at once.
-    pub fn status(&self) -> RigStatus {
+    pub(crate) fn status(&self) -> RigStatus {
         let mut status = RigStatus::unknown();
         self.status_into(&mut status);
         status
     }
 
     /// [`Rig::status`] into buffers that are there already: the control thread allocates nothing.
-    pub fn status_into(&self, status: &mut RigStatus) {
+    pub(crate) fn status_into(&self, status: &mut RigStatus) {
         let run = match &self.activity {
             Activity::Running(run) | Activity::Stopping { run, .. } => Some(run),
             _ => None,
@@ -244,7 +244,7 @@ impl Rig {
     }
 
     /// Starts a run: arms the rig, then plays the profile from where the rig stands.
-    pub fn start(&mut self, order: RunOrder) -> Result<(), Refusal> {
+    pub(crate) fn start(&mut self, order: RunOrder) -> Result<(), Refusal> {
         match self.phase() {
             Phase::Ready => {}
             Phase::Connecting => return Err(self.not_connected()),
@@ -274,7 +274,7 @@ impl Rig {
     }
 
     /// Ends the run under way: the rig unloads, the data are kept. Without a run it unloads all the same.
-    pub fn stop(&mut self, cause: &str, now_ns: u64) -> Result<(), Refusal> {
+    pub(crate) fn stop(&mut self, cause: &str, now_ns: u64) -> Result<(), Refusal> {
         self.ask = Some(RequestCode::Unload);
         match &self.activity {
             Activity::Running(_) => self.wind_down(Ending::Stopped, cause.to_owned(), now_ns),
@@ -295,7 +295,7 @@ impl Rig {
     }
 
     /// Keeps the position; the firmware unloads by itself when nobody comes back.
-    pub fn hold(&mut self) -> Result<(), Refusal> {
+    pub(crate) fn hold(&mut self) -> Result<(), Refusal> {
         match self.phase() {
             Phase::Running => {
                 self.ask = Some(RequestCode::Hold);
@@ -306,7 +306,7 @@ impl Rig {
     }
 
     /// Goes on after a hold: cycles taper in again at the one that was cut.
-    pub fn resume(&mut self) -> Result<(), Refusal> {
+    pub(crate) fn resume(&mut self) -> Result<(), Refusal> {
         match self.phase() {
             Phase::Held => {
                 self.ask = Some(RequestCode::Resume);
@@ -320,7 +320,7 @@ impl Rig {
     }
 
     /// Clears the latch. Never resumes motion.
-    pub fn reset(&mut self) -> Result<(), Refusal> {
+    pub(crate) fn reset(&mut self) -> Result<(), Refusal> {
         match self.phase() {
             Phase::Interlocked => {
                 self.notice.clear();
@@ -333,7 +333,7 @@ impl Rig {
 
     /// Takes the mean of the last half second as zero on both channels. Refused while a run is under way, while the
     /// rig moves, and where it would hide more than the bench allows.
-    pub fn tare(&mut self) -> Result<TareReport, Refusal> {
+    pub(crate) fn tare(&mut self) -> Result<TareReport, Refusal> {
         match self.phase() {
             Phase::Ready | Phase::Interlocked => {}
             Phase::Connecting => return Err(self.not_connected()),

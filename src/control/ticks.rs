@@ -2,13 +2,13 @@
 
 /// Unfolds the low 16 bits of the rig's tick.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Ticks {
+pub(crate) struct Ticks {
     newest: Option<u64>,
 }
 
 /// Where a sample stands in the stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Place {
+pub(crate) enum Place {
     /// The next one after `lost` missing ones.
     Next {
         /// Unfolded tick.
@@ -22,17 +22,17 @@ pub enum Place {
 
 impl Ticks {
     /// Newest tick seen.
-    pub fn newest(&self) -> Option<u64> {
+    pub(crate) fn newest(&self) -> Option<u64> {
         self.newest
     }
 
     /// Forgets the past: the firmware rebooted or the link was lost.
-    pub fn restart(&mut self) {
+    pub(crate) fn restart(&mut self) {
         self.newest = None;
     }
 
     /// Places a sample. Half of the 16-bit circle (32.8 s) ahead counts as new; silence trips long before.
-    pub fn place(&mut self, low: u16) -> Place {
+    pub(crate) fn place(&mut self, low: u16) -> Place {
         let Some(newest) = self.newest else {
             let tick = u64::from(low);
             self.newest = Some(tick);

@@ -29,14 +29,14 @@ const BODY_LIMIT: usize = 1 << 20;
 
 /// What a failed request is answered with.
 #[derive(Debug)]
-pub struct ApiError {
+pub(crate) struct ApiError {
     status: StatusCode,
     failure: Failure,
 }
 
 impl ApiError {
     /// `error` says what and where, `what_to_do` what to do, where `error` does not.
-    pub fn new(status: StatusCode, error: String, what_to_do: String) -> Self {
+    pub(crate) fn new(status: StatusCode, error: String, what_to_do: String) -> Self {
         ApiError {
             status,
             failure: Failure { error, what_to_do },
@@ -44,17 +44,17 @@ impl ApiError {
     }
 
     /// The HTTP status.
-    pub fn status(&self) -> StatusCode {
+    pub(crate) fn status(&self) -> StatusCode {
         self.status
     }
 
     /// What was asked for cannot be used; the chain of causes in one line.
-    pub fn invalid(error: &dyn std::error::Error) -> Self {
+    pub(crate) fn invalid(error: &dyn std::error::Error) -> Self {
         ApiError::new(StatusCode::UNPROCESSABLE_ENTITY, chain(error), String::new())
     }
 
     /// The data folder or a run file.
-    pub fn disk(error: RunFileError) -> Self {
+    pub(crate) fn disk(error: RunFileError) -> Self {
         let status = match error {
             RunFileError::NoSpace { .. } => StatusCode::INSUFFICIENT_STORAGE,
             _ => StatusCode::INTERNAL_SERVER_ERROR,
@@ -63,7 +63,7 @@ impl ApiError {
     }
 
     /// No run of this id.
-    pub fn no_run(run_id: &str) -> Self {
+    pub(crate) fn no_run(run_id: &str) -> Self {
         let shown: String = run_id.chars().take(40).collect();
         ApiError::new(
             StatusCode::NOT_FOUND,
@@ -73,7 +73,7 @@ impl ApiError {
     }
 
     /// Our own fault.
-    pub fn internal(what: &str) -> Self {
+    pub(crate) fn internal(what: &str) -> Self {
         ApiError::new(
             StatusCode::INTERNAL_SERVER_ERROR,
             what.to_owned(),
@@ -83,7 +83,7 @@ impl ApiError {
 }
 
 /// An error with its causes in one line.
-pub fn chain(error: &dyn std::error::Error) -> String {
+pub(crate) fn chain(error: &dyn std::error::Error) -> String {
     let mut text = error.to_string();
     let mut source = error.source();
     while let Some(cause) = source {
@@ -124,7 +124,7 @@ impl IntoResponse for ApiError {
 
 type Result<T> = std::result::Result<T, ApiError>;
 /// The state of every handler.
-pub type App = State<Arc<Shared>>;
+pub(crate) type App = State<Arc<Shared>>;
 type Body<T> = std::result::Result<Json<T>, JsonRejection>;
 
 /// One route. The list is the router, and the tests' list of what to knock at.
@@ -186,7 +186,7 @@ fn routes() -> Vec<Route> {
 struct Description;
 
 /// Everything behind the guard.
-pub fn router(address: SocketAddr, shared: Arc<Shared>) -> Router {
+pub(crate) fn router(address: SocketAddr, shared: Arc<Shared>) -> Router {
     let api = routes()
         .into_iter()
         .fold(Router::new(), |router, r| router.route(r.path, r.handler));
@@ -207,7 +207,7 @@ pub fn router(address: SocketAddr, shared: Arc<Shared>) -> Router {
 }
 
 /// Serves until the task is aborted.
-pub async fn serve(listener: TcpListener, address: SocketAddr, shared: Arc<Shared>) {
+pub(crate) async fn serve(listener: TcpListener, address: SocketAddr, shared: Arc<Shared>) {
     if let Err(error) = axum::serve(listener, router(address, shared)).await {
         tracing::error!("the HTTP interface ended: {error}");
     }
@@ -220,7 +220,7 @@ async fn status(State(shared): App) -> Json<Status> {
 }
 
 /// [`Status`] of this moment.
-pub fn status_of(shared: &Shared) -> Status {
+pub(crate) fn status_of(shared: &Shared) -> Status {
     let (rig, control_loop) = shared.control.status();
     let settings = &shared.settings;
     Status {
@@ -320,7 +320,7 @@ async fn runs(State(shared): App) -> Result<Json<Vec<RunSummary>>> {
 }
 
 /// The row of a run.
-pub fn summary(run: RunListing) -> RunSummary {
+pub(crate) fn summary(run: RunListing) -> RunSummary {
     let (ending, cause) = match &run.outcome {
         Some(outcome) => (ending_word(outcome.ending), outcome.cause.clone()),
         None => ("open", String::new()),
@@ -416,7 +416,7 @@ async fn openapi() -> Result<Response> {
 }
 
 /// True where the run is over, one way or another.
-pub fn is_over(run: &RunProgress) -> bool {
+pub(crate) fn is_over(run: &RunProgress) -> bool {
     matches!(run.state, RunState::Ended | RunState::NeverStarted)
 }
 

@@ -10,14 +10,14 @@ const BEHIND_SAMPLES: u64 = 500;
 
 /// Both counts.
 #[derive(Debug, Clone, Default)]
-pub struct Backlog {
+pub(super) struct Backlog {
     recorded: Arc<AtomicU64>,
     taken: Arc<AtomicU64>,
 }
 
 impl Backlog {
     /// To stand before the ring, in control.
-    pub fn before<R: Recorder>(&self, next: R) -> Counted<R> {
+    pub(super) fn before<R: Recorder>(&self, next: R) -> Counted<R> {
         Counted {
             next,
             count: Arc::clone(&self.recorded),
@@ -25,7 +25,7 @@ impl Backlog {
     }
 
     /// To stand behind the ring, in the recording thread.
-    pub fn behind<R: Recorder>(&self, next: R) -> Counted<R> {
+    pub(super) fn behind<R: Recorder>(&self, next: R) -> Counted<R> {
         Counted {
             next,
             count: Arc::clone(&self.taken),
@@ -33,14 +33,14 @@ impl Backlog {
     }
 
     /// Samples pile up.
-    pub fn is_long(&self) -> bool {
+    pub(super) fn is_long(&self) -> bool {
         let taken = self.taken.load(Ordering::Relaxed);
         self.recorded.load(Ordering::Relaxed).saturating_sub(taken) > BEHIND_SAMPLES
     }
 }
 
 /// Counts the samples that pass.
-pub struct Counted<R> {
+pub(super) struct Counted<R> {
     next: R,
     count: Arc<AtomicU64>,
 }

@@ -8,7 +8,7 @@ use super::DaemonError;
 
 /// Both locks; they are held as long as this lives.
 #[derive(Debug)]
-pub struct Claim {
+pub(crate) struct Claim {
     _data_folder: File,
     _link: File,
 }
@@ -16,7 +16,7 @@ pub struct Claim {
 impl Claim {
     /// Claims the data folder (made where it is missing) and the link. Take it before the link is opened: a second
     /// daemon must not put one frame on the bus.
-    pub fn take(data_folder: &Path, link_address: &str) -> Result<Claim, DaemonError> {
+    pub(crate) fn take(data_folder: &Path, link_address: &str) -> Result<Claim, DaemonError> {
         std::fs::create_dir_all(data_folder).map_err(|source| DaemonError::Folder {
             path: data_folder.to_owned(),
             source,

@@ -8,7 +8,7 @@ use crate::control::realtime::LoopHealth;
 
 /// Where a daemon listens; the content of `daemon.json`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Endpoint {
+pub(crate) struct Endpoint {
     /// `http://127.0.0.1:PORT`.
     pub url: String,
     /// Its process.
@@ -17,7 +17,7 @@ pub struct Endpoint {
 
 /// Why a request failed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub struct Failure {
+pub(crate) struct Failure {
     /// What is wrong, and where.
     pub error: String,
     /// What to do, where it is not in `error`.
@@ -27,7 +27,7 @@ pub struct Failure {
 
 /// The daemon and the bench at one moment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Status {
+pub(crate) struct Status {
     /// Version of leafbench.
     pub version: String,
     /// Bench config's name.
@@ -53,7 +53,7 @@ pub struct Status {
 /// How far a run is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum RunState {
+pub(crate) enum RunState {
     /// The rig is being armed.
     Arming,
     /// Samples are being recorded.
@@ -66,7 +66,7 @@ pub enum RunState {
 
 /// A run of this daemon.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct RunProgress {
+pub(crate) struct RunProgress {
     /// Id.
     pub run_id: String,
     /// Profile's name.
@@ -93,7 +93,7 @@ pub struct RunProgress {
 /// What to run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct StartRun {
+pub(crate) struct StartRun {
     /// Name of a profile, or a profile file's text. May be left out where a run is resumed.
     #[serde(default)]
     pub profile: Option<String>,
@@ -111,21 +111,21 @@ pub struct StartRun {
 /// What to check.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct PlanRequest {
+pub(crate) struct PlanRequest {
     /// Name of a profile, or a profile file's text.
     pub profile: String,
 }
 
 /// A run that was started.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub struct Started {
+pub(crate) struct Started {
     /// Its id.
     pub run_id: String,
 }
 
 /// A request was taken.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub struct Accepted {
+pub(crate) struct Accepted {
     /// What happens now.
     pub message: String,
 }
@@ -133,7 +133,7 @@ pub struct Accepted {
 /// Why to stop.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct StopRequest {
+pub(crate) struct StopRequest {
     /// Who or what asks; goes into the run's cause.
     #[serde(default)]
     pub reason: Option<String>,
@@ -142,11 +142,11 @@ pub struct StopRequest {
 /// No particulars: `{}`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Nothing {}
+pub(crate) struct Nothing {}
 
 /// A recorded run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct RunSummary {
+pub(crate) struct RunSummary {
     /// Id.
     pub run_id: String,
     /// Start, UTC, RFC 3339.
@@ -171,7 +171,7 @@ pub struct RunSummary {
 
 /// A recorded run with its particulars.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct RunDetail {
+pub(crate) struct RunDetail {
     /// As in the list.
     pub summary: RunSummary,
     /// Head of the recording.
@@ -184,7 +184,7 @@ pub struct RunDetail {
 
 /// A profile that can be started by name.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct ProfileSummary {
+pub(crate) struct ProfileSummary {
     /// Name.
     pub name: String,
     /// One sentence.

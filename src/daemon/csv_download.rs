@@ -19,7 +19,7 @@ const CHUNK: usize = 64 * 1024;
 #[derive(Debug, Clone, Copy, Default, serde::Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-pub struct Part {
+pub(super) struct Part {
     /// One counted cycle.
     cycle: Option<u32>,
     /// The mean over the complete counted cycles.
@@ -43,14 +43,14 @@ impl Part {
 }
 
 /// A CSV that waits to be sent.
-pub struct Download {
+pub(super) struct Download {
     file: File,
     bytes: u64,
     name: String,
 }
 
 /// Exports the part into a file that has no name any more by the time it is sent.
-pub fn prepare(store: &Store, run_id: &str, part: &Part) -> Result<Download, ApiError> {
+pub(super) fn prepare(store: &Store, run_id: &str, part: &Part) -> Result<Download, ApiError> {
     let (selection, suffix) = part.selection().ok_or_else(|| {
         ApiError::new(
             StatusCode::BAD_REQUEST,
@@ -104,7 +104,7 @@ impl Drop for Scratch {
 }
 
 /// Sends it in chunks, read on a thread that may wait for the disk.
-pub fn stream(download: Download) -> Response {
+pub(super) fn stream(download: Download) -> Response {
     let (sender, receiver) = tokio::sync::mpsc::channel(4);
     let mut file = download.file;
     tokio::task::spawn_blocking(move || {

@@ -12,13 +12,13 @@ use super::api::ApiError;
 
 /// Names under which this daemon answers.
 #[derive(Debug, Clone)]
-pub struct Guard {
+pub(crate) struct Guard {
     hosts: [String; 3],
 }
 
 impl Guard {
     /// For a daemon that listens at `address`.
-    pub fn new(address: SocketAddr) -> Self {
+    pub(crate) fn new(address: SocketAddr) -> Self {
         let port = address.port();
         Guard {
             hosts: [
@@ -79,7 +79,7 @@ fn text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
 }
 
 /// The middleware: in front of everything, routing included.
-pub async fn check(State(guard): State<Guard>, request: Request, next: Next) -> Response {
+pub(crate) async fn check(State(guard): State<Guard>, request: Request, next: Next) -> Response {
     match guard.refusal(request.method(), request.headers()) {
         Some(refusal) => refusal.into_response(),
         None => {

@@ -7,7 +7,7 @@ use crate::recording::{FirmwareIdentity, Header};
 
 /// Length of a profile as it was planned.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Planned {
+pub(crate) struct Planned {
     /// Counted cycles.
     pub cycles: u32,
     /// Seconds.
@@ -15,7 +15,7 @@ pub struct Planned {
 }
 
 /// A header for a run that begins at `now`. Control fills in the firmware and the scalings of the moment.
-pub fn new(
+pub(crate) fn new(
     run_id: String,
     now: jiff::Timestamp,
     bench: &Bench,

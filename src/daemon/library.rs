@@ -8,7 +8,7 @@ use crate::protocol::message::SAMPLE_RATE_HZ;
 
 /// Why a profile cannot be had.
 #[derive(Debug, thiserror::Error)]
-pub enum LibraryError {
+pub(crate) enum LibraryError {
     /// The folder of the profiles.
     #[error("profiles folder {path} cannot be read: check --profiles")]
     Folder {
@@ -32,13 +32,13 @@ pub enum LibraryError {
 
 /// One folder of profile files.
 #[derive(Debug, Clone)]
-pub struct Library {
+pub(crate) struct Library {
     folder: PathBuf,
 }
 
 impl Library {
     /// The files of `folder`, read anew whenever they are asked for: a technician edits one and starts it.
-    pub fn open(folder: &Path) -> Result<Library, LibraryError> {
+    pub(crate) fn open(folder: &Path) -> Result<Library, LibraryError> {
         let library = Library {
             folder: folder.to_owned(),
         };
@@ -47,7 +47,7 @@ impl Library {
     }
 
     /// A profile by name, or read from `text` where that is a whole file's.
-    pub fn find(&self, text: &str) -> Result<(Profile, String), LibraryError> {
+    pub(crate) fn find(&self, text: &str) -> Result<(Profile, String), LibraryError> {
         if text.contains(['\n', '=']) {
             return Ok((Profile::from_toml(text, "profile")?, text.to_owned()));
         }
@@ -67,7 +67,7 @@ impl Library {
     }
 
     /// All profiles with what they do.
-    pub fn list(&self) -> Result<Vec<ProfileSummary>, LibraryError> {
+    pub(crate) fn list(&self) -> Result<Vec<ProfileSummary>, LibraryError> {
         Ok(self.files()?.iter().map(|path| summary(path)).collect())
     }
 
@@ -95,7 +95,7 @@ fn name_of(path: &Path) -> &str {
 }
 
 /// Reads one profile file; the text beside it is as it stands.
-pub fn read(path: &Path) -> Result<(Profile, String), LibraryError> {
+pub(crate) fn read(path: &Path) -> Result<(Profile, String), LibraryError> {
     let text = std::fs::read_to_string(path).map_err(|source| LibraryError::Folder {
         path: path.to_owned(),
         source,

@@ -22,7 +22,7 @@ const RECENT_BATCHES: usize = 500;
 
 /// Thinned samples, columns of equal length.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
-pub struct Batch {
+pub(crate) struct Batch {
     /// The run.
     pub run_id: String,
     /// Seconds in the run.
@@ -43,7 +43,7 @@ pub struct Batch {
 
 /// Where watchers come to.
 #[derive(Debug, Clone)]
-pub struct Live {
+pub(crate) struct Live {
     batches: broadcast::Sender<Arc<Batch>>,
     recent: Arc<Mutex<VecDeque<Arc<Batch>>>>,
 }
@@ -59,7 +59,7 @@ impl Default for Live {
 
 impl Live {
     /// What the last seconds had, and what comes from now on. A receiver that lags is told by how many batches.
-    pub fn watch(&self) -> (Vec<Arc<Batch>>, broadcast::Receiver<Arc<Batch>>) {
+    pub(crate) fn watch(&self) -> (Vec<Arc<Batch>>, broadcast::Receiver<Arc<Batch>>) {
         let recent = self.recent.lock().unwrap_or_else(PoisonError::into_inner);
         (recent.iter().cloned().collect(), self.batches.subscribe())
     }
@@ -79,7 +79,7 @@ impl Live {
     }
 
     /// The recorder that feeds the watchers of one run.
-    pub fn tap(&self) -> LiveTap {
+    pub(crate) fn tap(&self) -> LiveTap {
         LiveTap {
             live: self.clone(),
             every: 1,
@@ -90,12 +90,12 @@ impl Live {
 }
 
 /// Points that `batches` lost batches had.
-pub fn points_in(batches: u64) -> u64 {
+pub(crate) fn points_in(batches: u64) -> u64 {
     batches * POINTS_A_BATCH as u64
 }
 
 /// Feeds one run to the watchers.
-pub struct LiveTap {
+pub(crate) struct LiveTap {
     live: Live,
     every: u64,
     seen: u64,

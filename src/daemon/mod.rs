@@ -4,20 +4,20 @@
 //! `claim` makes it the only one, `store` is its data folder, `runs` starts and follows runs, `plan` checks them before,
 //! `live` feeds watchers, `api` is the HTTP interface behind `guard`, `page/` what a technician sees.
 
-pub mod api;
+pub(crate) mod api;
 mod backlog;
-pub mod claim;
-pub mod client_types;
+pub(crate) mod claim;
+pub(crate) mod client_types;
 mod csv_download;
-pub mod guard;
-pub mod header;
-pub mod library;
-pub mod live;
+pub(crate) mod guard;
+pub(crate) mod header;
+pub(crate) mod library;
+pub(crate) mod live;
 mod page;
-pub mod plan;
-pub mod runs;
-pub mod socket;
-pub mod store;
+pub(crate) mod plan;
+pub(crate) mod runs;
+pub(crate) mod socket;
+pub(crate) mod store;
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -40,7 +40,7 @@ use runs::Runs;
 use store::Store;
 
 /// Name of the file in the data folder that tells where the daemon listens.
-pub const ENDPOINT_FILE: &str = "daemon.json";
+pub(crate) const ENDPOINT_FILE: &str = "daemon.json";
 /// Unloading from 15 mm at 5 mm/s takes 3 s; the whole exit must not take more than 5 s.
 const UNLOAD_AT_EXIT: Duration = Duration::from_millis(4200);
 /// A lost link is tried again this often.
@@ -48,7 +48,7 @@ const RELINK_PERIOD: Duration = Duration::from_secs(1);
 
 /// Why the daemon does not start or ends.
 #[derive(Debug, thiserror::Error)]
-pub enum DaemonError {
+pub(crate) enum DaemonError {
     /// Another daemon is there.
     #[error("{what} belongs to another daemon (process {owner}): stop that one first, or use its page")]
     Claimed {
@@ -93,7 +93,7 @@ pub enum DaemonError {
 
 /// What a daemon is started with.
 #[derive(Debug, Clone)]
-pub struct Settings {
+pub(crate) struct Settings {
     /// Checked bench config.
     pub bench: Arc<Bench>,
     /// `can:vcan0`, `serial:/dev/ttyUSB0`, `mock:`.
@@ -107,7 +107,7 @@ pub struct Settings {
 }
 
 /// What the parts of the daemon share.
-pub struct Shared {
+pub(crate) struct Shared {
     /// As started.
     pub settings: Settings,
     /// The control thread.
@@ -125,7 +125,7 @@ pub struct Shared {
 }
 
 /// Runs the daemon until SIGTERM or SIGINT. `started` is told where it listens.
-pub fn serve(
+pub(crate) fn serve(
     settings: Settings,
     _claim: Claim,
     link: Link,
@@ -260,7 +260,7 @@ async fn relink_for_ever(shared: Arc<Shared>) {
 
 impl Shared {
     /// Counters of the link in use.
-    pub fn link_health(&self) -> Arc<LinkHealth> {
+    pub(crate) fn link_health(&self) -> Arc<LinkHealth> {
         Arc::clone(
             &self
                 .link_health

@@ -9,7 +9,7 @@ use axum::routing::get;
 use super::Shared;
 
 /// The page's three files.
-pub fn router() -> Router<Arc<Shared>> {
+pub(super) fn router() -> Router<Arc<Shared>> {
     let file = |kind: &'static str, text: &'static str| {
         get(move || async move { ([(header::CONTENT_TYPE, kind)], text) })
     };

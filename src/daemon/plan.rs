@@ -12,7 +12,7 @@ use crate::twin::{self, dry_run};
 
 /// What a profile will do, as the model has it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
-pub struct Plan {
+pub(crate) struct Plan {
     /// Profile's name.
     pub profile: String,
     /// Length in s.
@@ -39,7 +39,7 @@ pub struct Plan {
 
 /// How far a limit is away.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
-pub struct Margin {
+pub(crate) struct Margin {
     /// The limit's key in the bench config; its ending is the unit.
     pub limit: String,
     /// Predicted extreme.
@@ -54,7 +54,7 @@ pub struct Margin {
 
 /// Why a profile could not be dry-run.
 #[derive(Debug, thiserror::Error)]
-pub enum PlanError {
+pub(crate) enum PlanError {
     /// The bench's model.
     #[error("the bench's model cannot be built")]
     Model(#[from] BuildError),
@@ -64,7 +64,7 @@ pub enum PlanError {
 }
 
 /// What `profile` will do on the bench's model, and what would trip.
-pub fn check(bench: &Bench, profile: &Profile) -> Result<Plan, PlanError> {
+pub(crate) fn check(bench: &Bench, profile: &Profile) -> Result<Plan, PlanError> {
     let plant = bench.model.plant()?;
     let run = dry_run(
         profile,
@@ -95,7 +95,7 @@ pub fn check(bench: &Bench, profile: &Profile) -> Result<Plan, PlanError> {
 }
 
 /// Refuses a plan that would trip: 422 with the numbers.
-pub fn refuse_predicted_trip(plan: &Plan) -> Result<(), ApiError> {
+pub(crate) fn refuse_predicted_trip(plan: &Plan) -> Result<(), ApiError> {
     if plan.trips.is_empty() {
         return Ok(());
     }

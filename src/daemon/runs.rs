@@ -22,7 +22,7 @@ use crate::twin::Twin;
 
 /// The run under way, or the newest.
 #[derive(Default)]
-pub struct Runs {
+pub(crate) struct Runs {
     /// One start at a time: the second finds the rig busy.
     starting: tokio::sync::Mutex<()>,
     newest: Arc<Mutex<Option<Newest>>>,
@@ -42,7 +42,7 @@ impl Runs {
     }
 
     /// How far the newest run is.
-    pub fn newest(&self) -> Option<RunProgress> {
+    pub(crate) fn newest(&self) -> Option<RunProgress> {
         self.lock().as_ref().map(|newest| RunProgress {
             disk_problem: newest.disk.failure().unwrap_or_default().to_owned(),
             ..newest.progress.clone()
@@ -50,12 +50,12 @@ impl Runs {
     }
 
     /// No recording thread is at work.
-    pub fn all_closed(&self) -> bool {
+    pub(crate) fn all_closed(&self) -> bool {
         self.lock().as_ref().is_none_or(|newest| newest.closed)
     }
 
     /// At the daemon's end: closes a file that its recording thread left open.
-    pub fn close_unfinished(&self, cause: &str) -> Vec<String> {
+    pub(crate) fn close_unfinished(&self, cause: &str) -> Vec<String> {
         let newest = self.lock();
         let open = newest
             .iter()
@@ -65,7 +65,7 @@ impl Runs {
     }
 
     /// Starts a run; refused without any motion where anything speaks against it.
-    pub async fn start(&self, shared: &Arc<Shared>, order: StartRun) -> Result<Started, ApiError> {
+    pub(crate) async fn start(&self, shared: &Arc<Shared>, order: StartRun) -> Result<Started, ApiError> {
         let _one_at_a_time = self.starting.lock().await;
         let (status, _) = shared.control.status();
         if let Some(refusal) = busy(&status) {
@@ -335,7 +335,7 @@ impl Recorder for Watcher {
 }
 
 /// The stable word of an ending.
-pub fn ending_word(ending: Ending) -> &'static str {
+pub(crate) fn ending_word(ending: Ending) -> &'static str {
     match ending {
         Ending::Completed => "completed",
         Ending::Stopped => "stopped",

@@ -37,7 +37,7 @@ enum Telegram<'a> {
 
 /// Live samples and status over a WebSocket: messages `{"type":"samples"}` and `{"type":"status"}`.
 #[utoipa::path(get, path = "/api/live", responses((status = 101, description = "WebSocket of JSON messages")))]
-pub async fn live(State(shared): App, upgrade: WebSocketUpgrade) -> Response {
+pub(crate) async fn live(State(shared): App, upgrade: WebSocketUpgrade) -> Response {
     upgrade
         .max_message_size(LARGEST_MESSAGE)
         .on_upgrade(move |socket| serve(socket, shared))

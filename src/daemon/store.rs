@@ -12,30 +12,30 @@ const DAEMON_DIED: &str = "the daemon ended while the run was under way (killed,
 
 /// The folder of run files.
 #[derive(Debug, Clone)]
-pub struct Store {
+pub(crate) struct Store {
     folder: PathBuf,
 }
 
 impl Store {
     /// Run files in `folder`.
-    pub fn new(folder: &Path) -> Self {
+    pub(crate) fn new(folder: &Path) -> Self {
         Store {
             folder: folder.to_owned(),
         }
     }
 
     /// Where the files are.
-    pub fn folder(&self) -> &Path {
+    pub(crate) fn folder(&self) -> &Path {
         &self.folder
     }
 
     /// Where the run file of a freshly generated id goes. Not for ids from outside: those are looked up.
-    pub fn path_for_new(&self, run_id: &str) -> PathBuf {
+    pub(crate) fn path_for_new(&self, run_id: &str) -> PathBuf {
         self.folder.join(format!("{run_id}.{EXTENSION}"))
     }
 
     /// Closes what an earlier daemon left open; returns what was done, one sentence a run.
-    pub fn close_left_open(&self) -> Result<Vec<String>, RunFileError> {
+    pub(crate) fn close_left_open(&self) -> Result<Vec<String>, RunFileError> {
         let open = self
             .list()?
             .into_iter()
@@ -46,12 +46,12 @@ impl Store {
     }
 
     /// Every run, oldest first.
-    pub fn list(&self) -> Result<Vec<RunListing>, RunFileError> {
+    pub(crate) fn list(&self) -> Result<Vec<RunListing>, RunFileError> {
         run_file::list(&self.folder)
     }
 
     /// The run with this id, or the newest one for `latest`.
-    pub fn find(&self, run_id: &str) -> Result<Option<RunListing>, RunFileError> {
+    pub(crate) fn find(&self, run_id: &str) -> Result<Option<RunListing>, RunFileError> {
         let mut runs = self.list()?;
         if run_id == "latest" {
             return Ok(runs.pop());
@@ -61,7 +61,7 @@ impl Store {
 }
 
 /// Closes one file; the sentence says what came of it.
-pub fn close_as_aborted(path: &Path, run_id: &str, cause: &str) -> String {
+pub(crate) fn close_as_aborted(path: &Path, run_id: &str, cause: &str) -> String {
     match RunFile::open(path).and_then(|run| run.close_as_aborted(cause)) {
         Ok(outcome) => format!(
             "run {run_id} was left open: closed as aborted with {} samples",
@@ -72,7 +72,7 @@ pub fn close_as_aborted(path: &Path, run_id: &str, cause: &str) -> String {
 }
 
 /// A new run id: UTC time to the second and four random characters, so that ids sort by time and never repeat.
-pub fn new_run_id(now: jiff::Timestamp) -> String {
+pub(crate) fn new_run_id(now: jiff::Timestamp) -> String {
     const LETTERS: &[u8; 32] = b"abcdefghijkmnpqrstuvwxyz23456789";
     // Std keys every such state at random.
     let random = RandomState::new().build_hasher().finish();

@@ -9,7 +9,7 @@ use crate::model::{BuildError, Model, Parameter, Plant};
 
 /// What the diagnosis starts from.
 #[derive(Clone)]
-pub struct Baseline {
+pub(crate) struct Baseline {
     /// The model.
     pub model: &'static Model,
     /// Its structure table.
@@ -22,7 +22,7 @@ pub struct Baseline {
 
 impl Baseline {
     /// A model as it is, with an empty structure.
-    pub fn of(model: &'static Model) -> Baseline {
+    pub(crate) fn of(model: &'static Model) -> Baseline {
         Baseline {
             model,
             structure: toml::Table::new(),
@@ -34,7 +34,7 @@ impl Baseline {
 
 /// Why a baseline cannot be used.
 #[derive(Debug, thiserror::Error, PartialEq)]
-pub enum BaselineError {
+pub(crate) enum BaselineError {
     /// The model refuses its structure or start.
     #[error("the baseline cannot be built: {0}")]
     Build(#[from] BuildError),
@@ -53,7 +53,7 @@ pub(super) struct Attached {
 }
 
 impl Attached {
-    pub fn candidate(effect: &'static Effect) -> Attached {
+    pub(super) fn candidate(effect: &'static Effect) -> Attached {
         Attached {
             effect,
             parameters: effect.parameters.to_vec(),
@@ -79,7 +79,7 @@ pub(super) struct Setup {
 }
 
 impl Setup {
-    pub fn new(baseline: &Baseline) -> Result<Setup, BaselineError> {
+    pub(super) fn new(baseline: &Baseline) -> Result<Setup, BaselineError> {
         let model = baseline.model;
         let built_in = |code: &str| model.physics.contains(&code);
         let known: Vec<String> = match &baseline.known {

@@ -21,7 +21,7 @@ const OTHERS: f64 = 1.5;
 
 /// Why a recording cannot be judged.
 #[derive(Debug, thiserror::Error, PartialEq)]
-pub enum ConditionError {
+pub(crate) enum ConditionError {
     /// Too short, or nothing left after masking.
     #[error("{name}: {have} usable samples, at least {LEAST_SAMPLES} are needed: record longer")]
     TooShort {
@@ -52,7 +52,7 @@ pub enum ConditionError {
 
 /// What a block of samples is used for; no parameter is ever fitted on `Select` or `Report`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Part {
+pub(crate) enum Part {
     /// Parameters are fitted here.
     Fit,
     /// Candidates are compared here.
@@ -63,7 +63,7 @@ pub enum Part {
 
 /// A conditioned recording: columns of equal length.
 #[derive(Debug, Clone)]
-pub struct Track {
+pub(crate) struct Track {
     /// Name of the recording.
     pub name: String,
     /// Time in s from the recording's first sample.
@@ -104,23 +104,23 @@ pub struct Track {
 
 impl Track {
     /// Number of points.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.time_s.len()
     }
 
     /// True where there is none.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.time_s.is_empty()
     }
 
     /// Largest speed in mm/s.
-    pub fn top_speed_mm_s(&self) -> f64 {
+    pub(crate) fn top_speed_mm_s(&self) -> f64 {
         let speeds = self.motion.iter().map(|m| m.velocity_mm_s.abs());
         speeds.fold(0.0, f64::max)
     }
 
     /// Time since the point before, in s.
-    pub fn dt_s(&self, i: usize) -> f64 {
+    pub(crate) fn dt_s(&self, i: usize) -> f64 {
         if i == 0 {
             0.0
         } else {
@@ -130,7 +130,7 @@ impl Track {
 }
 
 /// Conditions recordings of one rig, each into at most about `budget` points.
-pub fn condition(recordings: &[Recording], budget: usize) -> Result<Vec<Track>, ConditionError> {
+pub(crate) fn condition(recordings: &[Recording], budget: usize) -> Result<Vec<Track>, ConditionError> {
     let raw = recordings.iter().map(Raw::new).collect::<Result<Vec<_>, _>>()?;
     // The channels are the same in all: where one motion hides their noise, another shows it.
     let least = |f: fn(&Raw) -> f64| OTHERS * raw.iter().map(f).fold(f64::INFINITY, f64::min);
@@ -449,7 +449,7 @@ fn bins(
 
 /// Shares whole cycles out: of four, two for fitting, one for selecting, one for reporting. Recordings of fewer cycles are
 /// fitted; where no recording has enough cycles, whole recordings are held out instead.
-pub fn share_out(tracks: &mut [Track]) {
+pub(super) fn share_out(tracks: &mut [Track]) {
     let mut shared = false;
     for track in tracks.iter_mut() {
         let mut counted: Vec<u32> = track

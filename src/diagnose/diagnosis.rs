@@ -2,12 +2,12 @@
 
 use serde::Serialize;
 
-pub use crate::effect::{Axis, Branch};
+pub(crate) use crate::effect::{Axis, Branch};
 
 /// The answer in one word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Verdict {
+pub(crate) enum Verdict {
     /// The baseline explains the recordings down to the noise.
     Adequate,
     /// Named effects are missing.
@@ -18,7 +18,7 @@ pub enum Verdict {
 
 /// A value with its interval.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Value {
+pub(crate) struct Value {
     /// Name with its unit at the end.
     pub name: String,
     /// Identified value.
@@ -31,7 +31,7 @@ pub struct Value {
 
 /// A missing effect.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Finding {
+pub(crate) struct Finding {
     /// Code of contracts.md.
     pub code: String,
     /// 0 to 1.
@@ -47,7 +47,7 @@ pub struct Finding {
 
 /// What could stand in place of a finding.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Alternative {
+pub(crate) struct Alternative {
     /// Code of contracts.md.
     pub code: String,
     /// Finding that it could replace.
@@ -60,7 +60,7 @@ pub struct Alternative {
 
 /// A place on the loop where model and recordings differ.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Location {
+pub(crate) struct Location {
     /// Axis.
     pub axis: Axis,
     /// From, in the axis' unit.
@@ -77,7 +77,7 @@ pub struct Location {
 
 /// Errors of one model. `E` is an option, `null` in the file, where the input is not whole curves.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub struct Errors<E = f64> {
+pub(crate) struct Errors<E = f64> {
     /// rms(measured - model) / (max - min of measured force) on what was fitted.
     pub nrmse_train: E,
     /// The same on whole cycles or recordings that no parameter was fitted on and nothing was chosen by.
@@ -90,7 +90,7 @@ pub struct Errors<E = f64> {
 
 /// Before and after.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct FitErrors<E = f64> {
+pub(crate) struct FitErrors<E = f64> {
     /// The baseline, its own parameters identified anew.
     pub baseline: Errors<E>,
     /// With the effects.
@@ -104,7 +104,7 @@ pub struct FitErrors<E = f64> {
 
 /// One step of the ladder.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Rung {
+pub(crate) struct Rung {
     /// What was added.
     pub what: String,
     /// The errors then.
@@ -113,7 +113,7 @@ pub struct Rung {
 
 /// The profile to run next.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct NextTest {
+pub(crate) struct NextTest {
     /// Profile file's text.
     pub profile_toml: String,
     /// What it separates and why.
@@ -126,7 +126,7 @@ pub struct NextTest {
 
 /// One line of the table of candidates.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct CandidateRow {
+pub(crate) struct CandidateRow {
     /// Codes of the set.
     pub codes: Vec<String>,
     /// Gain over the refitted baseline on fitted and selecting cycles, log-likelihood of effective samples.
@@ -139,7 +139,7 @@ pub struct CandidateRow {
 
 /// An effect that these recordings cannot show.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct NotTestable {
+pub(crate) struct NotTestable {
     /// Code.
     pub code: String,
     /// Share of its signature that the baseline cannot imitate.
@@ -150,7 +150,7 @@ pub struct NotTestable {
 
 /// A recording for the report, thinned out.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Curve {
+pub(crate) struct Curve {
     /// Name.
     pub name: String,
     /// Columns of equal length.
@@ -173,7 +173,7 @@ pub struct Curve {
 
 /// Mean residual over one axis.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Map {
+pub(crate) struct Map {
     /// Axis.
     pub axis: Axis,
     /// Edges of the bins, one more than values.
@@ -190,7 +190,7 @@ pub struct Map {
 
 /// An effect of the improved model, ready for a config file.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct AttachedEffect {
+pub(crate) struct AttachedEffect {
     /// Code, or the name of a form.
     pub code: String,
     /// Parameters by name.
@@ -199,7 +199,7 @@ pub struct AttachedEffect {
 
 /// The model with what was missing: twin, simulator and mock rig run it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct ImprovedModel {
+pub(crate) struct ImprovedModel {
     /// Model's name.
     pub model: String,
     /// Its parameters by name.
@@ -214,7 +214,7 @@ pub struct ImprovedModel {
 
 /// All of it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Diagnosis {
+pub(crate) struct Diagnosis {
     /// In one word.
     pub verdict: Verdict,
     /// In one sentence.
@@ -249,7 +249,7 @@ pub struct Diagnosis {
 
 impl Diagnosis {
     /// Why no further test is asked for, where none is.
-    pub fn settled(&self) -> Option<&'static str> {
+    pub(crate) fn settled(&self) -> Option<&'static str> {
         match self.verdict {
             Verdict::Adequate => Some("the baseline explains all recordings"),
             Verdict::MissingPhysics if self.alternatives.is_empty() => Some("no alternative is left"),
@@ -258,7 +258,7 @@ impl Diagnosis {
     }
 
     /// The next test, or why there is none. It may be one that was run before: as much evidence again.
-    pub fn next(&self) -> Result<&NextTest, &'static str> {
+    pub(crate) fn next(&self) -> Result<&NextTest, &'static str> {
         let next = self.next_test.as_ref();
         next.ok_or("no admissible profile tells the rest apart")
     }
@@ -266,7 +266,7 @@ impl Diagnosis {
 
 impl ImprovedModel {
     /// Builds the plant, effects attached.
-    pub fn plant(&self) -> Result<Box<dyn crate::model::Plant>, crate::effect::EffectError> {
+    pub(crate) fn plant(&self) -> Result<Box<dyn crate::model::Plant>, crate::effect::EffectError> {
         let model = crate::model::find(&self.model).map_err(crate::effect::EffectError::Value)?;
         let values: Vec<f64> = self.parameters.iter().map(|p| p.1).collect();
         let plant = model

@@ -289,7 +289,7 @@ pub(super) fn polish(exact: &Structure<'_>, tangent: &Tangent, values: Vec<f64>)
 
 impl Node {
     /// Residuals and sums at some values.
-    pub fn new(structure: &Structure<'_>, values: Vec<f64>) -> Option<Node> {
+    pub(super) fn new(structure: &Structure<'_>, values: Vec<f64>) -> Option<Node> {
         let residuals = structure.residuals(&values)?;
         Some(Node {
             fit: structure.data.sum(&residuals, Part::Fit),

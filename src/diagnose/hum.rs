@@ -27,12 +27,12 @@ pub(super) struct Hum {
 }
 
 impl Hum {
-    pub fn amplitude_n(&self) -> f64 {
+    pub(super) fn amplitude_n(&self) -> f64 {
         self.cosine_n.hypot(self.sine_n)
     }
 
     /// Its mean over a time around another, N.
-    pub fn mean_n(&self, time_s: f64, width_s: f64) -> f64 {
+    pub(super) fn mean_n(&self, time_s: f64, width_s: f64) -> f64 {
         let [cosine, sine] = columns(self.frequency_hz, time_s, width_s);
         self.cosine_n * cosine + self.sine_n * sine
     }

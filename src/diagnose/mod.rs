@@ -6,12 +6,12 @@
 //! what `repeats`), `next_test` among the `trial`s that the bench can run, `verdict`.
 //! Files, configs and pages are for others; `Diagnosis` has all they need.
 
-pub mod aggregates;
+pub(crate) mod aggregates;
 mod bank;
 mod baseline;
 mod choose;
 mod condition;
-pub mod diagnosis;
+pub(crate) mod diagnosis;
 mod fit;
 mod hum;
 mod next_test;
@@ -29,9 +29,9 @@ mod trial;
 mod turning;
 mod verdict;
 
-pub use baseline::{Baseline, BaselineError};
-pub use condition::{ConditionError, Part, Track, condition};
-pub use diagnosis::{Diagnosis, ImprovedModel, Verdict};
+pub(crate) use baseline::{Baseline, BaselineError};
+pub(crate) use condition::{ConditionError, Track, condition};
+pub(crate) use diagnosis::{Diagnosis, Verdict};
 
 use crate::effect::Span;
 use crate::profile::ProfileLimits;
@@ -39,7 +39,7 @@ use crate::recording::Recording;
 
 /// Why there is no diagnosis. Physics gives verdicts, not errors: these are about the input.
 #[derive(Debug, thiserror::Error, PartialEq)]
-pub enum DiagnoseError {
+pub(crate) enum DiagnoseError {
     /// Nothing to judge.
     #[error("no recording was given: name at least one")]
     NoRecording,
@@ -56,7 +56,7 @@ pub enum DiagnoseError {
 
 /// How to diagnose.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Options {
+pub(crate) struct Options {
     /// Points that a recording is thinned to.
     pub points: usize,
     /// Cores; 0 for all. The result does not depend on it.
@@ -79,7 +79,7 @@ impl Default for Options {
 const SLOW: [&str; 1] = ["leaf-pack"];
 
 /// Diagnoses recordings of one specimen. `progress` hears the share done, 0 to 1, and the step in words.
-pub fn diagnose(
+pub(crate) fn diagnose(
     recordings: &[Recording],
     baseline: &Baseline,
     options: &Options,

@@ -26,7 +26,7 @@ pub(super) struct Data {
 }
 
 impl Data {
-    pub fn new(tracks: Vec<Track>) -> Data {
+    pub(super) fn new(tracks: Vec<Track>) -> Data {
         let chain =
             |f: fn(&Track) -> &Vec<f64>| tracks.iter().flat_map(|t| f(t).clone()).collect::<Vec<f64>>();
         let force_n = chain(|t| &t.force_n);
@@ -42,12 +42,12 @@ impl Data {
         }
     }
 
-    pub fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.force_n.len()
     }
 
     /// Sum of squares of weighted residuals over one part.
-    pub fn sum(&self, residuals: &[f64], part: Part) -> f64 {
+    pub(super) fn sum(&self, residuals: &[f64], part: Part) -> f64 {
         residuals
             .iter()
             .zip(&self.part)
@@ -57,7 +57,7 @@ impl Data {
     }
 
     /// Takes mains hum out of the recordings where a fitted structure leaves it.
-    pub fn still_hum(&mut self, residuals: &mut [f64], model_n: &[f64]) {
+    pub(super) fn still_hum(&mut self, residuals: &mut [f64], model_n: &[f64]) {
         let mut from = 0;
         for (track, &length) in self.tracks.iter_mut().zip(&self.lengths) {
             let piece = from..from + length;
@@ -81,7 +81,7 @@ impl Data {
 
     /// Sets the weights by what a fitted structure shows: noise of the displacement times the slope that it has there
     /// (after a reversal it is far above the rate: errors in variables), then the white noise of the residuals, track by track.
-    pub fn rescale(&mut self, residuals: &mut [f64], model_n: &[f64]) {
+    pub(super) fn rescale(&mut self, residuals: &mut [f64], model_n: &[f64]) {
         let mut from = 0;
         for (track, &length) in self.tracks.iter().zip(&self.lengths) {
             let piece = from..from + length;
@@ -126,19 +126,19 @@ impl Data {
     }
 
     /// Samples that are fitted or compared.
-    pub fn counted(&self) -> usize {
+    pub(super) fn counted(&self) -> usize {
         self.count(Part::Fit) + self.count(Part::Select)
     }
 
     /// Lowers the weights by what is not the recordings' doing, N at each point.
-    pub fn allow(&mut self, off_n: &[f64]) {
+    pub(super) fn allow(&mut self, off_n: &[f64]) {
         for (weight, off_n) in self.weight.iter_mut().zip(off_n) {
             *weight /= (1.0f64).hypot(*weight * off_n);
         }
     }
 
     /// Samples of one part that count.
-    pub fn count(&self, part: Part) -> usize {
+    pub(super) fn count(&self, part: Part) -> usize {
         self.weight
             .iter()
             .zip(&self.part)
@@ -176,7 +176,7 @@ pub(super) struct Structure<'a> {
 }
 
 impl<'a> Structure<'a> {
-    pub fn new(setup: &'a Setup, data: &'a Data, attached: Vec<Attached>) -> Self {
+    pub(super) fn new(setup: &'a Setup, data: &'a Data, attached: Vec<Attached>) -> Self {
         let mut parameters = setup.model.parameters.to_vec();
         for a in &attached {
             parameters.extend(a.parameters.iter().copied());
@@ -195,13 +195,13 @@ impl<'a> Structure<'a> {
     }
 
     /// The same on the model itself, even where a surrogate stands for it.
-    pub fn exact(mut self) -> Self {
+    pub(super) fn exact(mut self) -> Self {
         self.exact = true;
         self
     }
 
     /// Model force at every point of every track, in N; the zero included.
-    pub fn predict(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
+    pub(super) fn predict(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
         let (zero_n, values) = values.split_last().expect("every structure has a zero");
         let mut plant = match &self.setup.surrogate {
             Some(surrogate) if !self.exact => {
@@ -223,7 +223,7 @@ impl<'a> Structure<'a> {
     }
 
     /// Weighted residuals (measured less model) of every point, whatever its part.
-    pub fn residuals(&self, values: &[f64]) -> Option<Vec<f64>> {
+    pub(super) fn residuals(&self, values: &[f64]) -> Option<Vec<f64>> {
         let mut out = vec![0.0; self.data.len()];
         self.compare(values, &mut out).ok()?;
         out.iter().all(|r| r.is_finite()).then_some(out)
@@ -256,33 +256,33 @@ impl<'a> Structure<'a> {
     }
 
     /// Bounds of every parameter.
-    pub fn parameters_bounds(&self) -> Vec<[f64; 2]> {
+    pub(super) fn parameters_bounds(&self) -> Vec<[f64; 2]> {
         self.parameters.iter().map(|p| p.bounds).collect()
     }
 
     /// The same structure with one effect more.
-    pub fn with(&self, candidate: &Attached) -> Structure<'a> {
+    pub(super) fn with(&self, candidate: &Attached) -> Structure<'a> {
         let mut attached = self.attached.clone();
         attached.push(candidate.clone());
         Structure::new(self.setup, self.data, attached)
     }
 
     /// Residuals as a fit sees them: held-out points zero, the priors' rows last. None where the model has no finite force.
-    pub fn fitted(&self, values: &[f64]) -> Option<DVector<f64>> {
+    pub(super) fn fitted(&self, values: &[f64]) -> Option<DVector<f64>> {
         let mut out = DVector::zeros(self.count());
         self.evaluate(values, out.as_mut_slice()).ok()?;
         out.iter().all(|r| r.is_finite()).then_some(out)
     }
 
     /// Change of the fitted residuals for a move of each parameter by its scale, and the scales.
-    pub fn sensitivities(&self, values: &[f64], residuals: &DVector<f64>) -> (DMatrix<f64>, Vec<f64>) {
+    pub(super) fn sensitivities(&self, values: &[f64], residuals: &DVector<f64>) -> (DMatrix<f64>, Vec<f64>) {
         let every: Vec<usize> = (0..values.len()).collect();
         let scale = self.scale(values);
         (self.columns(values, residuals, &every, &scale), scale)
     }
 
     /// Natural size of a move of each parameter.
-    pub fn scale(&self, values: &[f64]) -> Vec<f64> {
+    pub(super) fn scale(&self, values: &[f64]) -> Vec<f64> {
         values
             .iter()
             .zip(&self.parameters)
@@ -291,7 +291,7 @@ impl<'a> Structure<'a> {
     }
 
     /// Columns of the Jacobian, one a parameter in `which`, by forward differences within the bounds.
-    pub fn columns(
+    pub(super) fn columns(
         &self,
         values: &[f64],
         residuals: &DVector<f64>,

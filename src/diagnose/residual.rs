@@ -46,7 +46,7 @@ pub(super) struct Binned {
 
 impl Binned {
     /// Number of bins.
-    pub fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.edges.len() - 1
     }
 }

@@ -35,7 +35,7 @@ pub(super) struct Score {
 }
 
 impl Tangent {
-    pub fn new(structure: &Structure<'_>, values: &[f64]) -> Option<Tangent> {
+    pub(super) fn new(structure: &Structure<'_>, values: &[f64]) -> Option<Tangent> {
         let residuals = structure.fitted(values)?;
         let (jacobian, scale) = structure.sensitivities(values, &residuals);
         let normal = jacobian.tr_mul(&jacobian);
@@ -54,12 +54,12 @@ impl Tangent {
     }
 
     /// What is left of a signature after the structure has absorbed what it can.
-    pub fn project(&self, signature: &DVector<f64>) -> DVector<f64> {
+    pub(super) fn project(&self, signature: &DVector<f64>) -> DVector<f64> {
         signature - &self.jacobian * self.factor.solve(&self.jacobian.tr_mul(signature))
     }
 
     /// Scores every start of a candidate; the best first.
-    pub fn scores(
+    pub(super) fn scores(
         &self,
         structure: &Structure<'_>,
         values: &[f64],

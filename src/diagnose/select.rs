@@ -51,13 +51,13 @@ pub(super) struct Node {
 
 impl Node {
     /// Codes beyond the baseline, sorted, for comparing.
-    pub fn key(&self, extras: usize) -> Key {
+    pub(super) fn key(&self, extras: usize) -> Key {
         let mut key: Key = self.attached[extras..].iter().map(|a| a.effect.code).collect();
         key.sort_unstable();
         key
     }
 
-    pub fn cost(&self) -> f64 {
+    pub(super) fn cost(&self) -> f64 {
         self.fit + self.select
     }
 }
@@ -82,7 +82,7 @@ pub(super) struct Worth {
 }
 
 impl Worth {
-    pub fn of(data: &Data, residuals: &[f64]) -> Worth {
+    pub(super) fn of(data: &Data, residuals: &[f64]) -> Worth {
         let counted = data.weight.iter().filter(|w| **w > 0.0).count().max(1);
         let spread = residuals.iter().map(|r| r * r).sum::<f64>() / counted as f64;
         Worth {
@@ -92,18 +92,18 @@ impl Worth {
     }
 
     /// Gain in log-likelihood of effective samples for a sum of squares that falls by `lower`.
-    pub fn gain(&self, lower: f64) -> f64 {
+    pub(super) fn gain(&self, lower: f64) -> f64 {
         0.5 * lower / (self.spread * self.correlation)
     }
 }
 
 impl<'a> Bench<'a> {
-    pub fn structure(&self, attached: Vec<Attached>) -> Structure<'a> {
+    pub(super) fn structure(&self, attached: Vec<Attached>) -> Structure<'a> {
         Structure::new(self.setup, self.data, attached)
     }
 
     /// Where the baseline begins.
-    pub fn start(&self) -> Vec<f64> {
+    pub(super) fn start(&self) -> Vec<f64> {
         let mut start = self.setup.start.clone();
         for extra in &self.setup.extras {
             start.extend(
@@ -118,7 +118,7 @@ impl<'a> Bench<'a> {
     }
 
     /// The baseline alone, from several starts: nothing is known of where it belongs.
-    pub fn baseline(&self) -> Option<Node> {
+    pub(super) fn baseline(&self) -> Option<Node> {
         let structure = self.structure(self.setup.extras.clone());
         let bounds = structure.parameters_bounds();
         let start: Vec<f64> = self
@@ -144,12 +144,12 @@ impl<'a> Bench<'a> {
     }
 
     /// A node at rest, with its tangent.
-    pub fn settled(&self, node: &Node) -> Option<(Node, Tangent)> {
+    pub(super) fn settled(&self, node: &Node) -> Option<(Node, Tangent)> {
         settle(&self.structure(node.attached.clone()), node.values.clone())
     }
 
     /// A node with the baseline's own friction in a freer form, where the data ask for one.
-    pub fn freed(&self, node: &Node, form: Attached) -> Option<Node> {
+    pub(super) fn freed(&self, node: &Node, form: Attached) -> Option<Node> {
         let structure = self.structure(node.attached.clone()).with(&form);
         // Without the baseline's own law to begin with: one that forgets where it turned holds the fit back where it stands.
         let mut without = node.values.clone();
@@ -173,7 +173,7 @@ impl<'a> Bench<'a> {
 
     /// The best candidates on a settled baseline of its own law, its form freed afterwards: a form that was freed first has bent
     /// itself to what is missing, and may stand in the way of the effect that it is.
-    pub fn heads(&self, plain: &Node, tangent: &Tangent, form: &Attached) -> Vec<Node> {
+    pub(super) fn heads(&self, plain: &Node, tangent: &Tangent, form: &Attached) -> Vec<Node> {
         let mut children = self.children(plain, tangent, &[], HEADS_TRIED);
         children.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
         children.truncate(HEADS);
@@ -189,7 +189,7 @@ impl<'a> Bench<'a> {
     }
 
     /// Every candidate's starts scored against a node; best start first, one list a candidate.
-    pub fn scores(&self, node: &Node, tangent: &Tangent) -> Vec<Vec<Score>> {
+    pub(super) fn scores(&self, node: &Node, tangent: &Tangent) -> Vec<Vec<Score>> {
         let structure = self.structure(node.attached.clone());
         let free: Vec<usize> = (0..self.setup.candidates.len())
             .filter(|&c| {
@@ -203,7 +203,7 @@ impl<'a> Bench<'a> {
     }
 
     /// Children of a settled node: its most promising candidates, grown from their best starts.
-    pub fn children(&self, node: &Node, tangent: &Tangent, seen: &[Key], count: usize) -> Vec<Node> {
+    pub(super) fn children(&self, node: &Node, tangent: &Tangent, seen: &[Key], count: usize) -> Vec<Node> {
         let mut lists = self.scores(node, tangent);
         lists.retain(|l| l.first().is_some_and(|s| s.gain > 1.0));
         lists.sort_by(|a, b| b[0].gain.total_cmp(&a[0].gain));
@@ -240,7 +240,7 @@ impl<'a> Bench<'a> {
     }
 
     /// Maps over the cores; order and result do not depend on their number.
-    pub fn side_by_side<T: Sync, R: Send>(&self, items: &[T], run: impl Fn(&T) -> R + Sync) -> Vec<R> {
+    pub(super) fn side_by_side<T: Sync, R: Send>(&self, items: &[T], run: impl Fn(&T) -> R + Sync) -> Vec<R> {
         let next = AtomicUsize::new(0);
         let done: Mutex<Vec<(usize, R)>> = Mutex::new(Vec::with_capacity(items.len()));
         std::thread::scope(|scope| {

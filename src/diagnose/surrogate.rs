@@ -59,7 +59,7 @@ pub(super) struct Surrogate {
 
 impl Surrogate {
     /// From one expansion, at the values that the baseline begins with; `None` where the model cannot follow.
-    pub fn new(bench: &Bench<'_>) -> Option<Surrogate> {
+    pub(super) fn new(bench: &Bench<'_>) -> Option<Surrogate> {
         let parameters = bench.setup.model.parameters;
         let scale = Scale::of(bench.span.displacement_mm);
         let mut operator = Operator::new(scale);
@@ -92,7 +92,7 @@ impl Surrogate {
     }
 
     /// Takes the model's answer at some values in. How far off the surrogate was there: root mean square, in units of the noise.
-    pub fn expand(&mut self, bench: &Bench<'_>, values: &[f64]) -> Option<f64> {
+    pub(super) fn expand(&mut self, bench: &Bench<'_>, values: &[f64]) -> Option<f64> {
         let values = &values[..self.parameters.len()];
         let mut points = vec![values.to_vec()];
         for (i, p) in self.parameters.iter().enumerate() {
@@ -173,7 +173,7 @@ impl Surrogate {
     }
 
     /// Steps along the recordings, in their order, told of every point.
-    pub fn plant(&self, values: &[f64]) -> Box<dyn Plant> {
+    pub(super) fn plant(&self, values: &[f64]) -> Box<dyn Plant> {
         let (force_n, strengths) = self.blend(values);
         Box::new(Traced::new(
             (Arc::new(force_n), Arc::new(strengths)),
@@ -183,7 +183,7 @@ impl Surrogate {
     }
 
     /// What is held, and why.
-    pub fn remarks(&self) -> Vec<String> {
+    pub(super) fn remarks(&self) -> Vec<String> {
         let values = &self.expansions[0].values;
         self.parameters
             .iter()
@@ -196,7 +196,7 @@ impl Surrogate {
     }
 
     /// True for a parameter of the model that is held.
-    pub fn holds(&self, parameter: usize) -> bool {
+    pub(super) fn holds(&self, parameter: usize) -> bool {
         self.held.get(parameter).is_some_and(Option::is_some)
     }
 }

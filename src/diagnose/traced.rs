@@ -21,7 +21,7 @@ pub(super) struct Scale {
 }
 
 impl Scale {
-    pub fn of([low, high]: [f64; 2]) -> Scale {
+    pub(super) fn of([low, high]: [f64; 2]) -> Scale {
         Scale {
             middle_mm: 0.5 * (low + high),
             half_mm: (0.5 * (high - low)).max(1e-9),
@@ -38,7 +38,7 @@ pub(super) struct Operator {
 }
 
 impl Operator {
-    pub fn new(scale: Scale) -> Operator {
+    pub(super) fn new(scale: Scale) -> Operator {
         let [shortest, longest] = LENGTHS_MM;
         let step = (longest / shortest).powf(1.0 / (ELEMENTS - 1) as f64);
         Operator {
@@ -48,17 +48,17 @@ impl Operator {
         }
     }
 
-    pub fn reset(&mut self) {
+    pub(super) fn reset(&mut self) {
         self.elements.reset();
         self.at_mm = 0.0;
     }
 
-    pub fn move_to(&mut self, displacement_mm: f64) {
+    pub(super) fn move_to(&mut self, displacement_mm: f64) {
         self.elements.advance(displacement_mm - self.at_mm);
         self.at_mm = displacement_mm;
     }
 
-    pub fn terms(&mut self) -> [f64; TERMS] {
+    pub(super) fn terms(&mut self) -> [f64; TERMS] {
         let drags = self.elements.advance(0.0);
         let place = (self.at_mm - self.scale.middle_mm) / self.scale.half_mm;
         let mut terms = [1.0; TERMS];
@@ -91,7 +91,7 @@ pub(super) struct Traced {
 
 impl Traced {
     /// From forces and strengths of `H`, and from displacements and terms of `H` as recorded.
-    pub fn new(
+    pub(super) fn new(
         (force_n, strengths): (Arc<DVector<f64>>, Arc<DVector<f64>>),
         (recorded_mm, recorded_terms): (Arc<Vec<f64>>, Arc<DMatrix<f64>>),
         scale: Scale,

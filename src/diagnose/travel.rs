@@ -15,7 +15,7 @@ pub(super) struct Travel {
 }
 
 impl Travel {
-    pub fn new(x: &[f64], turns: &[usize]) -> Travel {
+    pub(super) fn new(x: &[f64], turns: &[usize]) -> Travel {
         let n = x.len();
         let mut motion = Travel {
             half: Vec::with_capacity(n),
@@ -46,7 +46,7 @@ impl Travel {
     }
 
     /// Turning points on either side of a sample, the lower first; without limit where the recording begins or ends.
-    pub fn reach(&self, i: usize, turned: &[Turn]) -> [f64; 2] {
+    pub(super) fn reach(&self, i: usize, turned: &[Turn]) -> [f64; 2] {
         let half = self.half[i] as usize;
         let before = half.checked_sub(1).and_then(|k| turned.get(k)).map(|t| t.mm);
         let after = turned.get(half).map(|t| t.mm);
@@ -60,12 +60,12 @@ impl Travel {
     }
 
     /// How far the turning point before a sample may be off.
-    pub fn turn_error_mm(&self, i: usize, turned: &[Turn]) -> f64 {
+    pub(super) fn turn_error_mm(&self, i: usize, turned: &[Turn]) -> f64 {
         let before = (self.half[i] as usize).checked_sub(1);
         before.and_then(|k| turned.get(k)).map_or(0.0, |t| t.error_mm)
     }
 
-    pub fn frequency_hz(&self, time_s: &[f64]) -> f64 {
+    pub(super) fn frequency_hz(&self, time_s: &[f64]) -> f64 {
         let halves: Vec<f64> = self
             .turns
             .windows(2)

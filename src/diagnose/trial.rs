@@ -36,7 +36,7 @@ pub(super) struct Reach {
 
 impl Reach {
     /// What the recordings covered and a little beyond it, as fast as `limits` allow; where there are none, as fast as was recorded.
-    pub fn new(
+    pub(super) fn new(
         displacement_mm: [f64; 2],
         recorded_mm_s: f64,
         [sample_hz, samples]: [f64; 2],
@@ -89,7 +89,7 @@ pub(super) struct Course {
 
 impl Trial {
     /// Profile file's text.
-    pub fn toml(&self, description: &str) -> String {
+    pub(super) fn toml(&self, description: &str) -> String {
         format!(
             "name = \"next-test-{}\"\ndescription = {}\ncontrol = \"displacement\"\n\n[[block]]\nrepeat = 1\n{}",
             self.name,
@@ -99,7 +99,7 @@ impl Trial {
     }
 
     /// Its motion from rest at zero; none where the limits do not let it.
-    pub fn course(&self, reach: &Reach, limits: Option<&ProfileLimits>) -> Option<Course> {
+    pub(super) fn course(&self, reach: &Reach, limits: Option<&ProfileLimits>) -> Option<Course> {
         let profile = Profile::from_toml(&self.toml(""), &self.name).ok()?;
         let refused = |l| check::violations(&profile, l, 0.0, COMMANDS_HZ).map_or(true, |v| !v.is_empty());
         if limits.is_some_and(refused) {

@@ -10,7 +10,7 @@ use super::{Axis, Branch, Effect, Place, Rival, Stage, Wrap, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     code: "backlash",
     stage: Stage::Frame,
     what: "lost motion at a reversal",

@@ -11,7 +11,7 @@ use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     code: "channel_delay",
     stage: Stage::Sensor,
     what: "one measuring channel lags the other",

@@ -11,7 +11,7 @@ use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     code: "coulomb_friction",
     stage: Stage::Pusher,
     what: "dry friction that does not depend on the load",

@@ -33,7 +33,7 @@ const fn strength(name: &'static str) -> Parameter {
 }
 
 /// One of [`super::FORMS`].
-pub const FORM: Effect = Effect {
+pub(crate) const FORM: Effect = Effect {
     code: "friction_form",
     stage: Stage::Interleaf,
     what: "the model's own friction with another way of turning round",

@@ -10,7 +10,7 @@ use super::{Effect, Rival, Stage, Wrap, everywhere, with_more_load, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     code: "geometric_stiffness",
     stage: Stage::Mounting,
     what: "stiffness that changes smoothly with deflection",

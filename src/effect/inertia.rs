@@ -11,7 +11,7 @@ use crate::model::{Motion, Parameter, Plant};
 use crate::units::inertia_force_n;
 
 /// The entry of [`super::EFFECTS`].
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     code: "inertia",
     stage: Stage::Pusher,
     what: "moving mass between load cell and specimen",

@@ -13,7 +13,7 @@ use crate::model::{Parameter, Plant};
 const NEVER_MM: f64 = -1000.0;
 
 /// The entry of [`super::EFFECTS`].
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     code: "lift_off",
     stage: Stage::Pusher,
     what: "contact lost, no force below a displacement",

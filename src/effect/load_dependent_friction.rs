@@ -11,7 +11,7 @@ use super::{Effect, Rival, Stage, Wrap, everywhere, load_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     code: "load_dependent_friction",
     stage: Stage::Interleaf,
     what: "dry friction in proportion to the load on the contact",

@@ -5,32 +5,32 @@
 
 use crate::model::{BuildError, Motion, Parameter, Plant};
 
-pub mod backlash;
-pub mod channel_delay;
-pub mod coulomb_friction;
-pub mod friction_form;
-pub mod geometric_stiffness;
-pub mod inertia;
-pub mod lift_off;
-pub mod load_dependent_friction;
-pub mod motion;
-pub mod presliding;
-pub mod progressive_stiffness;
-pub mod rate_independent_friction;
-pub mod relaxation;
-pub mod run_in;
-pub mod sensor_drift;
-pub mod sensor_saturation;
-pub mod series_compliance;
-pub mod stribeck;
+pub(crate) mod backlash;
+pub(crate) mod channel_delay;
+pub(crate) mod coulomb_friction;
+pub(crate) mod friction_form;
+pub(crate) mod geometric_stiffness;
+pub(crate) mod inertia;
+pub(crate) mod lift_off;
+pub(crate) mod load_dependent_friction;
+pub(crate) mod motion;
+pub(crate) mod presliding;
+pub(crate) mod progressive_stiffness;
+pub(crate) mod rate_independent_friction;
+pub(crate) mod relaxation;
+pub(crate) mod run_in;
+pub(crate) mod sensor_drift;
+pub(crate) mod sensor_saturation;
+pub(crate) mod series_compliance;
+pub(crate) mod stribeck;
 #[cfg(test)]
 pub(crate) mod testing;
-pub mod viscous_damping;
+pub(crate) mod viscous_damping;
 
 /// Where on the way from the specimen to the recorded number an effect sits. Effects are attached in this order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Stage {
+pub(crate) enum Stage {
     /// The leaves themselves.
     Specimen,
     /// Contacts between leaves.
@@ -48,7 +48,7 @@ pub enum Stage {
 /// Axis that a difference between model and recording is located on; names as in contracts.md.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Axis {
+pub(crate) enum Axis {
     /// Displacement.
     DisplacementMm,
     /// Measured force.
@@ -71,7 +71,7 @@ pub enum Axis {
 /// Branch of the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Branch {
+pub(crate) enum Branch {
     /// Displacement rises.
     Loading,
     /// Displacement falls.
@@ -82,7 +82,7 @@ pub enum Branch {
 
 /// The part of an axis in which an effect acts.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Place {
+pub(crate) struct Place {
     /// The axis.
     pub axis: Axis,
     /// From, in the axis' unit.
@@ -95,7 +95,7 @@ pub struct Place {
 
 /// What the recordings cover: an effect chooses its starts by it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Span {
+pub(crate) struct Span {
     /// Least and largest displacement in mm.
     pub displacement_mm: [f64; 2],
     /// Least and largest force in N.
@@ -110,12 +110,12 @@ pub struct Span {
 
 impl Span {
     /// Length of the displacement range in mm.
-    pub fn travel_mm(&self) -> f64 {
+    pub(crate) fn travel_mm(&self) -> f64 {
         self.displacement_mm[1] - self.displacement_mm[0]
     }
 
     /// What the recordings cover of an axis, in its unit; of any but force that of the displacement.
-    pub fn width(&self, axis: Axis) -> f64 {
+    pub(crate) fn width(&self, axis: Axis) -> f64 {
         match axis {
             Axis::ForceN => self.force_n[1] - self.force_n[0],
             _ => self.travel_mm(),
@@ -123,14 +123,14 @@ impl Span {
     }
 
     /// Displacement at a share of the range.
-    pub fn displacement_at(&self, share: f64) -> f64 {
+    pub(crate) fn displacement_at(&self, share: f64) -> f64 {
         self.displacement_mm[0] + share * self.travel_mm()
     }
 }
 
 /// Another code that gives nearly the same recording.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Rival {
+pub(crate) struct Rival {
     /// Its code.
     pub code: &'static str,
     /// Why the two look alike.
@@ -140,10 +140,10 @@ pub struct Rival {
 }
 
 /// Wraps the plant inside in an effect with the values given.
-pub type Attach = fn(values: &[f64], inside: Box<dyn Plant>) -> Box<dyn Plant>;
+pub(crate) type Attach = fn(values: &[f64], inside: Box<dyn Plant>) -> Box<dyn Plant>;
 
 /// One entry of [`EFFECTS`].
-pub struct Effect {
+pub(crate) struct Effect {
     /// Code of contracts.md.
     pub code: &'static str,
     /// Where it is attached.
@@ -171,7 +171,7 @@ pub struct Effect {
 }
 
 /// All effects, by code.
-pub static EFFECTS: &[Effect] = &[
+pub(crate) static EFFECTS: &[Effect] = &[
     backlash::EFFECT,
     channel_delay::EFFECT,
     coulomb_friction::EFFECT,
@@ -192,11 +192,11 @@ pub static EFFECTS: &[Effect] = &[
 ];
 
 /// Other forms of physics that a model already has: attached like effects, never named as missing.
-pub static FORMS: &[Effect] = &[friction_form::FORM];
+pub(crate) static FORMS: &[Effect] = &[friction_form::FORM];
 
 /// Why effects could not be attached.
 #[derive(Debug, thiserror::Error, PartialEq)]
-pub enum EffectError {
+pub(crate) enum EffectError {
     /// No effect has this code.
     #[error("no effect has the code \"{code}\": use one of {known}")]
     UnknownCode {
@@ -223,7 +223,7 @@ pub enum EffectError {
 }
 
 /// The effect or form with this code.
-pub fn find(code: &str) -> Result<&'static Effect, EffectError> {
+pub(crate) fn find(code: &str) -> Result<&'static Effect, EffectError> {
     EFFECTS
         .iter()
         .chain(FORMS)
@@ -236,7 +236,7 @@ pub fn find(code: &str) -> Result<&'static Effect, EffectError> {
 
 impl Effect {
     /// Attaches after checking that there is one finite value a parameter, within its bounds.
-    pub fn attached(&self, values: &[f64], inside: Box<dyn Plant>) -> Result<Box<dyn Plant>, EffectError> {
+    pub(crate) fn attached(&self, values: &[f64], inside: Box<dyn Plant>) -> Result<Box<dyn Plant>, EffectError> {
         if values.len() != self.parameters.len() {
             return Err(EffectError::Count {
                 code: self.code,
@@ -267,7 +267,7 @@ impl Effect {
 }
 
 /// Attaches several effects in the order of their stages (of one stage: by code), whatever order they are given in.
-pub fn attach_all(
+pub(crate) fn attach_all(
     effects: &[(&'static Effect, Vec<f64>)],
     plant: Box<dyn Plant>,
 ) -> Result<Box<dyn Plant>, EffectError> {
@@ -318,7 +318,7 @@ impl Wrap for Offset {
 }
 
 /// Puts a zero of the force channel around `inside`.
-pub fn with_zero(zero_n: f64, inside: Box<dyn Plant>) -> Box<dyn Plant> {
+pub(crate) fn with_zero(zero_n: f64, inside: Box<dyn Plant>) -> Box<dyn Plant> {
     if zero_n == 0.0 {
         inside
     } else {

@@ -7,15 +7,15 @@ use crate::model::Motion;
 use crate::model::friction::elements::{Elements, spread};
 
 /// Retreat that noise of an LVDT stays within, mm.
-pub const BAND_MM: f64 = 0.02;
+pub(crate) const BAND_MM: f64 = 0.02;
 /// Time constant of each of the two low passes, s.
-pub const LAG_S: f64 = 0.002;
+pub(crate) const LAG_S: f64 = 0.002;
 /// Turn-round that counts as a reversal of the motion, mm.
-pub const REVERSAL_MM: f64 = 0.2;
+pub(crate) const REVERSAL_MM: f64 = 0.2;
 
 /// Travel that noise cannot make: onwards at once, backwards only once the retreat exceeds the band, and then all of it.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Steady {
+pub(crate) struct Steady {
     at_mm: f64,
     direction: f64,
     free_of_noise: bool,
@@ -23,12 +23,12 @@ pub struct Steady {
 
 impl Steady {
     /// The next displacement is known with hindsight and carries no noise: every turn-round counts.
-    pub fn tell(&mut self) {
+    pub(crate) fn tell(&mut self) {
         self.free_of_noise = true;
     }
 
     /// Follows `displacement_mm`; returns the travel in mm since the last call.
-    pub fn travel(&mut self, displacement_mm: f64) -> f64 {
+    pub(crate) fn travel(&mut self, displacement_mm: f64) -> f64 {
         let travel_mm = displacement_mm - self.at_mm;
         let trusted = std::mem::take(&mut self.free_of_noise);
         if !trusted && travel_mm * self.direction < 0.0 && travel_mm.abs() <= BAND_MM {
@@ -48,14 +48,14 @@ const DRAG_ELEMENTS: usize = 32;
 /// How far a contact is dragged along, -1 to 1: [`elements`](crate::model::friction::elements) of a length and a shape, told
 /// apart from the noise of the displacement.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Drag {
+pub(crate) struct Drag {
     elements: Elements<DRAG_ELEMENTS>,
     steady: Steady,
 }
 
 impl Drag {
     /// A contact at rest.
-    pub fn new(length_mm: f64, shape: f64) -> Drag {
+    pub(crate) fn new(length_mm: f64, shape: f64) -> Drag {
         Drag {
             elements: Elements::new(spread(length_mm, shape)),
             steady: Steady::default(),
@@ -63,18 +63,18 @@ impl Drag {
     }
 
     /// See [`Steady::tell`].
-    pub fn tell(&mut self) {
+    pub(crate) fn tell(&mut self) {
         self.steady.tell();
     }
 
     /// Back to rest at zero displacement.
-    pub fn reset(&mut self) {
+    pub(crate) fn reset(&mut self) {
         self.steady = Steady::default();
         self.elements.reset();
     }
 
     /// Moves to `displacement_mm` and returns the mean drag.
-    pub fn step(&mut self, displacement_mm: f64) -> f64 {
+    pub(crate) fn step(&mut self, displacement_mm: f64) -> f64 {
         let travel_mm = self.steady.travel(displacement_mm);
         self.elements.advance(travel_mm).iter().sum::<f64>() / DRAG_ELEMENTS as f64
     }
@@ -82,7 +82,7 @@ impl Drag {
 
 /// Speed and acceleration behind two low passes; the speed's lag is made up for to first order.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Rates {
+pub(crate) struct Rates {
     displacement_mm: Option<f64>,
     told: Option<Motion>,
     once_mm_s: f64,
@@ -95,12 +95,12 @@ pub struct Rates {
 
 impl Rates {
     /// Takes what hindsight knows for the next step.
-    pub fn tell(&mut self, motion: &Motion) {
+    pub(crate) fn tell(&mut self, motion: &Motion) {
         self.told = Some(*motion);
     }
 
     /// Moves to `displacement_mm` within `dt_s`. The first call only sets the place: a recording does not begin with a leap.
-    pub fn step(&mut self, displacement_mm: f64, dt_s: f64) {
+    pub(crate) fn step(&mut self, displacement_mm: f64, dt_s: f64) {
         if let Some(motion) = self.told.take() {
             self.velocity_mm_s = motion.velocity_mm_s;
             self.acceleration_mm_s2 = motion.acceleration_mm_s2;
@@ -127,7 +127,7 @@ impl Rates {
 
 /// Counts reversals of the motion: by a band, and so late by its width, but at once where hindsight knows how far the way back goes.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Reversals {
+pub(crate) struct Reversals {
     extreme_mm: Option<f64>,
     turned_mm: f64,
     direction: f64,
@@ -139,12 +139,12 @@ pub struct Reversals {
 
 impl Reversals {
     /// The next displacement is known with hindsight, see [`Steady::tell`], and so are the turning points on either side of it.
-    pub fn tell(&mut self, motion: &Motion) {
+    pub(crate) fn tell(&mut self, motion: &Motion) {
         self.reach_mm = Some(motion.reach_mm);
     }
 
     /// Moves to `displacement_mm`.
-    pub fn step(&mut self, displacement_mm: f64) {
+    pub(crate) fn step(&mut self, displacement_mm: f64) {
         if self.extreme_mm.is_none() {
             self.turned_mm = displacement_mm;
         }
@@ -180,7 +180,7 @@ impl Reversals {
     }
 
     /// Cycles done: two reversals each.
-    pub fn cycles(&self) -> f64 {
+    pub(crate) fn cycles(&self) -> f64 {
         0.5 * f64::from(self.count)
     }
 }

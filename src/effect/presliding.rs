@@ -12,7 +12,7 @@ use super::{Axis, Branch, Effect, Place, Rival, Stage, Wrap, load_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     code: "presliding",
     stage: Stage::Interleaf,
     what: "friction that turns round gradually after a reversal",

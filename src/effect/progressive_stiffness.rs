@@ -9,7 +9,7 @@ use super::{Axis, Branch, Effect, Place, Rival, Stage, Wrap, with_more_load, wra
 use crate::model::{Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     code: "progressive_stiffness",
     stage: Stage::Specimen,
     what: "stiffness that rises beyond a deflection",

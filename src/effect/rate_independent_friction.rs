@@ -11,7 +11,7 @@ use super::{Effect, Rival, Stage, Wrap, everywhere, load_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     code: "rate_independent_friction",
     stage: Stage::Interleaf,
     what: "friction that stays in a slow ramp, where a law smoothed by speed loses it",

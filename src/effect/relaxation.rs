@@ -10,7 +10,7 @@ use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     code: "relaxation",
     stage: Stage::Specimen,
     what: "force that decays while the displacement stands still",

@@ -16,7 +16,7 @@ use crate::model::{Motion, Parameter, Plant};
 const LEAST_RATIO: f64 = 1e-3;
 
 /// The entry of [`super::EFFECTS`].
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     code: "run_in",
     stage: Stage::Interleaf,
     what: "friction or stiffness that changes with the number of cycles",

@@ -9,7 +9,7 @@ use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     code: "sensor_drift",
     stage: Stage::Sensor,
     what: "zero of the force channel that moves with time",

@@ -10,7 +10,7 @@ use super::{Axis, Branch, Effect, Place, Rival, Stage, Wrap, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     code: "sensor_saturation",
     stage: Stage::Sensor,
     what: "force channel that clips",

@@ -9,7 +9,7 @@ use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
-pub const EFFECT: Effect = Effect {
+pub(crate) const EFFECT: Effect = Effect {
     code: "series_compliance",
     stage: Stage::Frame,
     what: "fixture that gives between specimen and displacement sensor",

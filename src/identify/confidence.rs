@@ -22,7 +22,7 @@ const BLIND: f64 = 1e-6;
 
 /// Something a person should know before believing a fit.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Warning {
+pub(crate) enum Warning {
     /// The fit wanted to go further than the equations hold.
     AtBound {
         /// Parameter.
@@ -88,7 +88,7 @@ impl std::fmt::Display for Warning {
 
 /// What the derivatives at the optimum say. Everything has one entry a parameter of the problem.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Confidence {
+pub(crate) struct Confidence {
     /// 95 % intervals; `None` where the data do not give one.
     pub ci95: Vec<Option<[f64; 2]>>,
     /// Standard deviations; infinite where there is no interval.
@@ -102,7 +102,7 @@ pub struct Confidence {
 }
 
 /// Evaluates the derivatives once (one evaluation a parameter) at the optimum.
-pub fn confidence(
+pub(crate) fn confidence(
     evaluator: &mut Evaluator<'_>,
     values: &[f64],
     residuals: &[f64],
@@ -259,7 +259,7 @@ fn pseudo_inverse(
 }
 
 /// Integrated autocorrelation time of the residuals in samples, at least 1, over stretches that do not know each other.
-pub fn correlation_time(residuals: &[f64], stretches: &[usize]) -> f64 {
+pub(crate) fn correlation_time(residuals: &[f64], stretches: &[usize]) -> f64 {
     let variance = residuals.iter().map(|r| r * r).sum::<f64>();
     let longest = stretches.iter().copied().max().unwrap_or(0);
     if variance <= 0.0 {

@@ -11,7 +11,7 @@ use crate::recording::{Flags, Recording};
 
 /// How samples count.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Weighting {
+pub(crate) enum Weighting {
     /// Each recording's misfit over its range of force: every sample of every recording alike.
     Range,
     /// Over the noise: `1 / sqrt(force^2 + (rate * displacement)^2)`, rate from the recording's own ranges. Residuals of a
@@ -26,7 +26,7 @@ pub enum Weighting {
 
 /// What is assumed of the plant's state at the first sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Initial {
+pub(crate) enum Initial {
     /// Virgin at zero displacement, brought straight to the first sample.
     FromRest,
     /// As `FromRest`, and nothing is compared before the second reversal.
@@ -43,7 +43,7 @@ const UNLOADED: f64 = 0.02;
 
 /// What no parameter is fitted on.
 #[derive(Debug, Clone, PartialEq)]
-pub enum HeldOut {
+pub(crate) enum HeldOut {
     /// Everything is fitted.
     None,
     /// These recordings, by index.
@@ -54,7 +54,7 @@ pub enum HeldOut {
 
 /// How recordings become residuals.
 #[derive(Debug, Clone, PartialEq)]
-pub struct CurveOptions {
+pub(crate) struct CurveOptions {
     /// How samples count.
     pub weighting: Weighting,
     /// State at the first sample.
@@ -96,7 +96,7 @@ struct Curve {
 }
 
 /// Recordings of one specimen against a plant of `factory`.
-pub struct CurveProblem<'a> {
+pub(crate) struct CurveProblem<'a> {
     parameters: Vec<Parameter>,
     factory: Box<Factory<'a>>,
     curves: Vec<Curve>,
@@ -104,7 +104,7 @@ pub struct CurveProblem<'a> {
 
 /// Misfit of a set of values.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Score {
+pub(crate) struct Score {
     /// Root mean square of measured minus model over the measured force's range, on what was fitted.
     pub nrmse_train: f64,
     /// The same on what was held out; `None` where nothing was.
@@ -117,7 +117,7 @@ pub struct Score {
 
 impl<'a> CurveProblem<'a> {
     /// `factory` takes one value a parameter.
-    pub fn new(
+    pub(crate) fn new(
         parameters: Vec<Parameter>,
         factory: Box<Factory<'a>>,
         recordings: &[Recording],
@@ -145,7 +145,7 @@ impl<'a> CurveProblem<'a> {
     }
 
     /// A listed model as it stands, all its parameters.
-    pub fn of_model(
+    pub(crate) fn of_model(
         model: &'static Model,
         structure: &'a toml::Table,
         recordings: &[Recording],
@@ -156,7 +156,7 @@ impl<'a> CurveProblem<'a> {
     }
 
     /// Replaces the weights of a recording's samples (one each, 0 masks). Errors where the lengths differ.
-    pub fn set_weights(&mut self, recording: usize, weights: &[f64]) -> Result<(), IdentifyError> {
+    pub(crate) fn set_weights(&mut self, recording: usize, weights: &[f64]) -> Result<(), IdentifyError> {
         let curve = self.curves.get_mut(recording);
         match curve {
             Some(curve) if curve.weight.len() == weights.len() && weights.iter().all(|w| w.is_finite()) => {
@@ -172,14 +172,14 @@ impl<'a> CurveProblem<'a> {
     }
 
     /// Weight of every sample of a recording; 0 where masked or held out.
-    pub fn weights(&self, recording: usize) -> Vec<f64> {
+    pub(crate) fn weights(&self, recording: usize) -> Vec<f64> {
         self.curves.get(recording).map_or(Vec::new(), |curve| {
             (0..curve.weight.len()).map(|i| curve.fitted_weight(i)).collect()
         })
     }
 
     /// Model force in N at every sample of every recording.
-    pub fn predict(&self, values: &[f64]) -> Result<Vec<Vec<f64>>, BuildError> {
+    pub(crate) fn predict(&self, values: &[f64]) -> Result<Vec<Vec<f64>>, BuildError> {
         let mut plant = (self.factory)(values)?;
         let mut forces = Vec::with_capacity(self.curves.len());
         for curve in &self.curves {
@@ -191,7 +191,7 @@ impl<'a> CurveProblem<'a> {
     }
 
     /// Misfit of `values`, on what was fitted and on what was held out.
-    pub fn score(&self, values: &[f64]) -> Result<Score, BuildError> {
+    pub(crate) fn score(&self, values: &[f64]) -> Result<Score, BuildError> {
         let (mut train, mut held_out) = (Mean::default(), Mean::default());
         let (mut peak_force_error, mut loop_energy_error) = (0.0f64, 0.0f64);
         for (curve, model_n) in self.curves.iter().zip(self.predict(values)?) {
@@ -227,7 +227,7 @@ impl<'a> CurveProblem<'a> {
     }
 
     /// Names of the recordings, in order.
-    pub fn names(&self) -> impl Iterator<Item = &str> {
+    pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
         self.curves.iter().map(|curve| curve.name.as_str())
     }
 }

@@ -18,7 +18,7 @@ use super::{Control, Ending, Optimum, Progress};
 
 /// Table 5, and when to stop before its last generation.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Settings {
+pub(crate) struct Settings {
     /// NP.
     pub population: usize,
     /// F.
@@ -45,7 +45,7 @@ impl Default for Settings {
 }
 
 /// Searches within `bounds`, one pair a parameter.
-pub fn minimise(
+pub(crate) fn minimise(
     evaluator: &mut Evaluator<'_>,
     start: &[f64],
     bounds: &[[f64; 2]],

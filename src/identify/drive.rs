@@ -9,7 +9,7 @@ const ABSOLUTE_N: f64 = 1e-7;
 const LARGEST_MOVE_MM: f64 = 5.0;
 
 /// Leads a plant along forces. The plant keeps the state of the steps taken.
-pub struct ForceDriver<'a> {
+pub(crate) struct ForceDriver<'a> {
     plant: &'a mut Box<dyn Plant>,
     displacement_mm: f64,
     /// Speed of the last step, mm/s: where the search of the next one begins.
@@ -19,7 +19,7 @@ pub struct ForceDriver<'a> {
 
 impl<'a> ForceDriver<'a> {
     /// Takes over a plant that stands at zero displacement.
-    pub fn new(plant: &'a mut Box<dyn Plant>) -> Self {
+    pub(crate) fn new(plant: &'a mut Box<dyn Plant>) -> Self {
         ForceDriver {
             plant,
             displacement_mm: 0.0,
@@ -29,7 +29,7 @@ impl<'a> ForceDriver<'a> {
     }
 
     /// One step to `target_n` within `dt_s`; returns the displacement in mm. A force out of reach is approached only.
-    pub fn lead(&mut self, target_n: f64, dt_s: f64) -> f64 {
+    pub(crate) fn lead(&mut self, target_n: f64, dt_s: f64) -> f64 {
         let tolerance = ABSOLUTE_N.max(RELATIVE * target_n.abs());
         let start = self.displacement_mm;
         let mut x = start + self.speed_mm_s * dt_s;

@@ -6,7 +6,7 @@ use super::objective::Residuals;
 type Share<'a> = (&'a [Vec<f64>], &'a mut [f64]);
 
 /// Where the work is done, and how often it was.
-pub struct Evaluator<'a> {
+pub(crate) struct Evaluator<'a> {
     problem: &'a dyn Residuals,
     threads: usize,
     /// One buffer a thread: residuals of a point whose cost alone is asked for.
@@ -16,7 +16,7 @@ pub struct Evaluator<'a> {
 
 impl<'a> Evaluator<'a> {
     /// `threads`: 0 takes as many as there are cores.
-    pub fn new(problem: &'a dyn Residuals, threads: usize) -> Self {
+    pub(crate) fn new(problem: &'a dyn Residuals, threads: usize) -> Self {
         let threads = match threads {
             0 => std::thread::available_parallelism().map_or(1, |n| n.get()),
             n => n,
@@ -30,29 +30,29 @@ impl<'a> Evaluator<'a> {
     }
 
     /// The problem.
-    pub fn problem(&self) -> &'a dyn Residuals {
+    pub(crate) fn problem(&self) -> &'a dyn Residuals {
         self.problem
     }
 
     /// Evaluations so far.
-    pub fn evaluations(&self) -> usize {
+    pub(crate) fn evaluations(&self) -> usize {
         self.evaluations
     }
 
     /// Residuals at one point into `out`; the cost, infinite where the model refuses the values or a residual is not finite.
-    pub fn residuals(&mut self, values: &[f64], out: &mut [f64]) -> f64 {
+    pub(crate) fn residuals(&mut self, values: &[f64], out: &mut [f64]) -> f64 {
         self.evaluations += 1;
         cost_at(self.problem, values, out)
     }
 
     /// Cost at one point.
-    pub fn cost(&mut self, values: &[f64]) -> f64 {
+    pub(crate) fn cost(&mut self, values: &[f64]) -> f64 {
         self.evaluations += 1;
         cost_at(self.problem, values, &mut self.buffers[0])
     }
 
     /// Cost at each point, in order.
-    pub fn costs(&mut self, points: &[Vec<f64>]) -> Vec<f64> {
+    pub(crate) fn costs(&mut self, points: &[Vec<f64>]) -> Vec<f64> {
         self.evaluations += points.len();
         let mut costs = vec![f64::INFINITY; points.len()];
         let share = points.len().div_ceil(self.threads).max(1);
@@ -71,7 +71,7 @@ impl<'a> Evaluator<'a> {
     }
 
     /// Residuals at each point, in order, into consecutive columns of `out` (`count` long each); costs as in [`Self::costs`].
-    pub fn columns(&mut self, points: &[Vec<f64>], out: &mut [f64]) -> Vec<f64> {
+    pub(crate) fn columns(&mut self, points: &[Vec<f64>], out: &mut [f64]) -> Vec<f64> {
         self.evaluations += points.len();
         let mut costs = vec![f64::INFINITY; points.len()];
         let count = self.problem.count().max(1);

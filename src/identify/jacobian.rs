@@ -5,7 +5,7 @@ use nalgebra::DMatrix;
 use super::evaluator::Evaluator;
 
 /// Size by which a parameter counts: its value, or where that is small a hundredth of the width people would believe.
-pub fn typical(value: f64, belief: [f64; 2], bounds: [f64; 2]) -> f64 {
+pub(crate) fn typical(value: f64, belief: [f64; 2], bounds: [f64; 2]) -> f64 {
     let floor = 0.01 * (belief[1] - belief[0]).abs().min((bounds[1] - bounds[0]).abs());
     value.abs().max(floor).max(f64::MIN_POSITIVE)
 }
@@ -14,7 +14,7 @@ pub fn typical(value: f64, belief: [f64; 2], bounds: [f64; 2]) -> f64 {
 ///
 /// A column whose evaluation is refused (outside what the model can do) is tried the other way round, and is zero if that
 /// fails too.
-pub fn scaled_jacobian(
+pub(crate) fn scaled_jacobian(
     evaluator: &mut Evaluator<'_>,
     values: &[f64],
     residuals: &[f64],

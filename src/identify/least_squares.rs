@@ -16,7 +16,7 @@ use super::{Control, Ending, Optimum, Progress};
 
 /// When to stop, how to differentiate, where to begin.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Settings {
+pub(crate) struct Settings {
     /// Most iterations a start (one Jacobian each).
     pub iterations: usize,
     /// Converged when an accepted step lowers the cost by less than this share.
@@ -45,7 +45,7 @@ impl Default for Settings {
 }
 
 /// Searches within `bounds` from `start` and, where asked for, from points spread over `belief`.
-pub fn minimise(
+pub(crate) fn minimise(
     evaluator: &mut Evaluator<'_>,
     start: &[f64],
     bounds: &[[f64; 2]],

@@ -4,33 +4,33 @@
 //! or a published characteristic ([`objective`]). What a misfit means is for `diagnose`. Seeded, and the same bits whatever
 //! the number of threads.
 
-pub mod confidence;
-pub mod curve;
-pub mod differential_evolution;
-pub mod drive;
-pub mod evaluator;
-pub mod jacobian;
-pub mod least_squares;
-pub mod nelder_mead;
-pub mod objective;
-pub mod path;
-pub mod profile_likelihood;
-pub mod targets;
+pub(crate) mod confidence;
+pub(crate) mod curve;
+pub(crate) mod differential_evolution;
+pub(crate) mod drive;
+pub(crate) mod evaluator;
+pub(crate) mod jacobian;
+pub(crate) mod least_squares;
+pub(crate) mod nelder_mead;
+pub(crate) mod objective;
+pub(crate) mod path;
+pub(crate) mod profile_likelihood;
+pub(crate) mod targets;
 #[cfg(test)]
 mod testing;
 
 use nalgebra::DMatrix;
 
-pub use confidence::Warning;
-pub use curve::{CurveOptions, CurveProblem};
-pub use objective::{Factory, Residuals};
+pub(crate) use confidence::Warning;
+pub(crate) use curve::{CurveOptions, CurveProblem};
+pub(crate) use objective::Residuals;
 
 use crate::model::{BuildError, Parameter};
 use evaluator::Evaluator;
 
 /// Why a problem of identification cannot be put or solved.
 #[derive(Debug, thiserror::Error, PartialEq)]
-pub enum IdentifyError {
+pub(crate) enum IdentifyError {
     /// The model refuses the start.
     #[error("the fit cannot start: {0}")]
     Build(#[from] BuildError),
@@ -74,7 +74,7 @@ pub enum IdentifyError {
 
 /// What a watcher of a fit answers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Control {
+pub(crate) enum Control {
     /// Go on.
     Continue,
     /// End with the best so far.
@@ -83,7 +83,7 @@ pub enum Control {
 
 /// Where a search stands.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Progress<'a> {
+pub(crate) struct Progress<'a> {
     /// The method, in words.
     pub stage: &'static str,
     /// Iteration or generation.
@@ -100,7 +100,7 @@ pub struct Progress<'a> {
 
 /// How a search ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ending {
+pub(crate) enum Ending {
     /// Settled.
     Converged,
     /// Its iterations, generations or evaluations are used up.
@@ -111,7 +111,7 @@ pub enum Ending {
 
 /// What a search found.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Optimum {
+pub(crate) struct Optimum {
     /// Best values.
     pub values: Vec<f64>,
     /// Their cost.
@@ -124,7 +124,7 @@ pub struct Optimum {
 
 /// Which search.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Method {
+pub(crate) enum Method {
     /// Bounded Levenberg-Marquardt: the one to use.
     LeastSquares(least_squares::Settings),
     /// The third paper's simplex.
@@ -135,7 +135,7 @@ pub enum Method {
 
 /// How to fit.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Options {
+pub(crate) struct Options {
     /// Search.
     pub method: Method,
     /// Start, one value a parameter; the parameters' own where `None`.
@@ -165,7 +165,7 @@ impl Default for Options {
 
 /// A fit: one entry a parameter of the problem, fixed ones included.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Fit {
+pub(crate) struct Fit {
     /// Parameters, as the problem has them.
     pub parameters: Vec<Parameter>,
     /// Best values.
@@ -194,12 +194,12 @@ pub struct Fit {
 
 impl Fit {
     /// True where the search settled.
-    pub fn converged(&self) -> bool {
+    pub(crate) fn converged(&self) -> bool {
         self.ending == Ending::Converged
     }
 
     /// Value of a parameter by name.
-    pub fn value(&self, name: &str) -> Option<f64> {
+    pub(crate) fn value(&self, name: &str) -> Option<f64> {
         let index = self.parameters.iter().position(|p| p.name == name)?;
         self.values.get(index).copied()
     }
@@ -242,7 +242,7 @@ impl Residuals for Restricted<'_> {
 }
 
 /// Fits the free parameters of `problem`. `watch` is called from this thread, once an iteration.
-pub fn fit(
+pub(crate) fn fit(
     problem: &dyn Residuals,
     options: &Options,
     watch: &mut dyn FnMut(Progress<'_>) -> Control,

@@ -9,7 +9,7 @@ use super::{Control, Ending, Optimum, Progress};
 
 /// When to stop; the defaults are fminsearch's.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Settings {
+pub(crate) struct Settings {
     /// The simplex lies within this of its best corner, in relative parameters ...
     pub size_tolerance: f64,
     /// ... and its costs within this of the best.
@@ -119,7 +119,7 @@ impl Simplex<'_, '_> {
 }
 
 /// Searches from `start`.
-pub fn minimise(
+pub(crate) fn minimise(
     evaluator: &mut Evaluator<'_>,
     start: &[f64],
     bounds: &[[f64; 2]],

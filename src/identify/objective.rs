@@ -6,10 +6,10 @@ use super::drive::ForceDriver;
 use crate::model::{BuildError, Parameter, Plant};
 
 /// Builds a plant, effects attached, from one value a parameter.
-pub type Factory<'a> = dyn Fn(&[f64]) -> Result<Box<dyn Plant>, BuildError> + Sync + 'a;
+pub(crate) type Factory<'a> = dyn Fn(&[f64]) -> Result<Box<dyn Plant>, BuildError> + Sync + 'a;
 
 /// A problem of identification: parameters in, weighted residuals out. Same values, same bits.
-pub trait Residuals: Sync {
+pub(crate) trait Residuals: Sync {
     /// What may be moved, in the order of `values`.
     fn parameters(&self) -> &[Parameter];
     /// Number of residuals.
@@ -29,13 +29,13 @@ pub trait Residuals: Sync {
 /// One output of objective (9) of Kadziela et al. (2015): `w (r - t)^2 / s^2` with `s = |t| + 0.001`; its square root, signed.
 ///
 /// The scale's 0.001 is in the unit of the paper's table (kN, J), so `target` and `reached` belong in those.
-pub fn scaled_difference(target: f64, reached: f64, weight: f64) -> f64 {
+pub(crate) fn scaled_difference(target: f64, reached: f64, weight: f64) -> f64 {
     weight.sqrt() * (target - reached) / (target.abs() + 0.001)
 }
 
 /// Deformations of a spring that is led along a programme of forces, at points evenly spaced over it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ForceProgramme {
+pub(crate) struct ForceProgramme {
     /// Forces in N, one a step.
     pub force_n: Vec<f64>,
     /// Step in s.
@@ -44,7 +44,7 @@ pub struct ForceProgramme {
 
 impl ForceProgramme {
     /// `cycles` of a sine from `low_n` to `high_n` and back, `steps` a cycle.
-    pub fn sine(low_n: f64, high_n: f64, frequency_hz: f64, cycles: usize, steps: usize) -> Self {
+    pub(crate) fn sine(low_n: f64, high_n: f64, frequency_hz: f64, cycles: usize, steps: usize) -> Self {
         let force_n = (0..=cycles * steps)
             .map(|i| {
                 let phase = std::f64::consts::TAU * (i % steps) as f64 / steps as f64;
@@ -58,7 +58,7 @@ impl ForceProgramme {
     }
 
     /// Deformation in mm at every step.
-    pub fn deformation_mm(&self, plant: &mut Box<dyn Plant>) -> Vec<f64> {
+    pub(crate) fn deformation_mm(&self, plant: &mut Box<dyn Plant>) -> Vec<f64> {
         plant.reset();
         let mut driver = ForceDriver::new(plant);
         self.force_n
@@ -69,7 +69,7 @@ impl ForceProgramme {
 }
 
 /// Objective (4) of Polach and Hajzman: sum of |measured - calculated deformation| over points of the curve at equal forces.
-pub struct DeformationProblem<'a> {
+pub(crate) struct DeformationProblem<'a> {
     parameters: Vec<Parameter>,
     factory: Box<Factory<'a>>,
     programme: ForceProgramme,
@@ -79,7 +79,7 @@ pub struct DeformationProblem<'a> {
 
 impl<'a> DeformationProblem<'a> {
     /// `measured_mm` has one deformation a step of the programme; `count` of them after step `from`, evenly spaced, are compared.
-    pub fn new(
+    pub(crate) fn new(
         parameters: Vec<Parameter>,
         factory: Box<Factory<'a>>,
         programme: ForceProgramme,

@@ -1,7 +1,7 @@
 //! The recorded displacement as a path: turning points, smoothing, and how a plant is brought to its beginning.
 
 /// Indices of turning points that the signal leaves by more than `band`.
-pub fn reversals(signal: &[f64], band: f64) -> Vec<usize> {
+pub(crate) fn reversals(signal: &[f64], band: f64) -> Vec<usize> {
     let mut found = Vec::new();
     let (mut high, mut low) = (0, 0);
     let mut direction = 0.0;
@@ -28,7 +28,7 @@ pub fn reversals(signal: &[f64], band: f64) -> Vec<usize> {
 }
 
 /// Displacements from rest at zero to the state before the first sample; with `replay` the first cycle is run through once.
-pub fn approach(displacement_mm: &[f64], reversals: &[usize], replay: bool) -> Vec<f64> {
+pub(crate) fn approach(displacement_mm: &[f64], reversals: &[usize], replay: bool) -> Vec<f64> {
     let first = displacement_mm[0];
     let mut path = straight(0.0, first);
     let Some(&turn) = reversals.first() else {
@@ -59,7 +59,7 @@ fn straight(from: f64, to: f64) -> Vec<f64> {
 
 /// Zero-phase smoothing by a least-squares parabola over `half` samples to either side (Savitzky and Golay 1964); fewer
 /// towards the ends, whose last samples stay as they are.
-pub fn smoothed(signal: &[f64], half: usize) -> Vec<f64> {
+pub(crate) fn smoothed(signal: &[f64], half: usize) -> Vec<f64> {
     let weights = |m: f64, k: f64| {
         3.0 * (3.0 * m * m + 3.0 * m - 1.0 - 5.0 * k * k)
             / ((2.0 * m + 3.0) * (2.0 * m + 1.0) * (2.0 * m - 1.0))
@@ -78,7 +78,7 @@ pub fn smoothed(signal: &[f64], half: usize) -> Vec<f64> {
 }
 
 /// Largest less smallest.
-pub fn range(signal: &[f64]) -> f64 {
+pub(crate) fn range(signal: &[f64]) -> f64 {
     let low = signal.iter().copied().fold(f64::INFINITY, f64::min);
     let high = signal.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     high - low

@@ -10,7 +10,7 @@ const CHI2_95: f64 = 3.841;
 
 /// Where the profile crosses 95 %.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ProfileInterval {
+pub(crate) struct ProfileInterval {
     /// Lower end; `None` where the parameter's bound is reached first: open.
     pub low: Option<f64>,
     /// Upper end; `None` where open.
@@ -20,7 +20,7 @@ pub struct ProfileInterval {
 }
 
 /// Profile of parameter `index` about `best`, with the noise and the effective number of samples that the fit found.
-pub fn profile(
+pub(crate) fn profile(
     problem: &dyn Residuals,
     best: &Fit,
     index: usize,

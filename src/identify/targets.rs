@@ -16,7 +16,7 @@ const PATIENCE: usize = 8;
 
 /// What the rig did.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Motion {
+pub(crate) enum Motion {
     /// From rest to a force and back to the start, straight in displacement; the peak force is met by construction.
     ForceRamp {
         /// Force to reach in N.
@@ -44,7 +44,7 @@ pub enum Motion {
 
 /// One row of a table.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Target {
+pub(crate) struct Target {
     /// Mount or profile, for messages and for whoever builds the plant.
     pub profile: String,
     /// What the rig did.
@@ -57,7 +57,7 @@ pub struct Target {
 
 /// Peak force and loop energy of one cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Aggregate {
+pub(crate) struct Aggregate {
     /// Largest force in N.
     pub peak_force_n: f64,
     /// Energy lost in the cycle in J.
@@ -107,7 +107,7 @@ impl<'a> Meter<'a> {
 
 impl Motion {
     /// Leads `plant` from rest through the motion.
-    pub fn measure(&self, plant: &mut Box<dyn Plant>) -> Aggregate {
+    pub(crate) fn measure(&self, plant: &mut Box<dyn Plant>) -> Aggregate {
         plant.reset();
         match *self {
             Motion::ForceRamp { force_n, duration_s } => force_ramp(plant, force_n, duration_s),
@@ -181,10 +181,10 @@ fn force_ramp(plant: &mut Box<dyn Plant>, force_n: f64, duration_s: f64) -> Aggr
 }
 
 /// Builds the plant for a row: the mount may differ from row to row, the values are shared.
-pub type TargetFactory<'a> = dyn Fn(&[f64], &Target) -> Result<Box<dyn Plant>, BuildError> + Sync + 'a;
+pub(crate) type TargetFactory<'a> = dyn Fn(&[f64], &Target) -> Result<Box<dyn Plant>, BuildError> + Sync + 'a;
 
 /// Rows as residuals of objective (9): peak force in kN and loop energy in J, each over its scale, weighted.
-pub struct TargetProblem<'a> {
+pub(crate) struct TargetProblem<'a> {
     parameters: Vec<Parameter>,
     factory: Box<TargetFactory<'a>>,
     targets: Vec<Target>,
@@ -194,7 +194,7 @@ pub struct TargetProblem<'a> {
 
 impl<'a> TargetProblem<'a> {
     /// With the paper's weights (Table 4): 1 for the peak force, 0.6 for the loop energy.
-    pub fn new(parameters: Vec<Parameter>, factory: Box<TargetFactory<'a>>, targets: Vec<Target>) -> Self {
+    pub(crate) fn new(parameters: Vec<Parameter>, factory: Box<TargetFactory<'a>>, targets: Vec<Target>) -> Self {
         TargetProblem {
             parameters,
             factory,
@@ -205,7 +205,7 @@ impl<'a> TargetProblem<'a> {
     }
 
     /// What the plant gives, row by row.
-    pub fn measure(&self, values: &[f64]) -> Result<Vec<Aggregate>, BuildError> {
+    pub(crate) fn measure(&self, values: &[f64]) -> Result<Vec<Aggregate>, BuildError> {
         self.targets
             .iter()
             .map(|target| Ok(target.motion.measure(&mut (self.factory)(values, target)?)))
@@ -213,7 +213,7 @@ impl<'a> TargetProblem<'a> {
     }
 
     /// The rows.
-    pub fn targets(&self) -> &[Target] {
+    pub(crate) fn targets(&self) -> &[Target] {
         &self.targets
     }
 }
@@ -247,7 +247,7 @@ impl Residuals for TargetProblem<'_> {
 
 /// Reads rows from CSV: `profile, motion (force-ramp | ramp | sine), stroke_mm, duration_s, frequency_hz, valley_mm,
 /// peak_force_n, loop_energy_j`, by name, in any order; cells that the motion does not need stay empty.
-pub fn read_targets(reader: impl Read) -> Result<Vec<Target>, IdentifyError> {
+pub(crate) fn read_targets(reader: impl Read) -> Result<Vec<Target>, IdentifyError> {
     let mut csv = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(reader);
     let refused = |row: usize, column: &str, reason: String| IdentifyError::Targets {
         row,

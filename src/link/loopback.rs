@@ -8,13 +8,13 @@ use super::rings::{Outlet, Rings};
 use super::{Arrival, Link, RING_FRAMES, Wire};
 
 /// Host end and rig end. All arrival times are 0: time is the rig's tick.
-pub fn pair() -> (Link, Link) {
+pub(crate) fn pair() -> (Link, Link) {
     pair_with_clock(Arc::new(AtomicU64::new(0)))
 }
 
 /// Host end and rig end. Frames carry the time that `clock` (ns, moved by whoever steps the bench) shows as they are
 /// sent: in memory that is the time of arrival too.
-pub fn pair_with_clock(clock: Arc<AtomicU64>) -> (Link, Link) {
+pub(crate) fn pair_with_clock(clock: Arc<AtomicU64>) -> (Link, Link) {
     let (host_out, rig_in) = rtrb::RingBuffer::<Arrival>::new(RING_FRAMES);
     let (rig_out, host_in) = rtrb::RingBuffer::<Arrival>::new(RING_FRAMES);
     let end = |ring, inbox| {

@@ -4,8 +4,8 @@
 //! A new backend is one file and one line in [`BACKENDS`].
 
 mod can;
-pub mod loopback;
-pub mod priority;
+pub(crate) mod loopback;
+pub(crate) mod priority;
 mod rings;
 mod serial;
 mod service;
@@ -18,11 +18,11 @@ use crate::protocol::cob;
 use crate::protocol::frame::Frame;
 
 /// Frames that a ring holds: 4 s of samples, so a reader that stalls for 2 s loses nothing.
-pub const RING_FRAMES: usize = 8192;
+pub(crate) const RING_FRAMES: usize = 8192;
 
 /// A frame with the host's monotonic arrival time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Arrival {
+pub(crate) struct Arrival {
     /// The frame.
     pub frame: Frame,
     /// Nanoseconds on the host's monotonic clock; in memory what the pair's virtual clock showed as it was sent.
@@ -31,7 +31,7 @@ pub struct Arrival {
 
 /// Counters of a link, written by its task, read by anyone.
 #[derive(Debug, Default)]
-pub struct LinkHealth {
+pub(crate) struct LinkHealth {
     /// The link is open; false once the far end is gone.
     pub open: AtomicBool,
     /// Frames that the bus or port refused (queue full, write deadline).
@@ -48,7 +48,7 @@ pub struct LinkHealth {
 
 impl LinkHealth {
     /// Open, all counters zero.
-    pub fn opened() -> Self {
+    pub(crate) fn opened() -> Self {
         LinkHealth {
             open: AtomicBool::new(true),
             ..Self::default()
@@ -56,13 +56,13 @@ impl LinkHealth {
     }
 
     /// True while the far end is there.
-    pub fn is_open(&self) -> bool {
+    pub(crate) fn is_open(&self) -> bool {
         self.open.load(Ordering::Relaxed)
     }
 }
 
 /// One end of a link. `send`, `send_urgent` and `receive` are lock-free, never wait and never allocate.
-pub struct Link {
+pub(crate) struct Link {
     /// Counters.
     pub health: Arc<LinkHealth>,
     wire: Wire,
@@ -85,7 +85,7 @@ impl Link {
     }
 
     /// Queues `frame`. False, and counted, where the queue is full or the far end gone.
-    pub fn send(&mut self, frame: Frame) -> bool {
+    pub(crate) fn send(&mut self, frame: Frame) -> bool {
         match &mut self.wire {
             Wire::Rings(rings) => rings.send(frame, false, &self.health),
             Wire::Can(port) => port.send(frame, false, &self.health),
@@ -93,7 +93,7 @@ impl Link {
     }
 
     /// Queues `frame` before all others: the abort.
-    pub fn send_urgent(&mut self, frame: Frame) -> bool {
+    pub(crate) fn send_urgent(&mut self, frame: Frame) -> bool {
         match &mut self.wire {
             Wire::Rings(rings) => rings.send(frame, true, &self.health),
             Wire::Can(port) => port.send(frame, true, &self.health),
@@ -101,7 +101,7 @@ impl Link {
     }
 
     /// The next frame that arrived.
-    pub fn receive(&mut self) -> Option<Arrival> {
+    pub(crate) fn receive(&mut self) -> Option<Arrival> {
         match &mut self.wire {
             Wire::Rings(rings) => rings.receive(&self.health),
             Wire::Can(port) => port.receive(&self.health),
@@ -110,7 +110,7 @@ impl Link {
 
     /// Waits until what was queued is sent and the port is free again. A link that is just dropped does the same, but
     /// nobody waits for it. Not for the control thread.
-    pub fn close(self) {
+    pub(crate) fn close(self) {
         if let Wire::Rings(rings) = self.wire {
             rings.close();
         }
@@ -118,7 +118,7 @@ impl Link {
 }
 
 /// Now, on the host's monotonic clock: the clock of [`Arrival::at_ns`] on real links.
-pub fn now_ns() -> u64 {
+pub(crate) fn now_ns() -> u64 {
     let Ok(now) = nix::time::clock_gettime(nix::time::ClockId::CLOCK_MONOTONIC) else {
         // The clock exists on every Linux.
         return 0;
@@ -128,7 +128,7 @@ pub fn now_ns() -> u64 {
 
 /// Why a link could not be opened.
 #[derive(Debug, thiserror::Error)]
-pub enum LinkError {
+pub(crate) enum LinkError {
     /// The address has no scheme of ours.
     #[error("link \"{address}\" has no known scheme: write one of {known}")]
     Scheme {
@@ -148,7 +148,7 @@ pub enum LinkError {
 }
 
 /// A way to reach a rig.
-pub struct Backend {
+pub(crate) struct Backend {
     /// The part of the address before the colon: `can:vcan0`, `serial:/dev/ttyUSB0`.
     pub scheme: &'static str,
     /// One sentence.
@@ -160,7 +160,7 @@ pub struct Backend {
 
 /// Which end of the wire this is: it decides which identifiers are for us.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Side {
+pub(crate) enum Side {
     /// The daemon.
     Host {
         /// Node of the rig that we talk to.
@@ -175,7 +175,7 @@ pub enum Side {
 
 impl Side {
     /// Identifiers that are for this end.
-    pub fn identifiers(self) -> [u16; 5] {
+    pub(crate) fn identifiers(self) -> [u16; 5] {
         match self {
             Side::Host { rig_node } => [
                 cob::EMERGENCY,
@@ -200,7 +200,7 @@ impl Side {
 }
 
 /// All backends.
-pub static BACKENDS: &[Backend] = &[
+pub(crate) static BACKENDS: &[Backend] = &[
     Backend {
         scheme: "can",
         what: "CAN interface of the kernel (SocketCAN): can:can0",
@@ -214,7 +214,7 @@ pub static BACKENDS: &[Backend] = &[
 ];
 
 /// Opens the link at `address`, such as `can:vcan0` or `serial:/dev/ttyUSB0`.
-pub fn open(address: &str, side: Side) -> Result<Link, LinkError> {
+pub(crate) fn open(address: &str, side: Side) -> Result<Link, LinkError> {
     let backend = address.split_once(':').and_then(|(scheme, rest)| {
         let backend = BACKENDS.iter().find(|backend| backend.scheme == scheme)?;
         Some((backend, rest))

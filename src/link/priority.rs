@@ -9,7 +9,7 @@ use thread_priority::{ThreadPriority, ThreadPriorityValue};
 const FIFO_PRIORITY: u8 = 40;
 
 /// Puts the calling thread under SCHED_FIFO; where that is not allowed it stays as it is, and the reason comes back.
-pub fn raise_this_thread() -> Result<(), String> {
+pub(crate) fn raise_this_thread() -> Result<(), String> {
     let priority = ThreadPriorityValue::try_from(FIFO_PRIORITY).map_err(|e| format!("{e:?}"))?;
     set_thread_priority_and_policy(
         thread_native_id(),

@@ -16,7 +16,7 @@ use super::sensors::TwoPole;
 /// The frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct ActuatorConfig {
+pub(crate) struct ActuatorConfig {
     /// Effective piston area in mm2: 25 kN at 20 MPa.
     pub piston_area_mm2: f64,
     /// Supply pressure less return in MPa.
@@ -128,9 +128,9 @@ impl ActuatorConfig {
 }
 
 /// Steps of the hydraulics a millisecond.
-pub const STEPS_PER_MS: usize = 5;
+pub(crate) const STEPS_PER_MS: usize = 5;
 /// Length of such a step in s.
-pub const STEP_S: f64 = 1e-3 / STEPS_PER_MS as f64;
+pub(crate) const STEP_S: f64 = 1e-3 / STEPS_PER_MS as f64;
 /// Speed at which half of the seal friction has built up, mm/s.
 const SEAL_SPEED_MM_S: f64 = 0.05;
 /// Pressure builds up and falls over this time, s.
@@ -138,7 +138,7 @@ const PUMP_TIME_S: f64 = 0.03;
 
 /// The frame at work.
 #[derive(Debug, Clone)]
-pub struct Actuator {
+pub(crate) struct Actuator {
     area: f64,
     supply_full: f64,
     supply: f64,
@@ -162,7 +162,7 @@ pub struct Actuator {
 
 impl Actuator {
     /// At rest at `displacement_mm` against `specimen_n`, pump off.
-    pub fn new(config: &ActuatorConfig, displacement_mm: f64, specimen_n: f64) -> Self {
+    pub(crate) fn new(config: &ActuatorConfig, displacement_mm: f64, specimen_n: f64) -> Self {
         Actuator {
             area: config.piston_area_mm2,
             supply_full: config.supply_mpa,
@@ -185,18 +185,18 @@ impl Actuator {
     }
 
     /// Displacement of the piston in mm, loading positive.
-    pub fn displacement_mm(&self) -> f64 {
+    pub(crate) fn displacement_mm(&self) -> f64 {
         self.displacement_mm
     }
 
     /// Supply pressure as a share of its rating.
-    pub fn supply_ratio(&self) -> f64 {
+    pub(crate) fn supply_ratio(&self) -> f64 {
         self.supply / self.supply_full
     }
 
     /// One step of [`STEP_S`] with the valve commanded to `command` (-1 to 1) against `specimen_n`. With `open` false
     /// the blocking valve holds the oil in the chambers and the pump is off. Returns the displacement in mm.
-    pub fn step(&mut self, command: f64, open: bool, specimen_n: f64) -> f64 {
+    pub(crate) fn step(&mut self, command: f64, open: bool, specimen_n: f64) -> f64 {
         let supply = if open && !self.supply_lost {
             self.supply_full
         } else {

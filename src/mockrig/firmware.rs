@@ -19,7 +19,7 @@ use crate::units::Mode;
 
 /// What the firmware knows about itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Identity {
+pub(crate) struct Identity {
     /// Node on the bus.
     pub node: u8,
     /// Serial number.
@@ -32,7 +32,7 @@ pub struct Identity {
 
 /// What the firmware does to the hydraulics after a tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Drive {
+pub(crate) struct Drive {
     /// Servo valve, -1 to 1.
     pub valve: f64,
     /// Pump on and blocking valve open.
@@ -41,7 +41,7 @@ pub struct Drive {
 
 /// Messages to send, in order; full only if the host asks faster than any bus can carry, and then the oldest stay.
 #[derive(Debug, Clone, Default)]
-pub struct Outbox {
+pub(crate) struct Outbox {
     messages: [Option<FromRig>; 8],
     len: usize,
 }
@@ -55,12 +55,12 @@ impl Outbox {
     }
 
     /// True where nothing is to be sent.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.len == 0
     }
 
     /// Takes all messages out, in order.
-    pub fn drain(&mut self) -> impl Iterator<Item = FromRig> {
+    pub(crate) fn drain(&mut self) -> impl Iterator<Item = FromRig> {
         let len = std::mem::take(&mut self.len);
         std::mem::take(&mut self.messages).into_iter().take(len).flatten()
     }
@@ -79,7 +79,7 @@ const HEARTBEAT_TICKS: u64 = 100;
 
 /// The firmware.
 #[derive(Debug, Clone)]
-pub struct Firmware {
+pub(crate) struct Firmware {
     pub(super) identity: Identity,
     pub(super) limits: Limits,
     pub(super) nmt: NmtState,
@@ -109,7 +109,7 @@ pub struct Firmware {
 
 impl Firmware {
     /// Just booted: Off, no session, limits at their defaults.
-    pub fn new(identity: Identity, servo: &ServoConfig) -> Self {
+    pub(crate) fn new(identity: Identity, servo: &ServoConfig) -> Self {
         let mut outbox = Outbox::default();
         outbox.push(FromRig::Heartbeat {
             state: NmtState::BootUp,
@@ -145,7 +145,7 @@ impl Firmware {
     }
 
     /// Starts again with the next boot id: Off, no session, default limits, nothing resumed.
-    pub fn reboot(&mut self) {
+    pub(crate) fn reboot(&mut self) {
         let identity = Identity {
             boot_id: self.identity.boot_id.wrapping_add(1),
             ..self.identity
@@ -154,32 +154,32 @@ impl Firmware {
     }
 
     /// State.
-    pub fn state(&self) -> RigState {
+    pub(crate) fn state(&self) -> RigState {
         self.state
     }
 
     /// First cause of the latched state.
-    pub fn cause(&self) -> Cause {
+    pub(crate) fn cause(&self) -> Cause {
         self.cause
     }
 
     /// Ticks since boot.
-    pub fn ticks(&self) -> u64 {
+    pub(crate) fn ticks(&self) -> u64 {
         self.tick
     }
 
     /// What is to be sent now.
-    pub fn outbox(&mut self) -> &mut Outbox {
+    pub(crate) fn outbox(&mut self) -> &mut Outbox {
         &mut self.outbox
     }
 
     /// Pump on, oil moving.
-    pub fn pressure_on(&self) -> bool {
+    pub(crate) fn pressure_on(&self) -> bool {
         !matches!(self.state, RigState::Off | RigState::Tripped)
     }
 
     /// One sample period: reads, judges, moves, and leaves the messages in the outbox.
-    pub fn tick(&mut self, reading: &Reading) -> Drive {
+    pub(crate) fn tick(&mut self, reading: &Reading) -> Drive {
         self.tick += 1;
         self.guard.observe(reading);
         self.last_reading = Some(*reading);
@@ -471,7 +471,7 @@ impl Firmware {
 }
 
 /// Limits after boot, in the rig's nominal counts: 10 kN, 49 mm, 300 mm/s; the host writes its bench's before arming.
-pub const DEFAULT_LIMITS: Limits = Limits {
+pub(crate) const DEFAULT_LIMITS: Limits = Limits {
     force_max_counts: 100_000,
     force_min_counts: -5_000,
     displacement_max_counts: 98_000,

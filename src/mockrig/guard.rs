@@ -7,7 +7,7 @@ use crate::protocol::message::{
 
 /// What the firmware does about a fault, mildest first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Reaction {
+pub(crate) enum Reaction {
     /// S1: decelerate and keep the position.
     Hold,
     /// S2: ramp to zero load, then latched.
@@ -18,7 +18,7 @@ pub enum Reaction {
 
 /// What the firmware reads in one tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Reading {
+pub(crate) struct Reading {
     /// Load cell, or `COUNTS_INVALID`.
     pub force_counts: i32,
     /// LVDT, or `COUNTS_INVALID`.
@@ -31,7 +31,7 @@ pub struct Reading {
 
 /// What the loop was to do in this tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Following {
+pub(crate) struct Following {
     /// Channel under control.
     pub mode: WireMode,
     /// Set point less feedback, counts.
@@ -71,7 +71,7 @@ const BREAK_RATE_N_PER_MM: f64 = 1000.0;
 
 /// The detectors with what they remember.
 #[derive(Debug, Clone, Default)]
-pub struct Guard {
+pub(crate) struct Guard {
     force_bad: u32,
     displacement_bad: u32,
     force_over: u32,
@@ -90,7 +90,7 @@ pub struct Guard {
 
 impl Guard {
     /// Pressure comes on: counts start anew, the last readings stay.
-    pub fn restart(&mut self) {
+    pub(crate) fn restart(&mut self) {
         *self = Guard {
             last_force: self.last_force,
             last_displacement: self.last_displacement,
@@ -99,32 +99,32 @@ impl Guard {
     }
 
     /// The last valid load-cell reading, counts.
-    pub fn force_counts(&self) -> i32 {
+    pub(crate) fn force_counts(&self) -> i32 {
         self.last_force
     }
 
     /// The last valid LVDT reading, counts.
-    pub fn displacement_counts(&self) -> i32 {
+    pub(crate) fn displacement_counts(&self) -> i32 {
         self.last_displacement
     }
 
     /// Speed of the LVDT, smoothed over some 5 ms, counts a second.
-    pub fn velocity_counts_s(&self) -> f64 {
+    pub(crate) fn velocity_counts_s(&self) -> f64 {
         self.velocity_counts_s
     }
 
     /// True while the load cell gives no reading.
-    pub fn force_invalid(&self) -> bool {
+    pub(crate) fn force_invalid(&self) -> bool {
         self.force_bad > 0
     }
 
     /// True while a sensor gives no reading.
-    pub fn sensors_bad(&self) -> bool {
+    pub(crate) fn sensors_bad(&self) -> bool {
         self.force_bad > 0 || self.displacement_bad > 0
     }
 
     /// Takes the reading in, pressure on or not.
-    pub fn observe(&mut self, reading: &Reading) {
+    pub(crate) fn observe(&mut self, reading: &Reading) {
         count(&mut self.force_bad, reading.force_counts == COUNTS_INVALID);
         count(
             &mut self.displacement_bad,
@@ -151,7 +151,7 @@ impl Guard {
     }
 
     /// The worst thing there is in the reading just observed; called while the pressure is on.
-    pub fn check(
+    pub(crate) fn check(
         &mut self,
         reading: &Reading,
         limits: &Limits,

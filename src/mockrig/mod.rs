@@ -11,18 +11,17 @@ use crate::protocol::message::{
     Cause, DISPLACEMENT_MM_PER_COUNT, DecodeError, FORCE_N_PER_COUNT, FromRig, ToRig,
 };
 
-pub mod actuator;
-pub mod firmware;
-pub mod guard;
-pub mod queue;
+pub(crate) mod actuator;
+pub(crate) mod firmware;
+pub(crate) mod guard;
+pub(crate) mod queue;
 mod realtime;
-pub mod requests;
-pub mod sensors;
-pub mod servo;
+pub(crate) mod requests;
+pub(crate) mod sensors;
+pub(crate) mod servo;
 #[cfg(test)]
 mod tests;
 
-pub use realtime::Punctuality;
 
 use actuator::{Actuator, ActuatorConfig, STEP_S, STEPS_PER_MS};
 use firmware::{Drive, Firmware, Identity};
@@ -33,7 +32,7 @@ use servo::ServoConfig;
 /// The `[mock_rig]` table of a bench file; every key has a default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct MockRigConfig {
+pub(crate) struct MockRigConfig {
     /// Seed of all noise.
     pub seed: u64,
     /// Node on the bus, 1 to 126.
@@ -81,7 +80,7 @@ impl Default for MockRigConfig {
 
 /// Why a mock rig could not be built.
 #[derive(Debug, thiserror::Error, PartialEq)]
-pub enum MockRigError {
+pub(crate) enum MockRigError {
     /// A number that no rig can have.
     #[error("mock_rig.{table}{key} = {value} is not possible: it may be {range}")]
     Range {
@@ -98,7 +97,7 @@ pub enum MockRigError {
 
 impl MockRigConfig {
     /// Checks every number.
-    pub fn check(&self) -> Result<(), MockRigError> {
+    pub(crate) fn check(&self) -> Result<(), MockRigError> {
         let stroke = self.actuator.half_stroke_mm;
         let steps = self.plant_steps_per_ms;
         let own = [
@@ -151,7 +150,7 @@ impl MockRigConfig {
 
 /// Faults that a test puts into the rig; all off at first.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Injection {
+pub(crate) struct Injection {
     /// The load cell's reading stays as it is.
     pub force_frozen: bool,
     /// The LVDT's reading stays as it is.
@@ -180,7 +179,7 @@ pub struct Injection {
 const WATCHDOG_MS: u32 = 10;
 
 /// The rig.
-pub struct MockRig {
+pub(crate) struct MockRig {
     node: u8,
     firmware: Firmware,
     drive: Drive,
@@ -199,7 +198,7 @@ pub struct MockRig {
 
 impl MockRig {
     /// A rig that has just booted, with `plant` under its pusher.
-    pub fn new(config: &MockRigConfig, mut plant: Box<dyn Plant>) -> Result<Self, MockRigError> {
+    pub(crate) fn new(config: &MockRigConfig, mut plant: Box<dyn Plant>) -> Result<Self, MockRigError> {
         config.check()?;
         let start_mm = config.start_displacement_mm;
         let specimen_n = plant
@@ -239,27 +238,27 @@ impl MockRig {
     }
 
     /// The firmware, to look at.
-    pub fn firmware(&self) -> &Firmware {
+    pub(crate) fn firmware(&self) -> &Firmware {
         &self.firmware
     }
 
     /// True displacement in mm.
-    pub fn displacement_mm(&self) -> f64 {
+    pub(crate) fn displacement_mm(&self) -> f64 {
         self.actuator.displacement_mm()
     }
 
     /// True force of the specimen in N.
-    pub fn force_n(&self) -> f64 {
+    pub(crate) fn force_n(&self) -> f64 {
         self.specimen_n
     }
 
     /// The firmware starts again, as after a power dip of the controller.
-    pub fn reboot(&mut self) {
+    pub(crate) fn reboot(&mut self) {
         self.firmware.reboot();
     }
 
     /// One millisecond: obeys what arrived, lets the physics run, reads, answers.
-    pub fn tick(&mut self, link: &mut Link) {
+    pub(crate) fn tick(&mut self, link: &mut Link) {
         while let Some(arrival) = link.receive() {
             match ToRig::decode(&arrival.frame, self.node) {
                 Ok(message) => self.firmware.handle(message),

@@ -4,11 +4,11 @@
 use crate::protocol::message::WireMode;
 
 /// Slots: how far ahead commands may be sent, in ticks.
-pub const QUEUE_SLOTS: u64 = 512;
+pub(crate) const QUEUE_SLOTS: u64 = 512;
 
 /// A set point for one tick, in the counts of its mode's channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SetPoint {
+pub(crate) struct SetPoint {
     /// Which channel.
     pub mode: WireMode,
     /// Set point in counts; between two slots not a whole number.
@@ -25,7 +25,7 @@ struct Slot {
 
 /// Why a command was not taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Rejected {
+pub(crate) enum Rejected {
     /// Its tick has passed.
     Stale,
     /// Its tick lies beyond the queue.
@@ -34,7 +34,7 @@ pub enum Rejected {
 
 /// The queue.
 #[derive(Debug, Clone)]
-pub struct CommandQueue {
+pub(crate) struct CommandQueue {
     slots: Box<[Option<Slot>]>,
     newest: Option<u64>,
 }
@@ -50,14 +50,14 @@ impl Default for CommandQueue {
 
 impl CommandQueue {
     /// Empties the queue.
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.slots.fill(None);
         self.newest = None;
     }
 
     /// Takes a command for the tick whose low 16 bits are `tick_low`, seen from `now`. A second one for a tick replaces
     /// the first.
-    pub fn push(&mut self, tick_low: u16, now: u64, point: SetPoint) -> Result<(), Rejected> {
+    pub(crate) fn push(&mut self, tick_low: u16, now: u64, point: SetPoint) -> Result<(), Rejected> {
         let ahead = tick_low.wrapping_sub(now as u16) as i16;
         if ahead <= 0 {
             return Err(Rejected::Stale);
@@ -74,18 +74,18 @@ impl CommandQueue {
     }
 
     /// Ticks from `now` to the newest command; 0 where none is due any more.
-    pub fn level_ms(&self, now: u64) -> u64 {
+    pub(crate) fn level_ms(&self, now: u64) -> u64 {
         self.newest.map_or(0, |newest| newest.saturating_sub(now))
     }
 
     /// The newest command.
-    pub fn newest(&self) -> Option<SetPoint> {
+    pub(crate) fn newest(&self) -> Option<SetPoint> {
         self.newest.and_then(|tick| self.at(tick))
     }
 
     /// The set point at `tick`: its slot, or the straight line from `before` (the set point of the tick before, of the
     /// same mode) to the next slot known. `None` beyond the newest, or in a hole with nothing before it.
-    pub fn set_point(&self, tick: u64, before: Option<SetPoint>) -> Option<SetPoint> {
+    pub(crate) fn set_point(&self, tick: u64, before: Option<SetPoint>) -> Option<SetPoint> {
         if let Some(point) = self.at(tick) {
             return Some(point);
         }
@@ -100,7 +100,7 @@ impl CommandQueue {
     }
 
     /// The command sent for exactly `tick`.
-    pub fn at(&self, tick: u64) -> Option<SetPoint> {
+    pub(crate) fn at(&self, tick: u64) -> Option<SetPoint> {
         self.slots
             .get((tick % QUEUE_SLOTS) as usize)?
             .filter(|slot| slot.tick == tick)

@@ -14,7 +14,7 @@ const TICK_NS: i64 = 1_000_000;
 
 /// How punctual a real-time run was.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Punctuality {
+pub(crate) struct Punctuality {
     /// Ticks run.
     pub ticks: u64,
     /// Ticks that began more than one period after their time.
@@ -32,7 +32,7 @@ const CATCH_UP_NS: i64 = 3 * TICK_NS;
 impl MockRig {
     /// Ticks by the clock until `stop` or until the far end is gone. Each tick has its own absolute deadline; a tick is
     /// never left out, and after a stall the rig's clock stands behind the host's by what was stalled.
-    pub fn run_realtime(mut self, mut link: Link, stop: &AtomicBool) -> Result<Punctuality, Errno> {
+    pub(crate) fn run_realtime(mut self, mut link: Link, stop: &AtomicBool) -> Result<Punctuality, Errno> {
         let mut punctuality = Punctuality::default();
         let mut due_ns = now_ns()?;
         while !stop.load(Ordering::Relaxed) && link.health.is_open() {

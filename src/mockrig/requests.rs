@@ -12,7 +12,7 @@ use crate::protocol::protection::{CounterCheck, Sequence};
 
 /// What the firmware remembers of the host.
 #[derive(Debug, Clone, Default)]
-pub struct HostSide {
+pub(crate) struct HostSide {
     /// Session that owns the rig; 0 = none.
     pub session: u8,
     /// Counter of the newest request and its result.
@@ -59,7 +59,7 @@ impl<const N: usize> Burst<N> {
 
 impl Firmware {
     /// A message for this node, as decoded.
-    pub fn handle(&mut self, message: ToRig) {
+    pub(crate) fn handle(&mut self, message: ToRig) {
         let process_data = matches!(self.nmt, NmtState::Operational | NmtState::Stopped);
         match message {
             ToRig::Nmt { command, node } if node == 0 || node == self.identity.node => self.network(command),
@@ -117,7 +117,7 @@ impl Firmware {
     }
 
     /// A frame for this node that has no meaning (CRC, length, field), or came out of order.
-    pub fn note_corrupt(&mut self) {
+    pub(crate) fn note_corrupt(&mut self) {
         if self.host.corrupt.hit(self.tick) {
             self.trip(Cause::CorruptFrames, Reaction::Unload);
         }

@@ -13,7 +13,7 @@ const DELAY_MAX_MS: usize = 64;
 /// One channel.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct SensorConfig {
+pub(crate) struct SensorConfig {
     /// Corner of the two-pole (Butterworth) anti-alias filter in Hz.
     pub filter_hz: f64,
     /// Noise in counts, root mean square, white at the sample rate.
@@ -71,7 +71,7 @@ impl SensorConfig {
 
 /// A channel at work.
 #[derive(Debug, Clone)]
-pub struct Sensor {
+pub(crate) struct Sensor {
     config: SensorConfig,
     counts_per_unit: f64,
     filter: TwoPole,
@@ -90,7 +90,7 @@ pub struct Sensor {
 impl Sensor {
     /// A channel with `units_per_count` whose filter is stepped every `step_s`. `stream` keeps two channels of one
     /// seed apart.
-    pub fn new(config: &SensorConfig, units_per_count: f64, step_s: f64, seed: u64, stream: u64) -> Self {
+    pub(crate) fn new(config: &SensorConfig, units_per_count: f64, step_s: f64, seed: u64, stream: u64) -> Self {
         let mut noise = ChaCha8Rng::seed_from_u64(seed);
         noise.set_stream(stream);
         Sensor {
@@ -108,7 +108,7 @@ impl Sensor {
     }
 
     /// The filter settles at `value` and the delay line holds it: how the channel stands at boot.
-    pub fn settle(&mut self, value: f64) {
+    pub(crate) fn settle(&mut self, value: f64) {
         self.filter.settle(value);
         let counts = self.counts(0.0);
         self.delayed = [counts; DELAY_MAX_MS];
@@ -116,12 +116,12 @@ impl Sensor {
     }
 
     /// One step of the analogue side.
-    pub fn feel(&mut self, value: f64) {
+    pub(crate) fn feel(&mut self, value: f64) {
         self.filter.step(value);
     }
 
     /// The reading of this tick in counts, or `COUNTS_INVALID`.
-    pub fn read(&mut self) -> i32 {
+    pub(crate) fn read(&mut self) -> i32 {
         let noise = self.gaussian() * self.config.noise_rms_counts;
         self.head = (self.head + 1) % DELAY_MAX_MS;
         self.delayed[self.head] = self.counts(noise);

@@ -8,7 +8,7 @@ use crate::units::Mode;
 /// Gains of the loop.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct ServoConfig {
+pub(crate) struct ServoConfig {
     /// Speed a mm of error in displacement control, 1/s.
     pub displacement_gain_per_s: f64,
     /// Integral part in displacement control, 1/s2.
@@ -108,7 +108,7 @@ const TOUCH_N: f64 = 5.0;
 
 /// What the loop is to follow in one tick, in mm or N and their rates a second.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Target {
+pub(crate) struct Target {
     /// Which channel.
     pub mode: Mode,
     /// Set point at this tick.
@@ -121,7 +121,7 @@ pub struct Target {
 
 /// The loop with its state.
 #[derive(Debug, Clone)]
-pub struct Servo {
+pub(crate) struct Servo {
     config: ServoConfig,
     mode: Mode,
     integral_mm_s: f64,
@@ -132,7 +132,7 @@ pub struct Servo {
 
 impl Servo {
     /// A loop at rest.
-    pub fn new(config: &ServoConfig) -> Self {
+    pub(crate) fn new(config: &ServoConfig) -> Self {
         Servo {
             mode: Mode::Displacement,
             integral_mm_s: 0.0,
@@ -144,22 +144,22 @@ impl Servo {
     }
 
     /// Pressure comes on: nothing of the last motion is left.
-    pub fn engage(&mut self) {
+    pub(crate) fn engage(&mut self) {
         *self = Servo::new(&self.config);
     }
 
     /// How far ahead `Target::rate_ahead` should look.
-    pub fn lead_ms(&self) -> u32 {
+    pub(crate) fn lead_ms(&self) -> u32 {
         self.config.lead_ms
     }
 
     /// Speed that the loop asked the valve for in the last tick, mm/s.
-    pub fn speed_mm_s(&self) -> f64 {
+    pub(crate) fn speed_mm_s(&self) -> f64 {
         self.speed_mm_s
     }
 
     /// One tick: feedback in, valve command (-1 to 1) out.
-    pub fn step(&mut self, target: Target, displacement_mm: f64, force_n: f64) -> f64 {
+    pub(crate) fn step(&mut self, target: Target, displacement_mm: f64, force_n: f64) -> f64 {
         self.specimen.observe(displacement_mm, force_n);
         if target.mode != self.mode {
             // Bumpless: the integral keeps the speed offset that it has learnt, whichever channel taught it.

@@ -21,7 +21,7 @@ use super::friction::elements::{Elements, spread};
 use super::{BuildError, Model, Motion, Parameter, Plant, structure_numbers};
 
 /// The entry of [`super::MODELS`].
-pub const MODEL: Model = Model {
+pub(crate) const MODEL: Model = Model {
     name: "equivalent",
     what: "preload, linear spring and load-proportional presliding friction",
     parameters: &[
@@ -102,7 +102,7 @@ const SHARP_MM: f64 = 0.005;
 
 /// The model ready to step.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Equivalent {
+pub(crate) struct Equivalent {
     preload_n: f64,
     rate_n_per_mm: f64,
     friction_ratio: f64,
@@ -117,7 +117,7 @@ pub struct Equivalent {
 
 impl Equivalent {
     /// From values in the order of [`MODEL`]'s parameters; `datum_mm` is the displacement that carries the preload.
-    pub fn new(values: &[f64], datum_mm: f64) -> Result<Self, BuildError> {
+    pub(crate) fn new(values: &[f64], datum_mm: f64) -> Result<Self, BuildError> {
         let &[preload_n, rate_n_per_mm, friction_ratio, presliding_mm] = values else {
             return Err(BuildError::Structure {
                 model: "equivalent",

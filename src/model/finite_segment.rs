@@ -33,16 +33,16 @@ const fn table(k1_nm: f64, k2_nm: f64, q1: f64, f: f64, r_f_m: f64, v_eps: f64) 
 }
 
 /// Table 1, start of the GRP spring's identification.
-pub const GRP_START: [f64; 8] = table(6e4, 1.7e5, 0.09, 0.7, 0.08, 0.3e-3);
+pub(crate) const GRP_START: [f64; 8] = table(6e4, 1.7e5, 0.09, 0.7, 0.08, 0.3e-3);
 /// Table 1, optimum of the GRP spring.
-pub const GRP_OPTIMUM: [f64; 8] = table(43_224.0, 144_150.0, 0.0607, 0.3779, 0.0951, 0.5108e-3);
+pub(crate) const GRP_OPTIMUM: [f64; 8] = table(43_224.0, 144_150.0, 0.0607, 0.3779, 0.0951, 0.5108e-3);
 /// Table 2, start of the steel spring's identification.
-pub const STEEL_START: [f64; 8] = table(7e4, 1.4e5, 0.12, 0.7, 0.08, 0.3e-3);
+pub(crate) const STEEL_START: [f64; 8] = table(7e4, 1.4e5, 0.12, 0.7, 0.08, 0.3e-3);
 /// Table 2, optimum of the steel spring.
-pub const STEEL_OPTIMUM: [f64; 8] = table(59_897.0, 132_300.0, 0.1365, 0.8542, 0.0948, 0.3170e-3);
+pub(crate) const STEEL_OPTIMUM: [f64; 8] = table(59_897.0, 132_300.0, 0.1365, 0.8542, 0.0948, 0.3170e-3);
 
 /// The entry of [`super::MODELS`]; starts are those of Table 1 (GRP).
-pub const MODEL: Model = Model {
+pub(crate) const MODEL: Model = Model {
     name: NAME,
     what: "three rigid segments with bilinear torque and torque-proportional friction (Polach and Hajzman, eq. 1)",
     parameters: &[
@@ -187,7 +187,7 @@ impl Geometry {
 
 /// The model ready to step.
 #[derive(Debug, Clone, PartialEq)]
-pub struct FiniteSegment {
+pub(crate) struct FiniteSegment {
     geometry: Geometry,
     k1: f64,
     k2: f64,
@@ -206,7 +206,7 @@ pub struct FiniteSegment {
 impl FiniteSegment {
     /// From values in the order of [`MODEL`]'s parameters. `structure` may have `segment_length_mm`, `camber_rad`,
     /// `smoothing_rad`, `link_length_mm` (0: eyes slide freely, as on the test stand) and `link_angle_rad`.
-    pub fn new(values: &[f64], structure: &toml::Table) -> Result<Self, BuildError> {
+    pub(crate) fn new(values: &[f64], structure: &toml::Table) -> Result<Self, BuildError> {
         let &[k1, k2, q1, f, r_f_mm, v_eps, b, preload_n] = values else {
             return Err(refused(format!(
                 "{} values given for 8 parameters: give one each",

@@ -41,7 +41,7 @@ const fn envelope(
 }
 
 /// The entry of [`super::MODELS`]; starts are the thesis' final values, and no preload.
-pub const MODEL: Model = Model {
+pub(crate) const MODEL: Model = Model {
     name: "five-link",
     what: "three-link spring with shackle and modified Dahl joints (Chula thesis, eqs. 5-1 to 5-6)",
     parameters: &[
@@ -234,7 +234,7 @@ struct Joint {
 
 /// The model ready to step.
 #[derive(Debug, Clone, PartialEq)]
-pub struct FiveLink {
+pub(crate) struct FiveLink {
     geometry: Geometry,
     /// a, b of half the upper and d, e of half the lower envelope, N/mm and N.
     envelopes: [[f64; 2]; 2],
@@ -253,7 +253,7 @@ pub struct FiveLink {
 
 impl FiveLink {
     /// From values in the order of [`MODEL`]'s parameters and the geometry as measured.
-    pub fn new(values: &[f64], structure: &toml::Table) -> Result<Self, BuildError> {
+    pub(crate) fn new(values: &[f64], structure: &toml::Table) -> Result<Self, BuildError> {
         let &[a, b, d, e, beta_per_rad, mu, preload_mm] = values else {
             return Err(BuildError::Structure {
                 model: "five-link",

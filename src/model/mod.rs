@@ -2,11 +2,11 @@
 //!
 //! A new model is one file and one line in [`MODELS`].
 
-pub mod equivalent;
-pub mod finite_segment;
-pub mod five_link;
-pub mod friction;
-pub mod leaf_pack;
+pub(crate) mod equivalent;
+pub(crate) mod finite_segment;
+pub(crate) mod five_link;
+pub(crate) mod friction;
+pub(crate) mod leaf_pack;
 
 /// A model ready to step. Always driven by displacement, whatever the rig controls; same input, same bits.
 pub trait Plant: Send {
@@ -71,7 +71,7 @@ impl Parameter {
 
 /// Why a model could not be built.
 #[derive(Debug, thiserror::Error, PartialEq)]
-pub enum BuildError {
+pub(crate) enum BuildError {
     /// No model of this name.
     #[error("no model is called \"{name}\": use one of {known}")]
     UnknownModel {
@@ -115,10 +115,10 @@ pub enum BuildError {
 }
 
 /// How a [`Model`] is built.
-pub type Build = fn(values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, BuildError>;
+pub(crate) type Build = fn(values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, BuildError>;
 
 /// One entry of [`MODELS`].
-pub struct Model {
+pub(crate) struct Model {
     /// Name in files and on the command line.
     pub name: &'static str,
     /// One sentence with the source.
@@ -132,7 +132,7 @@ pub struct Model {
 }
 
 /// All models, by name.
-pub static MODELS: &[Model] = &[
+pub(crate) static MODELS: &[Model] = &[
     equivalent::MODEL,
     finite_segment::MODEL,
     five_link::MODEL,
@@ -140,7 +140,7 @@ pub static MODELS: &[Model] = &[
 ];
 
 /// The model called `name`.
-pub fn find(name: &str) -> Result<&'static Model, BuildError> {
+pub(crate) fn find(name: &str) -> Result<&'static Model, BuildError> {
     MODELS
         .iter()
         .find(|m| m.name == name)
@@ -152,12 +152,12 @@ pub fn find(name: &str) -> Result<&'static Model, BuildError> {
 
 impl Model {
     /// Every parameter at its start.
-    pub fn start_values(&self) -> Vec<f64> {
+    pub(crate) fn start_values(&self) -> Vec<f64> {
         self.parameters.iter().map(|p| p.start).collect()
     }
 
     /// Index of a parameter by name.
-    pub fn parameter_index(&self, name: &str) -> Result<usize, BuildError> {
+    pub(crate) fn parameter_index(&self, name: &str) -> Result<usize, BuildError> {
         self.parameters
             .iter()
             .position(|p| p.name == name)
@@ -174,7 +174,7 @@ impl Model {
     }
 
     /// Builds after checking that every value is finite and within bounds.
-    pub fn plant(&self, values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, BuildError> {
+    pub(crate) fn plant(&self, values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, BuildError> {
         for (p, &value) in self.parameters.iter().zip(values) {
             let [low, high] = p.bounds;
             if !(value >= low && value <= high) {

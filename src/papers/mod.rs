@@ -1,5 +1,5 @@
 //! The papers' own identifications run again: plain tables of their figures beside ours, for a command line to print.
 
-pub mod first;
-pub mod second;
-pub mod third;
+pub(crate) mod first;
+pub(crate) mod second;
+pub(crate) mod third;

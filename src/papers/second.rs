@@ -11,7 +11,7 @@ use crate::identify::{Control, Fit, IdentifyError, Method, Options, fit, least_s
 use crate::model::{BuildError, Model, Parameter, five_link};
 
 /// Table 5-1 in mm and N (kgf and cm printed), in the order of the test: six points up, five down.
-pub const TABLE_5_1: [(f64, f64); 11] = [
+pub(crate) const TABLE_5_1: [(f64, f64); 11] = [
     (0.034, 293.5228),
     (5.855, 622.4977),
     (13.098, 850.2503),
@@ -31,7 +31,7 @@ const STEPS: usize = 40;
 
 /// One model against the table.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Row {
+pub(crate) struct Row {
     /// Which.
     pub model: &'static str,
     /// Force in N at each point.
@@ -44,7 +44,7 @@ pub struct Row {
 
 /// The table run again.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Rerun {
+pub(crate) struct Rerun {
     /// Envelope lines as printed, model as printed, model fitted, model with preload fitted.
     pub rows: Vec<Row>,
     /// The last fit with intervals and warnings.
@@ -98,12 +98,12 @@ fn envelope_n(points: &[(f64, f64)], loading: usize) -> Vec<f64> {
 }
 
 /// The four rows; the exponent mu stays at the printed 1.
-pub fn rerun(threads: usize) -> Result<Rerun, IdentifyError> {
+pub(crate) fn rerun(threads: usize) -> Result<Rerun, IdentifyError> {
     rerun_over(&TABLE_5_1, LOADING, threads)
 }
 
 /// The same over other points of one loop, the first `loading` of them on the way up.
-pub fn rerun_over(points: &[(f64, f64)], loading: usize, threads: usize) -> Result<Rerun, IdentifyError> {
+pub(crate) fn rerun_over(points: &[(f64, f64)], loading: usize, threads: usize) -> Result<Rerun, IdentifyError> {
     let table = Table { points };
     let options = |fixed: &[&str]| Options {
         method: Method::LeastSquares(least_squares::Settings {

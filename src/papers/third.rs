@@ -12,18 +12,18 @@ use crate::identify::{
 use crate::model::{Model, finite_segment as model};
 
 /// Points of the characteristic that are compared; printed.
-pub const POINTS: usize = 200;
+pub(crate) const POINTS: usize = 200;
 /// Frequency of the load; printed.
-pub const FREQUENCY_HZ: f64 = 0.05;
+pub(crate) const FREQUENCY_HZ: f64 = 0.05;
 /// Range of the load in N; not printed: 80 kN pass the break of both springs.
-pub const LOAD_N: [f64; 2] = [2_000.0, 80_000.0];
+pub(crate) const LOAD_N: [f64; 2] = [2_000.0, 80_000.0];
 /// Steps a cycle of the fitted model, and how much finer the curve to be identified is made.
 const STEPS: usize = 2000;
 const FINER: usize = 4;
 
 /// One spring of the paper.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Spring {
+pub(crate) struct Spring {
     /// `GRP` or `steel`.
     pub name: &'static str,
     /// Published start, in the model's order.
@@ -33,7 +33,7 @@ pub struct Spring {
 }
 
 /// Both springs.
-pub const SPRINGS: [Spring; 2] = [
+pub(crate) const SPRINGS: [Spring; 2] = [
     Spring {
         name: "GRP",
         start: model::GRP_START,
@@ -48,7 +48,7 @@ pub const SPRINGS: [Spring; 2] = [
 
 /// One parameter of a row.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Figure {
+pub(crate) struct Figure {
     /// Name; `f * r_f_mm` for the product.
     pub name: &'static str,
     /// Published start.
@@ -63,7 +63,7 @@ pub struct Figure {
 
 /// One identification.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Row {
+pub(crate) struct Row {
     /// Spring.
     pub spring: &'static str,
     /// Method.
@@ -83,7 +83,7 @@ pub struct Row {
 }
 
 /// Both springs by both methods.
-pub fn rerun(threads: usize) -> Result<Vec<Row>, IdentifyError> {
+pub(crate) fn rerun(threads: usize) -> Result<Vec<Row>, IdentifyError> {
     let methods = [
         (
             "least squares",
@@ -104,7 +104,7 @@ pub fn rerun(threads: usize) -> Result<Vec<Row>, IdentifyError> {
 }
 
 /// One spring by one method.
-pub fn identify(
+pub(crate) fn identify(
     spring: &Spring,
     name: &'static str,
     method: Method,
@@ -136,7 +136,7 @@ pub fn identify(
 }
 
 /// Objective (4) against the curve of the published optimum. The first cycle settles the state, the second is compared.
-pub fn problem(spring: &Spring) -> Result<DeformationProblem<'static>, IdentifyError> {
+pub(crate) fn problem(spring: &Spring) -> Result<DeformationProblem<'static>, IdentifyError> {
     let structure = toml::Table::new();
     let programme = |steps| ForceProgramme::sine(LOAD_N[0], LOAD_N[1], FREQUENCY_HZ, 2, steps);
     let mut truth = Model::plant(&model::MODEL, &spring.optimum, &structure)?;

@@ -6,7 +6,7 @@ use crate::units::Command;
 
 /// Limits of a bench as far as a profile by itself can break them.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ProfileLimits {
+pub(crate) struct ProfileLimits {
     /// Lowest force.
     pub force_min_n: f64,
     /// Highest force.
@@ -22,7 +22,7 @@ pub struct ProfileLimits {
 }
 
 /// Corners of ramps have no acceleration of their own; the oil rounds them over about this time.
-pub const ACCELERATION_WINDOW_S: f64 = 0.02;
+pub(crate) const ACCELERATION_WINDOW_S: f64 = 0.02;
 
 /// A limit that the profile would break: its worst value and when.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, thiserror::Error)]
@@ -31,7 +31,7 @@ pub const ACCELERATION_WINDOW_S: f64 = 0.02;
      specimen allow it",
     worst.value, worst.time_s, worst.segment, worst.name, worst.limit
 )]
-pub struct Violation {
+pub(crate) struct Violation {
     /// The profile.
     pub profile: String,
     /// The limit and the value.
@@ -40,7 +40,7 @@ pub struct Violation {
 
 /// The worst value that one limit has seen.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Extreme {
+pub(crate) struct Extreme {
     /// Limit's key, as in the bench config.
     pub name: &'static str,
     /// Worst value.
@@ -75,19 +75,19 @@ impl Extreme {
     }
 
     /// What is left to the limit, in percent of it; negative beyond it.
-    pub fn margin_percent(&self) -> f64 {
+    pub(crate) fn margin_percent(&self) -> f64 {
         self.sign * (self.limit - self.value) / self.limit.abs() * 100.0
     }
 
     /// A value at the limit is allowed, one beyond it is not.
-    pub fn is_broken(&self) -> bool {
+    pub(crate) fn is_broken(&self) -> bool {
         self.value * self.sign > self.limit * self.sign
     }
 }
 
 /// Follows force and displacement, commanded or predicted, against the limits.
 #[derive(Debug, Clone)]
-pub struct Watch {
+pub(crate) struct Watch {
     force: [Extreme; 2],
     displacement: [Extreme; 2],
     speed: Extreme,
@@ -101,7 +101,7 @@ pub struct Watch {
 
 impl Watch {
     /// From a rig at rest at `start_mm`.
-    pub fn new(limits: &ProfileLimits, start_mm: f64, sample_rate_hz: f64) -> Self {
+    pub(crate) fn new(limits: &ProfileLimits, start_mm: f64, sample_rate_hz: f64) -> Self {
         let window = ((ACCELERATION_WINDOW_S * sample_rate_hz).round() as usize).max(1);
         Watch {
             force: [
@@ -122,7 +122,7 @@ impl Watch {
     }
 
     /// One tick; what is not known is left out.
-    pub fn see(&mut self, segment: u32, force_n: Option<f64>, displacement_mm: Option<f64>) {
+    pub(crate) fn see(&mut self, segment: u32, force_n: Option<f64>, displacement_mm: Option<f64>) {
         let at = self.tick % self.speeds.len();
         self.tick += 1;
         let time_s = self.tick as f64 / self.sample_rate_hz;
@@ -146,7 +146,7 @@ impl Watch {
     }
 
     /// The worst of every quantity that was seen.
-    pub fn extremes(&self) -> Vec<Extreme> {
+    pub(crate) fn extremes(&self) -> Vec<Extreme> {
         let all = self
             .force
             .iter()
@@ -156,7 +156,7 @@ impl Watch {
     }
 
     /// Those beyond their limit.
-    pub fn violations(&self, profile: &str) -> Vec<Violation> {
+    pub(crate) fn violations(&self, profile: &str) -> Vec<Violation> {
         let broken = self.extremes().into_iter().filter(Extreme::is_broken);
         broken
             .map(|worst| Violation {
@@ -168,7 +168,7 @@ impl Watch {
 }
 
 /// Every limit that the profile's own commands break when it starts at `start_level`; empty when it keeps them all.
-pub fn violations(
+pub(crate) fn violations(
     profile: &Profile,
     limits: &ProfileLimits,
     start_level: f64,

@@ -10,7 +10,7 @@ use super::player::CycleTarget;
 
 /// Change of a cycle's command: `mean + mean_offset + amplitude * amplitude_factor * wave`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Correction {
+pub(crate) struct Correction {
     /// Times the profile's amplitude.
     pub amplitude_factor: f64,
     /// Added to the profile's mean, in the mode's unit.
@@ -19,7 +19,7 @@ pub struct Correction {
 
 impl Correction {
     /// The command as the profile has it.
-    pub const NONE: Correction = Correction {
+    pub(crate) const NONE: Correction = Correction {
         amplitude_factor: 1.0,
         mean_offset: 0.0,
     };
@@ -36,7 +36,7 @@ impl Correction {
 
 /// Highest and lowest values of feedback and command over the samples of one cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CycleMeasurement {
+pub(crate) struct CycleMeasurement {
     /// Highest feedback.
     pub peak: f64,
     /// Lowest feedback.
@@ -49,12 +49,12 @@ pub struct CycleMeasurement {
 
 impl CycleMeasurement {
     /// Half of peak minus valley.
-    pub fn amplitude(&self) -> f64 {
+    pub(crate) fn amplitude(&self) -> f64 {
         0.5 * (self.peak - self.valley)
     }
 
     /// Middle between peak and valley.
-    pub fn mean(&self) -> f64 {
+    pub(crate) fn mean(&self) -> f64 {
         0.5 * (self.peak + self.valley)
     }
 }
@@ -76,7 +76,7 @@ const LEAST_AMPLITUDE: f64 = 0.2;
 
 /// The controller of one sine or triangle segment.
 #[derive(Debug, Clone)]
-pub struct CycleController {
+pub(crate) struct CycleController {
     target: CycleTarget,
     gain: f64,
     shift: f64,
@@ -86,7 +86,7 @@ pub struct CycleController {
 
 impl CycleController {
     /// For a segment with this target.
-    pub fn new(target: CycleTarget) -> Self {
+    pub(crate) fn new(target: CycleTarget) -> Self {
         CycleController {
             target,
             gain: 1.0,
@@ -98,7 +98,7 @@ impl CycleController {
 
     /// Takes one whole cycle, tapered or counted, and returns the correction for the next cycle that can still be changed.
     /// A cycle that says nothing (too small, not finite) leaves the correction as it is.
-    pub fn cycle(&mut self, measured: &CycleMeasurement) -> Correction {
+    pub(crate) fn cycle(&mut self, measured: &CycleMeasurement) -> Correction {
         let commanded = 0.5 * (measured.command_peak - measured.command_valley);
         let gain = measured.amplitude() / commanded;
         let shift = measured.mean() - 0.5 * (measured.command_peak + measured.command_valley);
@@ -117,7 +117,7 @@ impl CycleController {
     }
 
     /// The correction asked for last.
-    pub fn correction(&self) -> Correction {
+    pub(crate) fn correction(&self) -> Correction {
         self.correction
     }
 

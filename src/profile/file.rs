@@ -22,7 +22,7 @@ use super::{Block, Profile, ProfileError, Segment, pieces};
 use crate::units::Mode;
 
 /// Larger files are not profiles.
-pub const MAX_FILE_BYTES: usize = 1 << 20;
+pub(crate) const MAX_FILE_BYTES: usize = 1 << 20;
 /// Rate at which a file is checked for durations below a sample.
 const CHECK_RATE_HZ: f64 = 1000.0;
 
@@ -51,7 +51,7 @@ fn once() -> Spanned<u32> {
 }
 
 /// Line and column, both from 1, of a byte in `text`.
-pub fn line_column(text: &str, byte: usize) -> (usize, usize) {
+pub(crate) fn line_column(text: &str, byte: usize) -> (usize, usize) {
     let before: String = text
         .char_indices()
         .take_while(|(i, _)| *i < byte)
@@ -64,7 +64,7 @@ pub fn line_column(text: &str, byte: usize) -> (usize, usize) {
 
 impl Profile {
     /// Reads and checks a profile file's text; `name_for_messages` is the file's name.
-    pub fn from_toml(text: &str, name_for_messages: &str) -> Result<Profile, ProfileError> {
+    pub(crate) fn from_toml(text: &str, name_for_messages: &str) -> Result<Profile, ProfileError> {
         let reader = Reader {
             text,
             name: name_for_messages,

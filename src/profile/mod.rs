@@ -3,27 +3,27 @@
 //! `player` turns a profile into one command a tick, `stop` leaves it smoothly, `correction` keeps a sine's amplitude and
 //! mean, `file` is the TOML form, `check` holds a profile against limits. Whether the rig obeys is `control`'s business; what the spring answers is a model's.
 
-pub mod check;
-pub mod correction;
-pub mod file;
+pub(crate) mod check;
+pub(crate) mod correction;
+pub(crate) mod file;
 mod keys;
 mod pieces;
-pub mod player;
+pub(crate) mod player;
 mod shape;
-pub mod stop;
+pub(crate) mod stop;
 mod write;
 
-pub use check::{Extreme, ProfileLimits, Violation, Watch, violations};
-pub use correction::{Correction, CycleController, CycleMeasurement};
-pub use pieces::{MAX_DURATION_H, MAX_SEGMENTS};
-pub use player::{CycleTarget, Player, Slot};
-pub use stop::StopMotion;
+pub(crate) use check::{Extreme, ProfileLimits, Violation, Watch};
+#[cfg(test)]
+pub(crate) use check::violations;
+pub(crate) use correction::{Correction, CycleController, CycleMeasurement};
+pub(crate) use player::{CycleTarget, Player, Slot};
 
 use crate::units::Mode;
 
 /// Why a profile cannot be used. Segments are numbered from 1 through the expanded profile.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum ProfileError {
+pub(crate) enum ProfileError {
     /// Nothing to do.
     #[error("profile {name} has no segment: add a [[block]] with at least one [[block.segment]]")]
     Empty {
@@ -102,7 +102,7 @@ pub enum ProfileError {
 
 /// A test as a technician writes it. The TOML form is in `file`.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Profile {
+pub(crate) struct Profile {
     /// Name: letters, digits, dashes.
     pub name: String,
     /// One sentence.
@@ -115,7 +115,7 @@ pub struct Profile {
 
 /// Segments that repeat.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Block {
+pub(crate) struct Block {
     /// How often.
     pub repeat: u32,
     /// Segments in order.
@@ -124,7 +124,7 @@ pub struct Block {
 
 /// An end level, in the unit of the profile's mode.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Level {
+pub(crate) enum Level {
     /// From the datum (tared zero).
     Absolute(f64),
     /// From the level that the segment before ended at.
@@ -133,7 +133,7 @@ pub enum Level {
 
 /// One piece of motion.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Segment {
+pub(crate) enum Segment {
     /// Straight to `to` in `duration_s`.
     Ramp {
         /// Where to.

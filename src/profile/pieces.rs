@@ -7,9 +7,9 @@ use super::player::CycleTarget;
 use super::{Level, Profile, ProfileError, Segment};
 
 /// Most segments that a profile may expand to.
-pub const MAX_SEGMENTS: usize = 10_000;
+pub(crate) const MAX_SEGMENTS: usize = 10_000;
 /// Longest profile in hours.
-pub const MAX_DURATION_H: u32 = 1000;
+pub(crate) const MAX_DURATION_H: u32 = 1000;
 /// Levels closer than this are the same: far below a count of either channel.
 const SAME_LEVEL: f64 = 1e-9;
 #[derive(Debug, Clone, Copy, PartialEq)]

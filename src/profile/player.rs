@@ -13,7 +13,7 @@ use crate::units::{Command, Mode};
 
 /// One command with what it is for.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Slot {
+pub(crate) struct Slot {
     /// The command.
     pub command: Command,
     /// Counted full-amplitude cycle, from 1 through the profile; 0 outside.
@@ -30,7 +30,7 @@ pub struct Slot {
 
 /// What the cycles of a segment are to reach.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CycleTarget {
+pub(crate) struct CycleTarget {
     /// Mean level.
     pub mean: f64,
     /// Half of peak minus valley.
@@ -47,7 +47,7 @@ const APPROACH_LEAST_S: f64 = 2.0;
 
 /// A profile being played. `next` neither allocates nor waits.
 #[derive(Debug, Clone)]
-pub struct Player {
+pub(crate) struct Player {
     name: String,
     mode: Mode,
     sample_rate_hz: f64,
@@ -68,7 +68,7 @@ pub struct Player {
 
 impl Player {
     /// Resolves levels, repeats and ticks. `start_level` is where the rig stands, in the unit of the profile's mode.
-    pub fn new(profile: &Profile, start_level: f64, sample_rate_hz: f64) -> Result<Player, ProfileError> {
+    pub(crate) fn new(profile: &Profile, start_level: f64, sample_rate_hz: f64) -> Result<Player, ProfileError> {
         let (pieces, total_cycles) = pieces::resolve(profile, start_level, sample_rate_hz)?;
         Ok(Player {
             name: profile.name.clone(),
@@ -92,7 +92,7 @@ impl Player {
 
     /// An interrupted test goes on at counted cycle `cycle`: approach to the mean, taper in, then the cycles that remain,
     /// numbered on. To be called before the first `next`.
-    pub fn resume_at(mut self, cycle: u32) -> Result<Player, ProfileError> {
+    pub(crate) fn resume_at(mut self, cycle: u32) -> Result<Player, ProfileError> {
         let refusal = ProfileError::NoSuchCycle {
             name: self.name.clone(),
             cycle,
@@ -144,7 +144,7 @@ impl Player {
         clippy::should_implement_trait,
         reason = "a player is asked, not iterated: corrections come between slots"
     )]
-    pub fn next(&mut self) -> Option<Slot> {
+    pub(crate) fn next(&mut self) -> Option<Slot> {
         while self
             .pieces
             .get(self.piece)
@@ -225,7 +225,7 @@ impl Player {
 
     /// Takes effect from the next cycle on, blended in over its first quarter. Not finite, a factor that is not positive, or
     /// a segment that is not to be corrected: nothing changes.
-    pub fn set_correction(&mut self, correction: Correction) {
+    pub(crate) fn set_correction(&mut self, correction: Correction) {
         let sound = correction.mean_offset.is_finite()
             && correction.amplitude_factor.is_finite()
             && correction.amplitude_factor > 0.0;
@@ -235,17 +235,17 @@ impl Player {
     }
 
     /// The correction that the cycle of the newest slot runs with (or blends to).
-    pub fn correction(&self) -> Correction {
+    pub(crate) fn correction(&self) -> Correction {
         self.blend_to
     }
 
     /// What the cycles of the newest slot's segment are to reach; `None` outside sines and triangles.
-    pub fn current_targets(&self) -> Option<CycleTarget> {
+    pub(crate) fn current_targets(&self) -> Option<CycleTarget> {
         self.pieces.get(self.piece).and_then(Piece::target)
     }
 
     /// What the cycles of expanded segment `segment` (from 1) are to reach: for samples that are older than the newest slot.
-    pub fn targets_of(&self, segment: u32) -> Option<CycleTarget> {
+    pub(crate) fn targets_of(&self, segment: u32) -> Option<CycleTarget> {
         self.pieces
             .iter()
             .filter(|p| p.segment == segment)
@@ -253,7 +253,7 @@ impl Player {
     }
 
     /// A smooth stop from the newest slot, at its speed, to rest at `level`. See [`StopMotion::new`].
-    pub fn stop(&self, level: f64, velocity_max: f64, acceleration_max: f64) -> StopMotion {
+    pub(crate) fn stop(&self, level: f64, velocity_max: f64, acceleration_max: f64) -> StopMotion {
         let [before, now] = self.last_two;
         let velocity = (now - before) * self.sample_rate_hz;
         StopMotion::new(
@@ -267,32 +267,32 @@ impl Player {
     }
 
     /// What the rig controls.
-    pub fn mode(&self) -> Mode {
+    pub(crate) fn mode(&self) -> Mode {
         self.mode
     }
 
     /// Counted cycles of the whole profile, those before a resumed cycle included.
-    pub fn total_cycles(&self) -> u32 {
+    pub(crate) fn total_cycles(&self) -> u32 {
         self.total_cycles
     }
 
     /// Segments of the expanded profile.
-    pub fn segments(&self) -> u32 {
+    pub(crate) fn segments(&self) -> u32 {
         self.segments
     }
 
     /// Slots from start to end.
-    pub fn total_ticks(&self) -> u64 {
+    pub(crate) fn total_ticks(&self) -> u64 {
         self.total_ticks
     }
 
     /// Slots given so far.
-    pub fn elapsed_ticks(&self) -> u64 {
+    pub(crate) fn elapsed_ticks(&self) -> u64 {
         self.elapsed
     }
 
     /// Length in s.
-    pub fn duration_s(&self) -> f64 {
+    pub(crate) fn duration_s(&self) -> f64 {
         self.total_ticks as f64 / self.sample_rate_hz
     }
 }

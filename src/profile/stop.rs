@@ -13,7 +13,7 @@ struct Phase {
 
 /// A stop: brake, cruise at the allowed speed, come to rest at the return level. One slot a tick; all in the mode's unit.
 #[derive(Debug, Clone)]
-pub struct StopMotion {
+pub(crate) struct StopMotion {
     mode: Mode,
     from: f64,
     from_velocity: f64,
@@ -27,7 +27,7 @@ pub struct StopMotion {
 impl StopMotion {
     /// From `from`, moving at `from_velocity`, to rest at `to`. `velocity_max` and `acceleration_max` are positive and per
     /// second; a faster start brakes at `acceleration_max`.
-    pub fn new(
+    pub(crate) fn new(
         from: Command,
         from_velocity: f64,
         to: f64,
@@ -51,7 +51,7 @@ impl StopMotion {
 
     /// Next slot, `None` after the last.
     #[allow(clippy::should_implement_trait, reason = "the same word as Player::next")]
-    pub fn next(&mut self) -> Option<Slot> {
+    pub(crate) fn next(&mut self) -> Option<Slot> {
         if self.tick == self.ticks {
             return None;
         }
@@ -73,7 +73,7 @@ impl StopMotion {
     }
 
     /// Ticks from start to rest.
-    pub fn total_ticks(&self) -> u64 {
+    pub(crate) fn total_ticks(&self) -> u64 {
         self.ticks
     }
 

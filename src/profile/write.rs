@@ -7,7 +7,7 @@ use crate::units::Mode;
 
 impl Profile {
     /// The file's text: `from_toml` of it gives this profile again.
-    pub fn to_toml(&self) -> String {
+    pub(crate) fn to_toml(&self) -> String {
         let unit = self.mode.unit_suffix();
         let quoted = |s: &str| toml::Value::String(s.to_owned()).to_string();
         let control = match self.mode {

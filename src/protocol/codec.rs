@@ -7,43 +7,43 @@ use super::message::*;
 use super::protection::{Kind, crc8, data_id};
 
 /// Function codes of the CANopen predefined connection set; the node is added to all but NMT.
-pub mod cob {
+pub(crate) mod cob {
     /// Network management, host to all.
-    pub const NMT: u16 = 0x000;
+    pub(crate) const NMT: u16 = 0x000;
     /// Emergency, rig to host.
-    pub const EMERGENCY: u16 = 0x080;
+    pub(crate) const EMERGENCY: u16 = 0x080;
     /// TPDO1, rig to host.
-    pub const SAMPLE: u16 = 0x180;
+    pub(crate) const SAMPLE: u16 = 0x180;
     /// RPDO1, host to rig.
-    pub const COMMAND: u16 = 0x200;
+    pub(crate) const COMMAND: u16 = 0x200;
     /// TPDO2, rig to host.
-    pub const STATUS: u16 = 0x280;
+    pub(crate) const STATUS: u16 = 0x280;
     /// RPDO2, host to rig.
-    pub const LEASE: u16 = 0x300;
+    pub(crate) const LEASE: u16 = 0x300;
     /// RPDO3, host to rig.
-    pub const REQUEST: u16 = 0x400;
+    pub(crate) const REQUEST: u16 = 0x400;
     /// SDO answer, rig to host.
-    pub const CONFIG_ANSWER: u16 = 0x580;
+    pub(crate) const CONFIG_ANSWER: u16 = 0x580;
     /// SDO request, host to rig.
-    pub const CONFIG_REQUEST: u16 = 0x600;
+    pub(crate) const CONFIG_REQUEST: u16 = 0x600;
     /// Heartbeat, rig to host.
-    pub const HEARTBEAT: u16 = 0x700;
+    pub(crate) const HEARTBEAT: u16 = 0x700;
     /// Bits of an identifier that hold the function; the other seven are the node.
-    pub const FUNCTION_MASK: u16 = 0x780;
+    pub(crate) const FUNCTION_MASK: u16 = 0x780;
 }
 
 /// Command bytes of the expedited SDO with 4 bytes (CiA 301).
 mod sdo {
-    pub const WRITE: u8 = 0x23;
-    pub const WRITTEN: u8 = 0x60;
-    pub const READ: u8 = 0x40;
-    pub const VALUE: u8 = 0x43;
-    pub const ABORT: u8 = 0x80;
+    pub(super) const WRITE: u8 = 0x23;
+    pub(super) const WRITTEN: u8 = 0x60;
+    pub(super) const READ: u8 = 0x40;
+    pub(super) const VALUE: u8 = 0x43;
+    pub(super) const ABORT: u8 = 0x80;
 }
 
 impl ToRig {
     /// The frame for the rig `node`. Counts beyond the 18 bits saturate: a set point never wraps to the other side.
-    pub fn encode(&self, node: u8) -> Frame {
+    pub(crate) fn encode(&self, node: u8) -> Frame {
         match *self {
             ToRig::Nmt { command, node } => Frame::new(cob::NMT, &[command as u8, node]),
             ToRig::Command {
@@ -87,7 +87,7 @@ impl ToRig {
     }
 
     /// What `frame` says to the rig `node`.
-    pub fn decode(frame: &Frame, node: u8) -> Result<Self, DecodeError> {
+    pub(crate) fn decode(frame: &Frame, node: u8) -> Result<Self, DecodeError> {
         if frame.id == cob::NMT {
             return decode_nmt(frame, node);
         }
@@ -156,7 +156,7 @@ impl ToRig {
 
 impl FromRig {
     /// The frame from the rig `node`. Counts beyond the 18 bits saturate.
-    pub fn encode(&self, node: u8) -> Frame {
+    pub(crate) fn encode(&self, node: u8) -> Frame {
         match *self {
             FromRig::Heartbeat { state } => Frame::new(cob::HEARTBEAT + id_node(node), &[state as u8]),
             FromRig::Emergency {
@@ -226,7 +226,7 @@ impl FromRig {
     }
 
     /// What `frame` from the rig `node` says.
-    pub fn decode(frame: &Frame, node: u8) -> Result<Self, DecodeError> {
+    pub(crate) fn decode(frame: &Frame, node: u8) -> Result<Self, DecodeError> {
         let raw = Raw {
             id: frame.id,
             data: frame.data,

@@ -3,7 +3,7 @@
 /// Why a configuration access was refused (CiA 301 abort codes).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
-pub enum ConfigAbort {
+pub(crate) enum ConfigAbort {
     /// No such object.
     NoObject = 0x0602_0000,
     /// No such sub-index.
@@ -20,7 +20,7 @@ pub enum ConfigAbort {
 
 impl ConfigAbort {
     /// All abort codes.
-    pub const ALL: [ConfigAbort; 6] = [
+    pub(crate) const ALL: [ConfigAbort; 6] = [
         ConfigAbort::NoObject,
         ConfigAbort::NoSubIndex,
         ConfigAbort::ReadOnly,
@@ -30,40 +30,40 @@ impl ConfigAbort {
     ];
 
     /// The one that `value` stands for on the wire.
-    pub fn from_wire(value: u32) -> Option<Self> {
+    pub(crate) fn from_wire(value: u32) -> Option<Self> {
         Self::ALL.into_iter().find(|&one| one as u32 == value)
     }
 }
 
 /// Objects of the configuration that both sides know (index, sub-index).
-pub mod object {
+pub(crate) mod object {
     /// Device type (ro).
-    pub const DEVICE_TYPE: (u16, u8) = (0x1000, 0);
+    pub(crate) const DEVICE_TYPE: (u16, u8) = (0x1000, 0);
     /// Vendor id (ro).
-    pub const VENDOR: (u16, u8) = (0x1018, 1);
+    pub(crate) const VENDOR: (u16, u8) = (0x1018, 1);
     /// Product code (ro).
-    pub const PRODUCT: (u16, u8) = (0x1018, 2);
+    pub(crate) const PRODUCT: (u16, u8) = (0x1018, 2);
     /// Firmware revision (ro).
-    pub const REVISION: (u16, u8) = (0x1018, 3);
+    pub(crate) const REVISION: (u16, u8) = (0x1018, 3);
     /// Serial number (ro).
-    pub const SERIAL: (u16, u8) = (0x1018, 4);
+    pub(crate) const SERIAL: (u16, u8) = (0x1018, 4);
     /// Protocol version (ro).
-    pub const PROTOCOL: (u16, u8) = (0x2000, 0);
+    pub(crate) const PROTOCOL: (u16, u8) = (0x2000, 0);
     /// Boot id, another one after each boot (ro).
-    pub const BOOT_ID: (u16, u8) = (0x2001, 0);
+    pub(crate) const BOOT_ID: (u16, u8) = (0x2001, 0);
     /// Sample rate in Hz (ro).
-    pub const SAMPLE_RATE: (u16, u8) = (0x2002, 0);
+    pub(crate) const SAMPLE_RATE: (u16, u8) = (0x2002, 0);
     /// Hash of the sensors' calibration: first four bytes of its SHA-256, big endian (rw in Off).
-    pub const CALIBRATION_HASH: (u16, u8) = (0x2003, 0);
+    pub(crate) const CALIBRATION_HASH: (u16, u8) = (0x2003, 0);
     /// CRC-32 (ISO-HDLC) over the limits 0x2100:1.. as little-endian i32 in order (ro).
-    pub const CONFIGURATION_CRC: (u16, u8) = (0x2004, 0);
+    pub(crate) const CONFIGURATION_CRC: (u16, u8) = (0x2004, 0);
     /// Index of the limits; sub-index n is `LIMITS[n - 1]` (rw in Off and Tripped).
-    pub const LIMITS: u16 = 0x2100;
+    pub(crate) const LIMITS: u16 = 0x2100;
 }
 
 /// The limits that the firmware holds, in the order of their sub-indices at 0x2100. All are i32 on the wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Limits {
+pub(crate) struct Limits {
     /// 1: upper force, counts.
     pub force_max_counts: i32,
     /// 2: lower force, counts.
@@ -93,11 +93,11 @@ pub struct Limits {
 }
 
 /// Number of limits.
-pub const LIMIT_COUNT: usize = 13;
+pub(crate) const LIMIT_COUNT: usize = 13;
 
 impl Limits {
     /// As they stand at sub-indices 1 to 13.
-    pub fn to_array(&self) -> [i32; LIMIT_COUNT] {
+    pub(crate) fn to_array(&self) -> [i32; LIMIT_COUNT] {
         [
             self.force_max_counts,
             self.force_min_counts,
@@ -116,7 +116,7 @@ impl Limits {
     }
 
     /// From sub-indices 1 to 13.
-    pub fn from_array(a: [i32; LIMIT_COUNT]) -> Self {
+    pub(crate) fn from_array(a: [i32; LIMIT_COUNT]) -> Self {
         Limits {
             force_max_counts: a[0],
             force_min_counts: a[1],

@@ -2,7 +2,7 @@
 
 /// A classic CAN data frame, or the same thing in a serial packet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Frame {
+pub(crate) struct Frame {
     /// COB-ID, 11 bit.
     pub id: u16,
     /// Bytes used, 0 to 8.
@@ -13,7 +13,7 @@ pub struct Frame {
 
 impl Frame {
     /// A frame of `bytes` (at most 8; more are cut off, which the encoders never do).
-    pub fn new(id: u16, bytes: &[u8]) -> Self {
+    pub(crate) fn new(id: u16, bytes: &[u8]) -> Self {
         let len = bytes.len().min(8);
         let mut data = [0; 8];
         data[..len].copy_from_slice(&bytes[..len]);
@@ -25,7 +25,7 @@ impl Frame {
     }
 
     /// The bytes used.
-    pub fn bytes(&self) -> &[u8] {
+    pub(crate) fn bytes(&self) -> &[u8] {
         &self.data[..usize::from(self.len.min(8))]
     }
 }

@@ -1,37 +1,37 @@
 //! The messages, both directions, in counts and ticks. Layouts: firmware-protocol.md.
 
-pub use super::dictionary::{ConfigAbort, LIMIT_COUNT, Limits, object};
-pub use super::state::{Cause, NmtCommand, NmtState, RequestCode, RequestResult, RigState};
+pub(crate) use super::dictionary::{ConfigAbort, LIMIT_COUNT, Limits, object};
+pub(crate) use super::state::{Cause, NmtCommand, NmtState, RequestCode, RequestResult, RigState};
 
 /// Node number of a rig on the bus, 1 to 126.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub struct NodeId(pub u8);
+pub(crate) struct NodeId(pub u8);
 
 /// Full scale of an 18-bit channel: counts run from -`COUNTS_MAX` to `COUNTS_MAX`.
-pub const COUNTS_MAX: i32 = 131_071;
+pub(crate) const COUNTS_MAX: i32 = 131_071;
 /// The reserved 18-bit pattern for "no valid reading" (sensor open or at its rail).
-pub const COUNTS_INVALID: i32 = -131_072;
+pub(crate) const COUNTS_INVALID: i32 = -131_072;
 /// Nominal newtons a count of the load cell.
-pub const FORCE_N_PER_COUNT: f64 = 0.1;
+pub(crate) const FORCE_N_PER_COUNT: f64 = 0.1;
 /// Nominal millimetres a count of the LVDT.
-pub const DISPLACEMENT_MM_PER_COUNT: f64 = 0.0005;
+pub(crate) const DISPLACEMENT_MM_PER_COUNT: f64 = 0.0005;
 /// Samples, and command slots, a second.
-pub const SAMPLE_RATE_HZ: u32 = 1000;
+pub(crate) const SAMPLE_RATE_HZ: u32 = 1000;
 /// Version that this program speaks, major << 16 | minor. Another major is refused before arming.
-pub const PROTOCOL_VERSION: u32 = 0x0001_0000;
+pub(crate) const PROTOCOL_VERSION: u32 = 0x0001_0000;
 
 /// Size of the alternating counter: it counts 0 to 14 and wraps; 15 is never sent.
-pub const COUNTER_MODULO: u8 = 15;
+pub(crate) const COUNTER_MODULO: u8 = 15;
 
 /// The counter after `counter`.
-pub fn next_counter(counter: u8) -> u8 {
+pub(crate) fn next_counter(counter: u8) -> u8 {
     (counter + 1) % COUNTER_MODULO
 }
 
 /// Mode of a command on the wire (2 bits).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
-pub enum WireMode {
+pub(crate) enum WireMode {
     /// Counts are LVDT counts.
     Displacement = 1,
     /// Counts are load-cell counts.
@@ -40,17 +40,17 @@ pub enum WireMode {
 
 impl WireMode {
     /// All modes, in the order of their wire values from 1.
-    pub const ALL: [WireMode; 2] = [WireMode::Displacement, WireMode::Force];
+    pub(crate) const ALL: [WireMode; 2] = [WireMode::Displacement, WireMode::Force];
 
     /// The one that `value` stands for on the wire.
-    pub fn from_wire(value: u8) -> Option<Self> {
+    pub(crate) fn from_wire(value: u8) -> Option<Self> {
         Self::ALL.get(usize::from(value).checked_sub(1)?).copied()
     }
 }
 
 /// Host to rig.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ToRig {
+pub(crate) enum ToRig {
     /// COB-ID 0x000. `node` 0 = all.
     Nmt {
         /// What to do.
@@ -113,7 +113,7 @@ pub enum ToRig {
 
 /// Rig to host.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FromRig {
+pub(crate) enum FromRig {
     /// 0x700 + N, every 100 ms and at boot.
     Heartbeat {
         /// NMT state.
@@ -193,7 +193,7 @@ pub enum FromRig {
 
 /// Why a frame has no meaning. Counted by kind; never shown as data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum DecodeError {
+pub(crate) enum DecodeError {
     /// An identifier that is none of ours, or an NMT command for another node. No fault: just not for us.
     #[error("identifier {0:#05x} is not one of this protocol, or not for this node")]
     ForeignId(u16),

@@ -3,11 +3,11 @@
 
 mod codec;
 mod dictionary;
-pub mod frame;
+pub(crate) mod frame;
 mod layout;
-pub mod message;
-pub mod protection;
-pub mod serial_framing;
+pub(crate) mod message;
+pub(crate) mod protection;
+pub(crate) mod serial_framing;
 mod state;
 
-pub use codec::cob;
+pub(crate) use codec::cob;

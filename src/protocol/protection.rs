@@ -12,7 +12,7 @@ static CRC32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 /// looped back or sent under a wrong identifier does not pass.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
-pub enum Kind {
+pub(crate) enum Kind {
     /// Rig to host, 0x180 + N.
     Sample = 0x51,
     /// Rig to host, 0x280 + N.
@@ -28,12 +28,12 @@ pub enum Kind {
 }
 
 /// Data id of a message: kind in the high byte, node in the low byte.
-pub fn data_id(kind: Kind, node: u8) -> u16 {
+pub(crate) fn data_id(kind: Kind, node: u8) -> u16 {
     u16::from_le_bytes([node, kind as u8])
 }
 
 /// CRC-8 over the data id (low byte first) and then `bytes`, which are all bytes of the frame but the CRC itself.
-pub fn crc8(data_id: u16, bytes: &[u8]) -> u8 {
+pub(crate) fn crc8(data_id: u16, bytes: &[u8]) -> u8 {
     let mut digest = CRC8.digest();
     digest.update(&data_id.to_le_bytes());
     digest.update(bytes);
@@ -42,7 +42,7 @@ pub fn crc8(data_id: u16, bytes: &[u8]) -> u8 {
 
 impl Limits {
     /// CRC-32 (ISO-HDLC) over sub-indices 1 to 13 as little-endian i32: object 0x2004, and the argument of Arm.
-    pub fn crc32(&self) -> u32 {
+    pub(crate) fn crc32(&self) -> u32 {
         let mut digest = CRC32.digest();
         for value in self.to_array() {
             digest.update(&value.to_le_bytes());
@@ -52,11 +52,11 @@ impl Limits {
 }
 
 /// Most frames in a row that may be missing before a counter says "wrong sequence" instead of "some lost".
-pub const MAX_LOST: u8 = 3;
+pub(crate) const MAX_LOST: u8 = 3;
 
 /// What a counter says about its frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Sequence {
+pub(crate) enum Sequence {
     /// First frame seen, or first after [`CounterCheck::reset`]. Use it.
     First,
     /// The next one. Use it.
@@ -74,21 +74,21 @@ pub enum Sequence {
 
 impl Sequence {
     /// True where the frame is to be used.
-    pub fn is_usable(self) -> bool {
+    pub(crate) fn is_usable(self) -> bool {
         !matches!(self, Sequence::Repeated | Sequence::Wrong)
     }
 }
 
 /// Follows the counter of one stream of frames. Frames with a bad CRC must not reach it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct CounterCheck {
+pub(crate) struct CounterCheck {
     last: Option<u8>,
     stray: Option<u8>,
 }
 
 impl CounterCheck {
     /// Judges the next frame's `counter` (0 to 14, as every decoded frame has it).
-    pub fn check(&mut self, counter: u8) -> Sequence {
+    pub(crate) fn check(&mut self, counter: u8) -> Sequence {
         let Some(last) = self.last else {
             self.last = Some(counter);
             return Sequence::First;
@@ -110,7 +110,7 @@ impl CounterCheck {
     }
 
     /// Forgets the past: a new session, or a rig that booted.
-    pub fn reset(&mut self) {
+    pub(crate) fn reset(&mut self) {
         *self = Self::default();
     }
 }

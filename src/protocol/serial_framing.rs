@@ -11,17 +11,17 @@ const OVERHEAD_BYTES: usize = 4;
 /// Longest packet before COBS: identifier, 8 bytes, CRC.
 const RAW_MAX: usize = OVERHEAD_BYTES + 8;
 /// Longest packet on the line: COBS adds one byte, the zero another.
-pub const PACKET_MAX: usize = RAW_MAX + 2;
+pub(crate) const PACKET_MAX: usize = RAW_MAX + 2;
 /// Bytes that the decoder holds at most. Longer packets may come one day; longer than this is noise.
-pub const BUFFER_BYTES: usize = 256;
+pub(crate) const BUFFER_BYTES: usize = 256;
 
 /// The CRC-16 of a packet's identifier and payload.
-pub fn crc16(bytes: &[u8]) -> u16 {
+pub(crate) fn crc16(bytes: &[u8]) -> u16 {
     CRC16.checksum(bytes)
 }
 
 /// Writes `frame` as a packet, the closing zero included, and returns the packet's length.
-pub fn encode(frame: &Frame, packet: &mut [u8; PACKET_MAX]) -> usize {
+pub(crate) fn encode(frame: &Frame, packet: &mut [u8; PACKET_MAX]) -> usize {
     let mut raw = [0; RAW_MAX];
     let payload = frame.bytes();
     let end = 2 + payload.len();
@@ -37,7 +37,7 @@ pub fn encode(frame: &Frame, packet: &mut [u8; PACKET_MAX]) -> usize {
 
 /// Turns bytes into frames, one byte at a time. Holds [`BUFFER_BYTES`] and never allocates.
 #[derive(Debug)]
-pub struct Decoder {
+pub(crate) struct Decoder {
     buffer: [u8; BUFFER_BYTES],
     len: usize,
     overlong: bool,
@@ -60,7 +60,7 @@ impl Default for Decoder {
 
 impl Decoder {
     /// Takes the next byte; the frame, where it was the last of a good packet.
-    pub fn push(&mut self, byte: u8) -> Option<Frame> {
+    pub(crate) fn push(&mut self, byte: u8) -> Option<Frame> {
         if byte != 0 {
             match self.buffer.get_mut(self.len) {
                 Some(slot) => {
@@ -88,7 +88,7 @@ impl Decoder {
 
     /// Packets that were thrown away: COBS, length, CRC-16 or identifier wrong. The first chunk after the start is not
     /// counted: a line is joined in the middle of a packet.
-    pub fn errors(&self) -> u64 {
+    pub(crate) fn errors(&self) -> u64 {
         self.errors
     }
 }

@@ -4,7 +4,7 @@
 /// NMT commands (CiA 301).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
-pub enum NmtCommand {
+pub(crate) enum NmtCommand {
     /// Start the process data.
     Start = 0x01,
     /// Stop: the rig unloads (S2). The abort frame, top priority on the bus.
@@ -17,7 +17,7 @@ pub enum NmtCommand {
 
 impl NmtCommand {
     /// All commands.
-    pub const ALL: [NmtCommand; 4] = [
+    pub(crate) const ALL: [NmtCommand; 4] = [
         NmtCommand::Start,
         NmtCommand::Stop,
         NmtCommand::PreOperational,
@@ -25,7 +25,7 @@ impl NmtCommand {
     ];
 
     /// The one that `value` stands for on the wire.
-    pub fn from_wire(value: u8) -> Option<Self> {
+    pub(crate) fn from_wire(value: u8) -> Option<Self> {
         Self::ALL.into_iter().find(|&one| one as u8 == value)
     }
 }
@@ -33,7 +33,7 @@ impl NmtCommand {
 /// NMT state in the heartbeat (CiA 301).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
-pub enum NmtState {
+pub(crate) enum NmtState {
     /// Just booted.
     BootUp = 0x00,
     /// Stopped.
@@ -46,7 +46,7 @@ pub enum NmtState {
 
 impl NmtState {
     /// All states.
-    pub const ALL: [NmtState; 4] = [
+    pub(crate) const ALL: [NmtState; 4] = [
         NmtState::BootUp,
         NmtState::Stopped,
         NmtState::Operational,
@@ -54,7 +54,7 @@ impl NmtState {
     ];
 
     /// The one that `value` stands for on the wire.
-    pub fn from_wire(value: u8) -> Option<Self> {
+    pub(crate) fn from_wire(value: u8) -> Option<Self> {
         Self::ALL.into_iter().find(|&one| one as u8 == value)
     }
 }
@@ -63,7 +63,7 @@ impl NmtState {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[repr(u8)]
-pub enum RigState {
+pub(crate) enum RigState {
     /// S3: pump off, blocking valve closed. After boot and after an unload without fault. Arming is allowed.
     Off = 0,
     /// Pressure on, servo keeps the displacement that it was armed at; follows the queue once commands are due.
@@ -80,7 +80,7 @@ pub enum RigState {
 
 impl RigState {
     /// All states, in the order of their wire values from 0.
-    pub const ALL: [RigState; 6] = [
+    pub(crate) const ALL: [RigState; 6] = [
         RigState::Off,
         RigState::Armed,
         RigState::Running,
@@ -90,7 +90,7 @@ impl RigState {
     ];
 
     /// The one that `value` stands for on the wire.
-    pub fn from_wire(value: u8) -> Option<Self> {
+    pub(crate) fn from_wire(value: u8) -> Option<Self> {
         Self::ALL.get(usize::from(value)).copied()
     }
 }
@@ -99,7 +99,7 @@ impl RigState {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[repr(u8)]
-pub enum Cause {
+pub(crate) enum Cause {
     /// Nothing latched.
     None = 0,
     /// The host's lease lapsed.
@@ -144,7 +144,7 @@ pub enum Cause {
 
 impl Cause {
     /// All causes, in the order of their wire values from 0.
-    pub const ALL: [Cause; 20] = [
+    pub(crate) const ALL: [Cause; 20] = [
         Cause::None,
         Cause::LeaseLapsed,
         Cause::HostAbort,
@@ -168,7 +168,7 @@ impl Cause {
     ];
 
     /// The one that `value` stands for on the wire.
-    pub fn from_wire(value: u8) -> Option<Self> {
+    pub(crate) fn from_wire(value: u8) -> Option<Self> {
         Self::ALL.get(usize::from(value)).copied()
     }
 }
@@ -176,7 +176,7 @@ impl Cause {
 impl Cause {
     /// CiA 301 emergency code and error register (0x1001) that announce it. Register: bit 0 generic, bit 4
     /// communication, bit 7 ours; codes from 0xFF00 on are ours, the others are CiA 301's and 402's.
-    pub fn emergency(self) -> (u16, u8) {
+    pub(crate) fn emergency(self) -> (u16, u8) {
         match self {
             Cause::None => (0x0000, 0x00),
             Cause::LeaseLapsed => (0x8130, 0x11),
@@ -205,7 +205,7 @@ impl Cause {
 /// What a request asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
-pub enum RequestCode {
+pub(crate) enum RequestCode {
     /// Take the session named in the frame. Refused while another session's lease is alive.
     OpenSession = 1,
     /// Pressure on. Argument: CRC-32 of the configuration that the host believes in.
@@ -224,7 +224,7 @@ pub enum RequestCode {
 
 impl RequestCode {
     /// All requests, in the order of their wire values from 1.
-    pub const ALL: [RequestCode; 7] = [
+    pub(crate) const ALL: [RequestCode; 7] = [
         RequestCode::OpenSession,
         RequestCode::Arm,
         RequestCode::Hold,
@@ -235,7 +235,7 @@ impl RequestCode {
     ];
 
     /// The one that `value` stands for on the wire.
-    pub fn from_wire(value: u8) -> Option<Self> {
+    pub(crate) fn from_wire(value: u8) -> Option<Self> {
         Self::ALL.get(usize::from(value).checked_sub(1)?).copied()
     }
 }
@@ -243,7 +243,7 @@ impl RequestCode {
 /// Answer to a request, carried in the status (4 bits).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
-pub enum RequestResult {
+pub(crate) enum RequestResult {
     /// No request yet.
     None = 0,
     /// Done.
@@ -262,7 +262,7 @@ pub enum RequestResult {
 
 impl RequestResult {
     /// All results, in the order of their wire values from 0.
-    pub const ALL: [RequestResult; 7] = [
+    pub(crate) const ALL: [RequestResult; 7] = [
         RequestResult::None,
         RequestResult::Done,
         RequestResult::Busy,
@@ -273,7 +273,7 @@ impl RequestResult {
     ];
 
     /// The one that `value` stands for on the wire.
-    pub fn from_wire(value: u8) -> Option<Self> {
+    pub(crate) fn from_wire(value: u8) -> Option<Self> {
         Self::ALL.get(usize::from(value)).copied()
     }
 }

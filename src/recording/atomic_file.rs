@@ -5,7 +5,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 /// Fills `path` through `fill`. A crash at any instant leaves the old file or the new one, never half of one.
-pub fn write<T, E: From<io::Error>>(
+pub(crate) fn write<T, E: From<io::Error>>(
     path: &Path,
     fill: impl FnOnce(&mut BufWriter<File>) -> Result<T, E>,
 ) -> Result<T, E> {
@@ -47,7 +47,7 @@ fn temporary_path(path: &Path) -> io::Result<PathBuf> {
 }
 
 /// Makes the folder's entry for `path` survive a power cut.
-pub fn sync_folder(path: &Path) -> io::Result<()> {
+pub(crate) fn sync_folder(path: &Path) -> io::Result<()> {
     let folder = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),

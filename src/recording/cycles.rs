@@ -8,7 +8,7 @@ use super::{Flags, Sample};
 
 /// A turning point of a signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Reversal {
+pub(crate) struct Reversal {
     /// Index of the extreme value, counted from the first value given.
     pub index: usize,
     /// The extreme value.
@@ -20,7 +20,7 @@ pub struct Reversal {
 /// Finds reversals value by value. A turning point counts once the signal has come back from it by more than `band`;
 /// the sign of a noisy velocity is never asked.
 #[derive(Debug, Clone)]
-pub struct ReversalFinder {
+pub(crate) struct ReversalFinder {
     band: f64,
     next_index: usize,
     highest: Option<(usize, f64)>,
@@ -30,7 +30,7 @@ pub struct ReversalFinder {
 
 impl ReversalFinder {
     /// `band` in the signal's unit: more than its noise from peak to peak, less than the smallest motion of interest.
-    pub fn new(band: f64) -> ReversalFinder {
+    pub(crate) fn new(band: f64) -> ReversalFinder {
         ReversalFinder {
             band,
             next_index: 0,
@@ -41,7 +41,7 @@ impl ReversalFinder {
     }
 
     /// Takes the next value; returns a reversal at the value that confirms it.
-    pub fn add(&mut self, value: f64) -> Option<Reversal> {
+    pub(crate) fn add(&mut self, value: f64) -> Option<Reversal> {
         let here = (self.next_index, value);
         self.next_index += 1;
         let highest = self.highest.filter(|&(_, high)| high >= value).unwrap_or(here);
@@ -72,14 +72,14 @@ impl ReversalFinder {
 }
 
 /// All reversals of a signal that came back by more than `band`.
-pub fn reversals(values: &[f64], band: f64) -> Vec<Reversal> {
+pub(crate) fn reversals(values: &[f64], band: f64) -> Vec<Reversal> {
     let mut finder = ReversalFinder::new(band);
     values.iter().filter_map(|&value| finder.add(value)).collect()
 }
 
 /// One counted cycle.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct CycleSummary {
+pub(crate) struct CycleSummary {
     /// Number from 1.
     pub cycle: u32,
     /// Time of its first sample in s.
@@ -108,7 +108,7 @@ pub struct CycleSummary {
 
 /// Sums a cycle up sample by sample, live or from a file.
 #[derive(Debug, Clone, Default)]
-pub struct CycleMeter {
+pub(crate) struct CycleMeter {
     open: Option<OpenCycle>,
 }
 
@@ -138,7 +138,7 @@ pub(super) fn is_excluded(flags: Flags) -> bool {
 
 impl CycleMeter {
     /// Takes the next sample; returns the cycle that it ends.
-    pub fn add(&mut self, sample: &Sample) -> Option<CycleSummary> {
+    pub(crate) fn add(&mut self, sample: &Sample) -> Option<CycleSummary> {
         let mut ended = None;
         if self.open.as_ref().is_some_and(|open| open.cycle != sample.cycle) {
             ended = self.open.take().and_then(|open| open.summary(true));
@@ -152,7 +152,7 @@ impl CycleMeter {
     }
 
     /// The run is over: the cycle that it ended in. `completed` where the profile ended just there.
-    pub fn finish(&mut self, completed: bool) -> Option<CycleSummary> {
+    pub(crate) fn finish(&mut self, completed: bool) -> Option<CycleSummary> {
         self.open.take().and_then(|open| open.summary(completed))
     }
 }
@@ -211,7 +211,7 @@ impl OpenCycle {
 }
 
 /// Columns of the cycles CSV, in order.
-pub const CYCLE_COLUMNS: [&str; 18] = [
+pub(crate) const CYCLE_COLUMNS: [&str; 18] = [
     "cycle",
     "from_s",
     "to_s",
@@ -233,7 +233,7 @@ pub const CYCLE_COLUMNS: [&str; 18] = [
 ];
 
 /// Writes the cycles CSV: one row a counted cycle.
-pub fn write_csv(sink: &mut impl Write, cycles: &[CycleSummary]) -> io::Result<()> {
+pub(crate) fn write_csv(sink: &mut impl Write, cycles: &[CycleSummary]) -> io::Result<()> {
     write!(sink, "{}\r\n", CYCLE_COLUMNS.join(","))?;
     let mut row = Vec::new();
     for c in cycles {

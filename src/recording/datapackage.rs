@@ -9,7 +9,7 @@ use super::{Event, EventKind, Header};
 
 /// The CSV that the package describes.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Resource {
+pub(crate) struct Resource {
     /// File name without folder.
     pub file_name: String,
     /// Bytes of the file.
@@ -25,12 +25,12 @@ pub struct Resource {
 }
 
 /// `NAME.datapackage.json` of `NAME.csv`.
-pub fn path_of(csv: &Path) -> PathBuf {
+pub(crate) fn path_of(csv: &Path) -> PathBuf {
     csv.with_extension("datapackage.json")
 }
 
 /// The package of an exported run.
-pub fn build(run: &RunFile, survey: &Survey, resource: &Resource) -> Value {
+pub(crate) fn build(run: &RunFile, survey: &Survey, resource: &Resource) -> Value {
     let header = run.header();
     let events = run.events();
     let slug = slug(&header.run_id);

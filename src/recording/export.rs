@@ -15,7 +15,7 @@ use crate::units::{Command, Mode};
 
 /// Which part of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Selection {
+pub(crate) enum Selection {
     /// Every sample.
     Whole,
     /// One counted cycle.
@@ -39,7 +39,7 @@ impl std::fmt::Display for Selection {
 
 /// What an export made.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Exported {
+pub(crate) struct Exported {
     /// The CSV.
     pub csv: PathBuf,
     /// Its data package.
@@ -52,14 +52,14 @@ pub struct Exported {
 
 impl Exported {
     /// True where blocks of the run file are damaged: what is written is good, but it is not all.
-    pub fn is_partial(&self) -> bool {
+    pub(crate) fn is_partial(&self) -> bool {
         self.survey.damaged > 0
     }
 }
 
 /// Why a run could not be exported.
 #[derive(Debug, thiserror::Error)]
-pub enum ExportError {
+pub(crate) enum ExportError {
     /// The target cannot be written.
     #[error("{path} cannot be written: check the folder, its rights and its space")]
     Io {
@@ -90,7 +90,7 @@ pub enum ExportError {
 }
 
 /// Writes `csv` and its data package; each appears whole or not at all, and the run file is only read.
-pub fn export(run: &RunFile, selection: Selection, csv: &Path) -> Result<Exported, ExportError> {
+pub(crate) fn export(run: &RunFile, selection: Selection, csv: &Path) -> Result<Exported, ExportError> {
     let survey = run.survey();
     check(run, selection, &survey)?;
     let failed = |path: &Path| {
@@ -295,7 +295,7 @@ fn write_mean(sink: &mut impl Write, sum: f64, count: u32, decimals: usize) -> i
 }
 
 /// Every counted cycle of a run, summed up.
-pub fn cycle_summaries(run: &RunFile) -> Vec<CycleSummary> {
+pub(crate) fn cycle_summaries(run: &RunFile) -> Vec<CycleSummary> {
     let mut meter = CycleMeter::default();
     let mut summaries: Vec<CycleSummary> = run.samples().filter_map(|sample| meter.add(&sample)).collect();
     let completed = run
@@ -306,7 +306,7 @@ pub fn cycle_summaries(run: &RunFile) -> Vec<CycleSummary> {
 }
 
 /// Writes the cycles CSV of a run; returns its rows.
-pub fn export_cycles(run: &RunFile, csv: &Path) -> Result<Vec<CycleSummary>, ExportError> {
+pub(crate) fn export_cycles(run: &RunFile, csv: &Path) -> Result<Vec<CycleSummary>, ExportError> {
     let summaries = cycle_summaries(run);
     atomic_file::write(csv, |file| cycles::write_csv(file, &summaries)).map_err(|source| {
         ExportError::Io {
@@ -318,7 +318,7 @@ pub fn export_cycles(run: &RunFile, csv: &Path) -> Result<Vec<CycleSummary>, Exp
 }
 
 /// The whole run in memory, as identification and diagnosis take it. The mode of the first command is the recording's.
-pub fn recording(run: &RunFile) -> Recording {
+pub(crate) fn recording(run: &RunFile) -> Recording {
     let mut out = Recording {
         name: run.header().run_id.clone(),
         ..Recording::default()

@@ -4,7 +4,7 @@ use crate::units::joules_from_nmm;
 
 /// Root mean square of (measured - model) over the measured range (max - min), as contracts.md defines it.
 /// `None` where the lengths differ, there is no sample, or the measured force does not vary.
-pub fn nrmse(measured_n: &[f64], model_n: &[f64]) -> Option<f64> {
+pub(crate) fn nrmse(measured_n: &[f64], model_n: &[f64]) -> Option<f64> {
     let mut meter = NrmseMeter::default();
     if measured_n.len() != model_n.len() {
         return None;
@@ -17,7 +17,7 @@ pub fn nrmse(measured_n: &[f64], model_n: &[f64]) -> Option<f64> {
 
 /// [`nrmse`] sample by sample, for a twin beside a live run.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct NrmseMeter {
+pub(crate) struct NrmseMeter {
     count: u64,
     sum_of_squares: f64,
     measured: Option<Range>,
@@ -25,14 +25,14 @@ pub struct NrmseMeter {
 
 impl NrmseMeter {
     /// Takes one pair.
-    pub fn add(&mut self, measured_n: f64, model_n: f64) {
+    pub(crate) fn add(&mut self, measured_n: f64, model_n: f64) {
         self.count += 1;
         self.sum_of_squares += (measured_n - model_n).powi(2);
         self.measured = Some(Range::including(self.measured, measured_n));
     }
 
     /// The value so far.
-    pub fn value(&self) -> Option<f64> {
+    pub(crate) fn value(&self) -> Option<f64> {
         let span = self.measured?.span();
         (span > 0.0).then(|| (self.sum_of_squares / self.count as f64).sqrt() / span)
     }
@@ -40,7 +40,7 @@ impl NrmseMeter {
 
 /// Energy in J that one closed loop dissipates: the integral of F dx by trapezoids, closed from the last sample to the first.
 /// Positive where the specimen takes energy up. Zero for fewer than three samples.
-pub fn loop_energy_j(displacement_mm: &[f64], force_n: &[f64]) -> f64 {
+pub(crate) fn loop_energy_j(displacement_mm: &[f64], force_n: &[f64]) -> f64 {
     let mut integral = LoopIntegral::default();
     for (&x, &f) in displacement_mm.iter().zip(force_n) {
         integral.add(x, f);
@@ -50,7 +50,7 @@ pub fn loop_energy_j(displacement_mm: &[f64], force_n: &[f64]) -> f64 {
 
 /// [`loop_energy_j`] sample by sample.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct LoopIntegral {
+pub(crate) struct LoopIntegral {
     first: Option<(f64, f64)>,
     last: (f64, f64),
     energy_nmm: f64,
@@ -58,7 +58,7 @@ pub struct LoopIntegral {
 
 impl LoopIntegral {
     /// Takes the next point of the loop, mm and N.
-    pub fn add(&mut self, displacement_mm: f64, force_n: f64) {
+    pub(crate) fn add(&mut self, displacement_mm: f64, force_n: f64) {
         let point = (displacement_mm, force_n);
         match self.first {
             None => self.first = Some(point),
@@ -68,7 +68,7 @@ impl LoopIntegral {
     }
 
     /// Energy of the loop closed from here to its first point.
-    pub fn energy_j(&self) -> f64 {
+    pub(crate) fn energy_j(&self) -> f64 {
         let closing = self.first.map_or(0.0, |first| trapezoid_nmm(self.last, first));
         joules_from_nmm(self.energy_nmm + closing)
     }
@@ -80,7 +80,7 @@ fn trapezoid_nmm(from: (f64, f64), to: (f64, f64)) -> f64 {
 
 /// Lowest and highest of a signal.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Range {
+pub(crate) struct Range {
     /// Highest value: the peak.
     pub peak: f64,
     /// Lowest value: the valley.
@@ -89,7 +89,7 @@ pub struct Range {
 
 impl Range {
     /// `range` widened to hold `value`.
-    pub fn including(range: Option<Range>, value: f64) -> Range {
+    pub(crate) fn including(range: Option<Range>, value: f64) -> Range {
         match range {
             None => Range {
                 peak: value,
@@ -103,30 +103,30 @@ impl Range {
     }
 
     /// Of a whole signal; `None` where it is empty.
-    pub fn of(values: &[f64]) -> Option<Range> {
+    pub(crate) fn of(values: &[f64]) -> Option<Range> {
         values
             .iter()
             .fold(None, |range, &value| Some(Range::including(range, value)))
     }
 
     /// Peak minus valley.
-    pub fn span(&self) -> f64 {
+    pub(crate) fn span(&self) -> f64 {
         self.peak - self.valley
     }
 
     /// Half of peak minus valley.
-    pub fn amplitude(&self) -> f64 {
+    pub(crate) fn amplitude(&self) -> f64 {
         self.span() / 2.0
     }
 
     /// Level midway between peak and valley.
-    pub fn mean(&self) -> f64 {
+    pub(crate) fn mean(&self) -> f64 {
         (self.peak + self.valley) / 2.0
     }
 }
 
 /// Spring rate in N/mm from valley to peak, over the whole of a loop; `None` where nothing moved.
-pub fn secant_rate_n_per_mm(displacement_mm: Range, force_n: Range) -> Option<f64> {
+pub(crate) fn secant_rate_n_per_mm(displacement_mm: Range, force_n: Range) -> Option<f64> {
     (displacement_mm.span() > 0.0).then(|| force_n.span() / displacement_mm.span())
 }
 

@@ -1,54 +1,54 @@
 //! Samples, events and recordings: what a run leaves behind, and the seam (`Recorder`) that everything beside the run
 //! hangs on. Files are in `run_file` and `csv`; control, twin and models are elsewhere.
 
-pub mod atomic_file;
-pub mod csv;
-pub mod cycles;
-pub mod datapackage;
-pub mod export;
-pub mod metrics;
-pub mod play;
-pub mod recorder;
-pub mod run_file;
+pub(crate) mod atomic_file;
+pub(crate) mod csv;
+pub(crate) mod cycles;
+pub(crate) mod datapackage;
+pub(crate) mod export;
+pub(crate) mod metrics;
+pub(crate) mod play;
+pub(crate) mod recorder;
+pub(crate) mod run_file;
 
 use crate::units::Command;
 
 /// Quality of one sample; 0 = good. Bits may stand together. Written to CSV as a plain integer.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Flags(pub u16);
+pub(crate) struct Flags(pub u16);
 
 impl Flags {
     /// One or more samples before this one never arrived.
-    pub const AFTER_GAP: Flags = Flags(1 << 0);
+    pub(crate) const AFTER_GAP: Flags = Flags(1 << 0);
     /// The sample was older than 20 ms when control saw it.
-    pub const LATE: Flags = Flags(1 << 1);
+    pub(crate) const LATE: Flags = Flags(1 << 1);
     /// Load cell at its rail or open.
-    pub const FORCE_INVALID: Flags = Flags(1 << 2);
+    pub(crate) const FORCE_INVALID: Flags = Flags(1 << 2);
     /// LVDT at its rail or open.
-    pub const DISPLACEMENT_INVALID: Flags = Flags(1 << 3);
+    pub(crate) const DISPLACEMENT_INVALID: Flags = Flags(1 << 3);
     /// Value did not move while the command did.
-    pub const STUCK: Flags = Flags(1 << 4);
+    pub(crate) const STUCK: Flags = Flags(1 << 4);
     /// Faster than the channel can move.
-    pub const SPIKE: Flags = Flags(1 << 5);
+    pub(crate) const SPIKE: Flags = Flags(1 << 5);
     /// The rig had no command for this tick (queue dry, hold, taper to stop).
-    pub const NO_COMMAND: Flags = Flags(1 << 6);
+    pub(crate) const NO_COMMAND: Flags = Flags(1 << 6);
     /// Motion of a stop, hold or unload, not of the profile.
-    pub const NOT_PROFILE: Flags = Flags(1 << 7);
+    pub(crate) const NOT_PROFILE: Flags = Flags(1 << 7);
 
     /// Adds the bits of `other`.
-    pub fn set(&mut self, other: Flags) {
+    pub(crate) fn set(&mut self, other: Flags) {
         self.0 |= other.0;
     }
 
     /// True where all bits of `other` are set.
-    pub fn has(self, other: Flags) -> bool {
+    pub(crate) fn has(self, other: Flags) -> bool {
         self.0 & other.0 == other.0
     }
 }
 
 /// One sample of a run in physical units, with the counts it came from.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sample {
+pub(crate) struct Sample {
     /// The rig's tick, unfolded: counts up by one a sample period from the rig's boot.
     pub tick: u64,
     /// Seconds since the run's first sample: (tick - first tick) / sample rate.
@@ -76,7 +76,7 @@ pub struct Sample {
 /// What an event is about; a stable word for scripts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum EventKind {
+pub(crate) enum EventKind {
     /// Run started.
     Start,
     /// Tare taken: old, new, spread.
@@ -103,7 +103,7 @@ pub enum EventKind {
 
 /// Something that happened at a time in the run.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Event {
+pub(crate) struct Event {
     /// Rig's tick, unfolded.
     pub tick: u64,
     /// Seconds since the run's first sample; negative before it.
@@ -116,7 +116,7 @@ pub struct Event {
 
 /// How one channel's counts become a physical value: `value = counts * scale - offset - tare`.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct ChannelScale {
+pub(crate) struct ChannelScale {
     /// Physical units a count (N or mm).
     pub scale_per_count: f64,
     /// Calibration offset in physical units.
@@ -127,19 +127,19 @@ pub struct ChannelScale {
 
 impl ChannelScale {
     /// Counts to the physical value.
-    pub fn value(&self, counts: i32) -> f64 {
+    pub(crate) fn value(&self, counts: i32) -> f64 {
         f64::from(counts) * self.scale_per_count - self.offset - self.tare
     }
 
     /// Physical value to the nearest count.
-    pub fn counts(&self, value: f64) -> i32 {
+    pub(crate) fn counts(&self, value: f64) -> i32 {
         ((value + self.offset + self.tare) / self.scale_per_count).round() as i32
     }
 }
 
 /// What stands at the head of a run: everything needed to read and to repeat it.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Header {
+pub(crate) struct Header {
     /// Generated id: letters, digits and dashes only.
     pub run_id: String,
     /// Start, UTC, RFC 3339.
@@ -182,7 +182,7 @@ pub struct Header {
 
 /// What the rig said about itself at the hello.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct FirmwareIdentity {
+pub(crate) struct FirmwareIdentity {
     /// CANopen vendor id (0x1018:1).
     pub vendor: u32,
     /// Product code (0x1018:2).
@@ -202,7 +202,7 @@ pub struct FirmwareIdentity {
 /// How a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Ending {
+pub(crate) enum Ending {
     /// All segments ran.
     Completed,
     /// An operator stopped it; the data are kept.
@@ -213,7 +213,7 @@ pub enum Ending {
 
 /// The end of a run with its cause and its accounts.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Outcome {
+pub(crate) struct Outcome {
     /// How.
     pub ending: Ending,
     /// Why, in a sentence; empty where completed.
@@ -227,7 +227,7 @@ pub struct Outcome {
 }
 
 /// Takes a run as it happens. CSV, run file, twin and live view are recorders; none can delay or change a run.
-pub trait Recorder {
+pub(crate) trait Recorder {
     /// A run begins.
     fn begin(&mut self, header: &Header);
     /// A sample, in the order of ticks.
@@ -265,7 +265,7 @@ impl<R: Recorder + ?Sized> Recorder for Box<R> {
 
 /// A recording in memory, of this bench or foreign: columns of equal length, time strictly increasing.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Recording {
+pub(crate) struct Recording {
     /// File name or run id, for messages.
     pub name: String,
     /// Time in s, strictly increasing, evenly spaced or not.
@@ -286,12 +286,12 @@ pub struct Recording {
 
 impl Recording {
     /// Number of samples.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.time_s.len()
     }
 
     /// True where there is no sample.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.time_s.is_empty()
     }
 }

@@ -6,17 +6,17 @@
 
 /// A play of a given half width.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Play {
+pub(crate) struct Play {
     half_width: f64,
     value: Option<f64>,
 }
 
 impl Play {
     /// Half width in standard deviations of the noise: one sample in 15 000 still moves it the wrong way.
-    pub const SIGMAS: f64 = 4.0;
+    pub(crate) const SIGMAS: f64 = 4.0;
 
     /// A play for a signal with this noise (standard deviation, in the signal's unit).
-    pub fn for_noise(sigma: f64) -> Self {
+    pub(crate) fn for_noise(sigma: f64) -> Self {
         Play {
             half_width: Self::SIGMAS * sigma.max(0.0),
             value: None,
@@ -24,12 +24,12 @@ impl Play {
     }
 
     /// Forgets where it stood: the next value passes as it is.
-    pub fn reset(&mut self) {
+    pub(crate) fn reset(&mut self) {
         self.value = None;
     }
 
     /// The signal without its noise.
-    pub fn pass(&mut self, input: f64) -> f64 {
+    pub(crate) fn pass(&mut self, input: f64) -> f64 {
         let value = match self.value {
             Some(value) => value.clamp(input - self.half_width, input + self.half_width),
             None => input,

@@ -12,7 +12,7 @@ use rtrb::{Consumer, Producer, RingBuffer};
 use super::{Event, EventKind, Flags, Header, Outcome, Recorder, Sample};
 
 /// Samples that fit between control and the recording thread: 65 s at 1 kHz.
-pub const RING_SAMPLES: usize = 65_536;
+pub(crate) const RING_SAMPLES: usize = 65_536;
 /// Places that samples leave free, so that events and the end of a run get through a full ring.
 const RESERVED_FOR_EVENTS: usize = 256;
 /// The thread sleeps this long between two looks: with the commit after it well under 20 ms.
@@ -20,7 +20,7 @@ const DRAIN_PERIOD: Duration = Duration::from_millis(8);
 
 /// Passes everything on to several recorders, in order.
 #[derive(Default)]
-pub struct FanOut(pub Vec<Box<dyn Recorder + Send>>);
+pub(crate) struct FanOut(pub Vec<Box<dyn Recorder + Send>>);
 
 impl Recorder for FanOut {
     fn begin(&mut self, header: &Header) {
@@ -46,7 +46,7 @@ impl Recorder for FanOut {
 
 /// Keeps a run in memory.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Memory {
+pub(crate) struct Memory {
     /// Header, once begun.
     pub header: Option<Header>,
     /// Samples in order.
@@ -84,7 +84,7 @@ enum Item {
 }
 
 /// Control's end of the ring. Never waits: what does not fit is counted, becomes an event and flags the next sample.
-pub struct RecorderInput {
+pub(crate) struct RecorderInput {
     ring: Producer<Item>,
     thread: thread::Thread,
     overrun: Overrun,
@@ -103,7 +103,7 @@ struct Overrun {
 
 impl RecorderInput {
     /// Samples and events that did not fit, since the start.
-    pub fn overruns(&self) -> u64 {
+    pub(crate) fn overruns(&self) -> u64 {
         self.overruns_total
     }
 
@@ -180,25 +180,25 @@ impl Recorder for RecorderInput {
 }
 
 /// The recording thread; `join` after the run's end.
-pub struct RecorderThread<R> {
+pub(crate) struct RecorderThread<R> {
     thread: JoinHandle<R>,
 }
 
 impl<R> RecorderThread<R> {
     /// Waits until all is recorded and hands the chain back; `None` where it panicked.
-    pub fn join(self) -> Option<R> {
+    pub(crate) fn join(self) -> Option<R> {
         self.thread.join().ok()
     }
 
     /// True once all is recorded.
-    pub fn is_finished(&self) -> bool {
+    pub(crate) fn is_finished(&self) -> bool {
         self.thread.is_finished()
     }
 }
 
 /// Starts a thread that takes one run from control and passes it through `chain`, flushing it about every 10 ms.
 /// It ends after the run's end, or when the input is dropped.
-pub fn spawn<R: Recorder + Send + 'static>(chain: R) -> io::Result<(RecorderInput, RecorderThread<R>)> {
+pub(crate) fn spawn<R: Recorder + Send + 'static>(chain: R) -> io::Result<(RecorderInput, RecorderThread<R>)> {
     spawn_with_ring(chain, RING_SAMPLES)
 }
 

@@ -9,7 +9,7 @@ use crate::diagnose::aggregates::{AggregateDiagnosis, Compared};
 use crate::diagnose::diagnosis::{Finding, Value};
 
 /// The page.
-pub fn page(diagnosis: &AggregateDiagnosis) -> String {
+pub(crate) fn page(diagnosis: &AggregateDiagnosis) -> String {
     let mut page = String::new();
     // Writing into a string cannot fail.
     let _ = write_page(&mut page, diagnosis);

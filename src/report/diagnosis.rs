@@ -44,7 +44,7 @@ pre { font-size: 14px; line-height: 1.4; padding: 12px; border: 1px solid rgba(1
 
 /// What the report tells beside the diagnosis itself.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Context<'a> {
+pub(crate) struct Context<'a> {
     /// The specimen's name.
     pub specimen: &'a str,
     /// The baseline's model.
@@ -54,7 +54,7 @@ pub struct Context<'a> {
 }
 
 /// The page.
-pub fn page(diagnosis: &Diagnosis, context: &Context<'_>) -> String {
+pub(crate) fn page(diagnosis: &Diagnosis, context: &Context<'_>) -> String {
     let mut page = String::new();
     // Writing into a string cannot fail.
     let _ = write_page(&mut page, diagnosis, context);

@@ -6,7 +6,7 @@ use super::svg::Ink;
 
 /// A page of loops.
 #[derive(Debug, Clone, PartialEq)]
-pub struct LoopPage<'a> {
+pub(crate) struct LoopPage<'a> {
     /// Heading.
     pub title: &'a str,
     /// What this is, in a sentence or two.
@@ -17,7 +17,7 @@ pub struct LoopPage<'a> {
 
 /// One run.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Section {
+pub(crate) struct Section {
     /// Heading.
     pub title: String,
     /// A sentence.
@@ -49,7 +49,7 @@ dd { margin: 0; text-align: right; font-variant-numeric: tabular-nums; font-weig
 
 impl LoopPage<'_> {
     /// The page's text.
-    pub fn render(&self) -> String {
+    pub(crate) fn render(&self) -> String {
         let mut page = String::new();
         // Writing into a string cannot fail.
         let _ = self.write(&mut page);
@@ -104,7 +104,7 @@ impl Section {
 }
 
 /// Text as HTML has it.
-pub fn escape(text: &str) -> String {
+pub(crate) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {

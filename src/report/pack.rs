@@ -25,12 +25,12 @@ const STYLE: &str = "text{font:15px system-ui,sans-serif;fill:#3b4248}.leaf{fill
 .eye{fill:#14171a}.ground{fill:#c3ced6}}";
 
 /// One state.
-pub fn picture(shape: &PackShape) -> String {
+pub(crate) fn picture(shape: &PackShape) -> String {
     draw(std::slice::from_ref(shape), 0.0)
 }
 
 /// States shown one after the other, `duration_s` for all, again and again. All of one pack; empty text where there is none.
-pub fn animation(shapes: &[PackShape], duration_s: f64) -> String {
+pub(crate) fn animation(shapes: &[PackShape], duration_s: f64) -> String {
     draw(shapes, duration_s)
 }
 

@@ -4,7 +4,7 @@ use plotters::prelude::*;
 
 /// One line of a plot.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Curve {
+pub(crate) struct Curve {
     /// For the legend.
     pub name: String,
     /// Points in order.
@@ -15,7 +15,7 @@ pub struct Curve {
 
 /// Colours of a report: readable on white and on near black.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ink {
+pub(crate) enum Ink {
     /// What the sensors say.
     Measured,
     /// What the model says.
@@ -50,7 +50,7 @@ impl Ink {
     }
 
     /// As CSS has it.
-    pub fn css(self) -> String {
+    pub(crate) fn css(self) -> String {
         let RGBColor(r, g, b) = self.colour();
         format!("rgb({r},{g},{b})")
     }
@@ -58,7 +58,7 @@ impl Ink {
 
 impl Curve {
     /// A measured curve.
-    pub fn measured(name: &str, points: Vec<(f64, f64)>) -> Curve {
+    pub(crate) fn measured(name: &str, points: Vec<(f64, f64)>) -> Curve {
         Curve {
             name: name.to_owned(),
             points,
@@ -67,7 +67,7 @@ impl Curve {
     }
 
     /// The twin's curve.
-    pub fn twin(name: &str, points: Vec<(f64, f64)>) -> Curve {
+    pub(crate) fn twin(name: &str, points: Vec<(f64, f64)>) -> Curve {
         Curve {
             name: name.to_owned(),
             points,
@@ -77,9 +77,9 @@ impl Curve {
 }
 
 /// Width and height of a plot that stands alone.
-pub const LARGE: (u32, u32) = (860, 560);
+pub(crate) const LARGE: (u32, u32) = (860, 560);
 /// Of one of two that stand side by side.
-pub const HALF: (u32, u32) = (560, 380);
+pub(crate) const HALF: (u32, u32) = (560, 380);
 /// Axes and their text: the same grey reads on white and on near black.
 const QUIET: RGBColor = RGBColor(118, 128, 136);
 /// Behind what is to be looked at.
@@ -88,7 +88,7 @@ const MARK: RGBColor = RGBColor(232, 180, 20);
 const ROOM: f64 = 0.04;
 
 /// Curves over one pair of axes. Points that are not finite are left out.
-pub fn xy_plot(x_label: &str, y_label: &str, curves: &[Curve]) -> String {
+pub(crate) fn xy_plot(x_label: &str, y_label: &str, curves: &[Curve]) -> String {
     let plot = Plot {
         x_label,
         y_label,
@@ -101,7 +101,7 @@ pub fn xy_plot(x_label: &str, y_label: &str, curves: &[Curve]) -> String {
 
 /// A plot with regions of the abscissa marked.
 #[derive(Debug, Clone, Copy)]
-pub struct Plot<'a> {
+pub(crate) struct Plot<'a> {
     /// Under the abscissa.
     pub x_label: &'a str,
     /// Beside the ordinate.
@@ -116,7 +116,7 @@ pub struct Plot<'a> {
 
 impl Plot<'_> {
     /// As SVG text.
-    pub fn render(&self) -> String {
+    pub(crate) fn render(&self) -> String {
         let mut text = String::new();
         let drawn = self.draw(&mut text);
         // Drawing into a string has nothing that can fail; a defect shows in the page instead of ending the report.

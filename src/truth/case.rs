@@ -11,7 +11,7 @@ use super::{Family, Form, Hidden, Motion, Specimen, between, one_of};
 use crate::recording::Recording;
 
 /// Strengths in detection limits that are drawn from.
-pub const STRENGTHS: [f64; 4] = [1.0, 2.0, 5.0, 10.0];
+pub(crate) const STRENGTHS: [f64; 4] = [1.0, 2.0, 5.0, 10.0];
 /// Two effects whose traces are closer than this are no pair but a confusion.
 const LARGEST_COSINE: f64 = 0.8;
 /// Draws before a family is given up; a code that no believable size makes visible costs one.
@@ -27,7 +27,7 @@ const LOOK_ALIKES: [(&str, &str); 5] = [
 
 /// What the diagnosis is told: the baseline in contract terms is `equivalent`.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
-pub struct Start {
+pub(crate) struct Start {
     /// `--known`; the model's own list where `None`.
     pub known: Option<Vec<&'static str>>,
     /// Speed of a smoothed friction in the baseline, mm/s.
@@ -38,7 +38,7 @@ pub struct Start {
 
 /// What is true, opened after the diagnosis.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub struct Label {
+pub(crate) struct Label {
     /// Number and seed.
     pub number: u64,
     /// Seed of the whole run.
@@ -59,7 +59,7 @@ pub struct Label {
 
 /// A case.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Case {
+pub(crate) struct Case {
     /// What is true.
     pub label: Label,
     /// What is told.
@@ -72,7 +72,7 @@ pub struct Case {
 
 impl Case {
     /// Case `number` of the run with `seed`; `strength` fixes what is otherwise drawn. The same arguments give the same bits.
-    pub fn draw(seed: u64, number: u64, strength: Option<f64>) -> Case {
+    pub(crate) fn draw(seed: u64, number: u64, strength: Option<f64>) -> Case {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream(number);
         let family = Family::of(number);
@@ -86,12 +86,12 @@ impl Case {
     }
 
     /// A case with one chosen effect, for tests by hand; none where no believable size is visible.
-    pub fn single(code: &str, seed: u64, strength: f64) -> Option<Case> {
+    pub(crate) fn single(code: &str, seed: u64, strength: f64) -> Option<Case> {
         Some(Case::pair_of_controls(code, seed, strength)?.0)
     }
 
     /// A case with one effect, and the same specimen, motion and sensors with the effect removed.
-    pub fn pair_of_controls(code: &str, seed: u64, strength: f64) -> Option<(Case, Case)> {
+    pub(crate) fn pair_of_controls(code: &str, seed: u64, strength: f64) -> Option<(Case, Case)> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let draft = (0..TRIES).find_map(|_| Draft::new(&mut random, Family::Single, &[code], strength))?;
         let removed = Draft {

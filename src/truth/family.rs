@@ -3,7 +3,7 @@
 /// What kind of case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Family {
+pub(crate) enum Family {
     /// Nothing is hidden.
     None,
     /// Nothing is hidden and the sensors are ten times noisier.
@@ -31,7 +31,7 @@ const ROUND: [Family; 20] = {
 
 impl Family {
     /// All of them.
-    pub const ALL: [Family; 7] = [
+    pub(crate) const ALL: [Family; 7] = [
         Family::None,
         Family::NoneNoisy,
         Family::Single,
@@ -42,12 +42,12 @@ impl Family {
     ];
 
     /// What case `number` of every run is drawn for.
-    pub fn of(number: u64) -> Family {
+    pub(crate) fn of(number: u64) -> Family {
         ROUND[(number % ROUND.len() as u64) as usize]
     }
 
     /// Name on the command line.
-    pub fn key(self) -> &'static str {
+    pub(crate) fn key(self) -> &'static str {
         match self {
             Family::None => "none",
             Family::NoneNoisy => "none-noisy",

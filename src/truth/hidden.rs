@@ -6,7 +6,7 @@ use super::{Specimen, between, one_of};
 
 /// One hidden effect.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Hidden {
+pub(crate) struct Hidden {
     /// Code of contracts.md, or the name of an outsider.
     pub code: &'static str,
     /// Size in the unit that [`Physics::size`] names.
@@ -19,7 +19,7 @@ pub struct Hidden {
 
 /// One thing that can be hidden.
 #[derive(Debug, Clone, Copy)]
-pub struct Physics {
+pub(crate) struct Physics {
     /// Code of contracts.md, or the name of an outsider.
     pub code: &'static str,
     /// False for what no library has.
@@ -49,7 +49,7 @@ const fn physics(code: &'static str, size: &'static str, largest: fn(&Specimen) 
 }
 
 /// All that can be hidden; sorted within the library and within the outsiders.
-pub static PHYSICS: &[Physics] = &[
+pub(crate) static PHYSICS: &[Physics] = &[
     Physics {
         compared: [Some("gap_mm"), None],
         ..physics("backlash", "gap, mm", |_| 2.0)
@@ -142,13 +142,13 @@ pub static PHYSICS: &[Physics] = &[
 ];
 
 /// The entry of a code.
-pub fn find(code: &str) -> Option<&'static Physics> {
+pub(crate) fn find(code: &str) -> Option<&'static Physics> {
     PHYSICS.iter().find(|p| p.code == code)
 }
 
 impl Physics {
     /// Draws sign, place and width; the size is a unit for `limit` to scale.
-    pub fn draw(&self, random: &mut ChaCha8Rng, specimen: &Specimen) -> Hidden {
+    pub(crate) fn draw(&self, random: &mut ChaCha8Rng, specimen: &Specimen) -> Hidden {
         let top = specimen.top_mm();
         let u = between(random, 0.0, 1.0);
         let place = match self.code {
@@ -179,7 +179,7 @@ impl Physics {
 impl Hidden {
     /// Axis of contracts.md and interval in which it acts, where it is local; `top_mm` is the largest displacement.
     /// A channel that clips is not local here: no recorded force lies above its rail.
-    pub fn interval(&self, top_mm: f64) -> Option<(&'static str, f64, f64)> {
+    pub(crate) fn interval(&self, top_mm: f64) -> Option<(&'static str, f64, f64)> {
         match self.code {
             "backlash" => Some(("distance_from_reversal_mm", 0.0, self.size)),
             "lift_off" => Some(("displacement_mm", 0.0, self.size)),
@@ -194,12 +194,12 @@ impl Hidden {
     }
 
     /// Force at which a saturated channel stops.
-    pub fn limit_n(&self, top_n: f64) -> f64 {
+    pub(crate) fn limit_n(&self, top_n: f64) -> f64 {
         (1.0 - self.size) * top_n
     }
 
     /// Names and true values that an answer can be compared with.
-    pub fn parameters(&self, top_n: f64) -> Vec<(&'static str, f64)> {
+    pub(crate) fn parameters(&self, top_n: f64) -> Vec<(&'static str, f64)> {
         if self.code == "sensor_saturation" {
             return vec![("limit_n", self.limit_n(top_n))];
         }

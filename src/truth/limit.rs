@@ -13,14 +13,14 @@ use super::hidden::Physics;
 use super::{Form, Hidden, Motion, Specimen};
 
 /// Standard deviations that make a detection: a chance of 1 in 3 million for one look.
-pub const MULTIPLE: f64 = 5.0;
+pub(crate) const MULTIPLE: f64 = 5.0;
 /// Effective samples of a branch, at most: 50 cycles count as 500, the upper end of what a pilot on this bench gave.
-pub const SAMPLES_PER_BRANCH: f64 = 5.0;
+pub(crate) const SAMPLES_PER_BRANCH: f64 = 5.0;
 /// A size is found to this share.
 const PRECISION: f64 = 0.02;
 
 /// Measures effects in one programme.
-pub struct Meter<'a> {
+pub(crate) struct Meter<'a> {
     specimen: &'a Specimen,
     programme: &'a [(Motion, Vec<f64>)],
     /// Square root of the weight of each sample.
@@ -32,7 +32,7 @@ pub struct Meter<'a> {
 
 impl<'a> Meter<'a> {
     /// `programme`: motions and their sampling times.
-    pub fn new(specimen: &'a Specimen, programme: &'a [(Motion, Vec<f64>)], sigma_n: f64) -> Meter<'a> {
+    pub(crate) fn new(specimen: &'a Specimen, programme: &'a [(Motion, Vec<f64>)], sigma_n: f64) -> Meter<'a> {
         let weight = programme
             .iter()
             .flat_map(|(motion, times)| {
@@ -91,7 +91,7 @@ impl<'a> Meter<'a> {
     }
 
     /// What the effect changes and no refit absorbs, in standard deviations of effective samples.
-    pub fn signature(&self, hidden: &Hidden) -> Vec<f64> {
+    pub(crate) fn signature(&self, hidden: &Hidden) -> Vec<f64> {
         let with = self.forces(self.specimen, std::slice::from_ref(hidden));
         let mut change: Vec<f64> = with.iter().zip(&self.plain).map(|(a, b)| a - b).collect();
         self.remove_absorbed(&mut change);
@@ -99,12 +99,12 @@ impl<'a> Meter<'a> {
     }
 
     /// Length of [`Meter::signature`].
-    pub fn level(&self, hidden: &Hidden) -> f64 {
+    pub(crate) fn level(&self, hidden: &Hidden) -> f64 {
         norm(&self.signature(hidden))
     }
 
     /// The effect at a strength in detection limits; none where that needs a size nobody would believe.
-    pub fn sized(&self, physics: &Physics, unit: &Hidden, strength: f64) -> Option<Hidden> {
+    pub(crate) fn sized(&self, physics: &Physics, unit: &Hidden, strength: f64) -> Option<Hidden> {
         let largest = (physics.largest)(self.specimen);
         let sign = unit.size.signum();
         let wanted = strength * MULTIPLE;
@@ -128,7 +128,7 @@ impl<'a> Meter<'a> {
     }
 
     /// Cosine between what two effects leave.
-    pub fn cosine(&self, a: &Hidden, b: &Hidden) -> f64 {
+    pub(crate) fn cosine(&self, a: &Hidden, b: &Hidden) -> f64 {
         let (a, b) = (self.signature(a), self.signature(b));
         let dot: f64 = a.iter().zip(&b).map(|(a, b)| a * b).sum();
         dot / (norm(&a) * norm(&b)).max(1e-12)

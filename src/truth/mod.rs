@@ -5,21 +5,21 @@
 //! (found by bisection on the motion's formula), rates come from that formula, and the sensors are a chain of their own.
 //! How much of an effect is hidden is counted in detection limits, see [`limit`]. Judging an answer is left to `blind`.
 
-pub mod case;
-pub mod family;
-pub mod hidden;
-pub mod limit;
-pub mod motion;
-pub mod path;
-pub mod rig;
-pub mod sensors;
-pub mod specimen;
+pub(crate) mod case;
+pub(crate) mod family;
+pub(crate) mod hidden;
+pub(crate) mod limit;
+pub(crate) mod motion;
+pub(crate) mod path;
+pub(crate) mod rig;
+pub(crate) mod sensors;
+pub(crate) mod specimen;
 
-pub use case::{Case, Label, Start};
-pub use family::Family;
-pub use hidden::{Hidden, PHYSICS};
-pub use motion::Motion;
-pub use specimen::{Form, Specimen};
+pub(crate) use case::{Case, Label, Start};
+pub(crate) use family::Family;
+pub(crate) use hidden::Hidden;
+pub(crate) use motion::Motion;
+pub(crate) use specimen::{Form, Specimen};
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;

@@ -14,7 +14,7 @@ const CORNER: f64 = 0.99;
 
 /// A displacement in mm over time in s; every motion begins at rest at zero.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Motion {
+pub(crate) enum Motion {
     /// Up to `top_mm`, a hold, and down again, at constant speed with rounded corners.
     Ramp {
         /// Displacement of the hold.
@@ -61,7 +61,7 @@ pub enum Motion {
 
 impl Motion {
     /// Time taken to go from zero to the motion's start.
-    pub fn approach_s(&self) -> f64 {
+    pub(crate) fn approach_s(&self) -> f64 {
         match *self {
             Motion::Ramp { .. } | Motion::Path(_) => 0.0,
             Motion::Sine { frequency_hz, .. } | Motion::Triangle { frequency_hz, .. } => 0.5 / frequency_hz,
@@ -70,7 +70,7 @@ impl Motion {
     }
 
     /// Length in s.
-    pub fn duration_s(&self) -> f64 {
+    pub(crate) fn duration_s(&self) -> f64 {
         self.approach_s()
             + match *self {
                 Motion::Ramp { branch_s, hold_s, .. } => 2.0 * branch_s + hold_s,
@@ -86,7 +86,7 @@ impl Motion {
     }
 
     /// Branches from turning point to turning point, about.
-    pub fn branches(&self) -> f64 {
+    pub(crate) fn branches(&self) -> f64 {
         match *self {
             Motion::Ramp { .. } => 2.0,
             Motion::Path(ref path) => 1.0 + path.turns() as f64,
@@ -104,7 +104,7 @@ impl Motion {
     }
 
     /// Displacement at a time; still before the start and after the end.
-    pub fn at_mm(&self, time_s: f64) -> f64 {
+    pub(crate) fn at_mm(&self, time_s: f64) -> f64 {
         let t = time_s.clamp(0.0, self.duration_s());
         let lead = self.approach_s();
         let after = t - lead;
@@ -163,18 +163,18 @@ impl Motion {
     }
 
     /// Speed in mm/s.
-    pub fn speed_mm_s(&self, time_s: f64) -> f64 {
+    pub(crate) fn speed_mm_s(&self, time_s: f64) -> f64 {
         (self.at_mm(time_s + DIFFERENCE_S) - self.at_mm(time_s - DIFFERENCE_S)) / (2.0 * DIFFERENCE_S)
     }
 
     /// Acceleration in mm/s2.
-    pub fn acceleration_mm_s2(&self, time_s: f64) -> f64 {
+    pub(crate) fn acceleration_mm_s2(&self, time_s: f64) -> f64 {
         (self.at_mm(time_s + DIFFERENCE_S) - 2.0 * self.at_mm(time_s) + self.at_mm(time_s - DIFFERENCE_S))
             / (DIFFERENCE_S * DIFFERENCE_S)
     }
 
     /// Five to nine lines between 0.3 and 3 Hz that stay within `reach_mm` of the mean.
-    pub fn random(random: &mut ChaCha8Rng, mean_mm: f64, reach_mm: f64, duration_s: f64) -> Motion {
+    pub(crate) fn random(random: &mut ChaCha8Rng, mean_mm: f64, reach_mm: f64, duration_s: f64) -> Motion {
         let count = 5 + (between(random, 0.0, 4.99) as usize);
         let mut lines: Vec<[f64; 3]> = (0..count)
             .map(|_| {

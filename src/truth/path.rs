@@ -3,7 +3,7 @@
 
 /// Displacement in mm over time in s, smooth, still before the first sample and after the last.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Path {
+pub(crate) struct Path {
     time_s: Vec<f64>,
     displacement_mm: Vec<f64>,
     /// Speed at each sample, mm/s.
@@ -12,7 +12,7 @@ pub struct Path {
 
 impl Path {
     /// Through `points`, (time in s, displacement in mm) with rising times.
-    pub fn new(points: &[[f64; 2]]) -> Path {
+    pub(crate) fn new(points: &[[f64; 2]]) -> Path {
         let (time_s, displacement_mm): (Vec<f64>, Vec<f64>) = points.iter().map(|p| (p[0], p[1])).unzip();
         let chord = |k: usize| {
             let [a, b] = [points[k], points[k + 1]];
@@ -40,12 +40,12 @@ impl Path {
     }
 
     /// Length in s.
-    pub fn duration_s(&self) -> f64 {
+    pub(crate) fn duration_s(&self) -> f64 {
         self.time_s.last().copied().unwrap_or(0.0)
     }
 
     /// Changes of direction.
-    pub fn turns(&self) -> usize {
+    pub(crate) fn turns(&self) -> usize {
         let mut directions: Vec<bool> = self
             .displacement_mm
             .windows(2)
@@ -57,7 +57,7 @@ impl Path {
     }
 
     /// Displacement at a time.
-    pub fn at_mm(&self, time_s: f64) -> f64 {
+    pub(crate) fn at_mm(&self, time_s: f64) -> f64 {
         let after = self.time_s.partition_point(|t| *t <= time_s);
         let (Some(k), true) = (after.checked_sub(1), after < self.time_s.len()) else {
             let end = if after == 0 {

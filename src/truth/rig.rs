@@ -17,7 +17,7 @@ pub(super) struct Rig {
 impl Case {
     /// Plays one more test, the `number`th from 1, on the case's specimen with its hidden effects and records it with its
     /// sensors; `points` are time in s and displacement in mm. The same case and number give the same noise.
-    pub fn play(&self, points: &[[f64; 2]], number: u32) -> Recording {
+    pub(crate) fn play(&self, points: &[[f64; 2]], number: u32) -> Recording {
         let mut random = ChaCha8Rng::seed_from_u64(self.label.seed);
         // Streams that neither a case nor a seal uses.
         random.set_stream(self.label.number | u64::from(number) << 40);

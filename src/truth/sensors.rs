@@ -18,7 +18,7 @@ const LARGEST_HUM: f64 = 0.3;
 
 /// The measuring chain of one case.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sensors {
+pub(crate) struct Sensors {
     /// Standard deviation of the load cell, N.
     pub noise_n: f64,
     /// Standard deviation of the LVDT, mm.
@@ -35,7 +35,7 @@ pub struct Sensors {
 
 impl Sensors {
     /// Draws a chain for a range of force; `noisy` makes it ten times worse than usual.
-    pub fn draw(random: &mut ChaCha8Rng, range_n: f64, noisy: bool) -> Sensors {
+    pub(crate) fn draw(random: &mut ChaCha8Rng, range_n: f64, noisy: bool) -> Sensors {
         let noise_n = range_n * 10f64.powf(between(random, -3.7, -2.9)) * if noisy { 10.0 } else { 1.0 };
         let usual = [50.0, 100.0, 200.0, 250.0, 500.0, 1000.0];
         let rate_hz = match between(random, 0.0, 1.0) {
@@ -55,14 +55,14 @@ impl Sensors {
     }
 
     /// Standard deviation of what a displacement-driven model cannot follow, N.
-    pub fn sigma_n(&self, rate_n_per_mm: f64) -> f64 {
+    pub(crate) fn sigma_n(&self, rate_n_per_mm: f64) -> f64 {
         let force = self.noise_n.powi(2) + 0.5 * self.hum_n.powi(2) + FORCE_STEP_N.powi(2) / 12.0;
         let displacement = self.noise_mm.powi(2) + DISPLACEMENT_STEP_MM.powi(2) / 12.0;
         (force + rate_n_per_mm.powi(2) * displacement).sqrt()
     }
 
     /// When a motion is sampled, in s.
-    pub fn times_s(&self, random: &mut ChaCha8Rng, motion: &Motion) -> Vec<f64> {
+    pub(crate) fn times_s(&self, random: &mut ChaCha8Rng, motion: &Motion) -> Vec<f64> {
         let duration_s = motion.duration_s();
         let rate_hz = match motion {
             Motion::Ramp { .. } => self.rate_hz.min((WANTED_SAMPLES / duration_s).max(20.0)),
@@ -84,7 +84,7 @@ impl Sensors {
     }
 
     /// What is recorded of a motion; time starts at the first sample of the file as the logger has it.
-    pub fn record(
+    pub(crate) fn record(
         &self,
         random: &mut ChaCha8Rng,
         specimen: &Specimen,
@@ -138,7 +138,7 @@ fn stepped(value: f64, step: f64) -> f64 {
 }
 
 /// A recording as the CSV of contracts.md.
-pub fn csv(recording: &Recording) -> String {
+pub(crate) fn csv(recording: &Recording) -> String {
     let mut text = String::from("time_s,displacement_mm,force_n\r\n");
     for k in 0..recording.len() {
         text += &format!(

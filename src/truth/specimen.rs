@@ -25,7 +25,7 @@ const STEP_S: f64 = 0.004;
 
 /// Shape of the friction that scales with the load.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Form {
+pub(crate) enum Form {
     /// 64 elements.
     Gradual,
     /// Turns round at once.
@@ -39,7 +39,7 @@ pub enum Form {
 
 /// A leaf spring.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Specimen {
+pub(crate) struct Specimen {
     /// Force at zero displacement, N.
     pub preload_n: f64,
     /// Spring rate, N/mm.
@@ -60,17 +60,17 @@ pub struct Specimen {
 
 impl Specimen {
     /// Largest displacement, mm.
-    pub fn top_mm(&self) -> f64 {
+    pub(crate) fn top_mm(&self) -> f64 {
         (self.range_n - self.preload_n) / self.rate_n_per_mm
     }
 
     /// Force there, friction included, N.
-    pub fn top_n(&self) -> f64 {
+    pub(crate) fn top_n(&self) -> f64 {
         self.range_n * (1.0 + self.friction_ratio)
     }
 
     /// True force in N at `times_s` (rising) of a motion, before the sensors.
-    pub fn forces(&self, hidden: &[Hidden], motion: &Motion, times_s: &[f64]) -> Vec<f64> {
+    pub(crate) fn forces(&self, hidden: &[Hidden], motion: &Motion, times_s: &[f64]) -> Vec<f64> {
         let mut contact = Contact::new(self, hidden, motion);
         let delay_s = 1e-3 * get(hidden, "channel_delay").map_or(0.0, |h| h.size);
         times_s

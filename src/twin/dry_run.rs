@@ -9,7 +9,7 @@ use crate::units::{Command, joules_from_nmm};
 
 /// What a profile is predicted to do.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct DryRun {
+pub(crate) struct DryRun {
     /// Highest force.
     pub peak_force_n: f64,
     /// Lowest force.
@@ -38,7 +38,7 @@ pub struct DryRun {
 
 /// A limit with what is left to it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Margin {
+pub(crate) struct Margin {
     /// The limit, the worst value and when.
     #[serde(flatten)]
     pub worst: Extreme,
@@ -48,7 +48,7 @@ pub struct Margin {
 
 /// One tick of a dry run.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Predicted {
+pub(crate) struct Predicted {
     /// What the profile asks for.
     pub slot: Slot,
     /// Where the model stands.
@@ -58,7 +58,7 @@ pub struct Predicted {
 }
 
 /// Plays `profile` from zero displacement on a copy of `plant`, reset. A trip is a finding, not an error.
-pub fn dry_run(
+pub(crate) fn dry_run(
     profile: &Profile,
     plant: &dyn Plant,
     limits: &ProfileLimits,
@@ -68,7 +68,7 @@ pub fn dry_run(
 }
 
 /// [`dry_run`] that shows every tick to `watcher`.
-pub fn dry_run_with(
+pub(crate) fn dry_run_with(
     profile: &Profile,
     plant: &dyn Plant,
     limits: &ProfileLimits,

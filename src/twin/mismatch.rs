@@ -33,7 +33,7 @@ const LEAST_BAND: f64 = 0.02;
 
 /// What the channels' own noise is.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Noise {
+pub(crate) struct Noise {
     /// Standard deviation of the force, N.
     pub force_n: f64,
     /// Standard deviation of the displacement, mm.
@@ -42,7 +42,7 @@ pub struct Noise {
 
 /// A stretch of the loop on which twin and measurement part.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Mismatch {
+pub(crate) struct Mismatch {
     /// Displacement where it begins and ends, the lower first, mm.
     pub displacement_mm: [f64; 2],
     /// True while the displacement rises.
@@ -112,7 +112,7 @@ struct Leg {
 
 /// Watches one run.
 #[derive(Debug, Clone)]
-pub struct Watch {
+pub(crate) struct Watch {
     noise: Noise,
     rate_hz: f64,
     band_mm: f64,
@@ -136,7 +136,7 @@ pub struct Watch {
 
 impl Watch {
     /// Nothing seen yet.
-    pub fn new(noise: Noise) -> Self {
+    pub(crate) fn new(noise: Noise) -> Self {
         Watch {
             noise,
             rate_hz: 1.0,
@@ -157,7 +157,7 @@ impl Watch {
     }
 
     /// A run begins.
-    pub fn begin(&mut self, rate_hz: f64) {
+    pub(crate) fn begin(&mut self, rate_hz: f64) {
         *self = Watch {
             rate_hz,
             ..Watch::new(self.noise)
@@ -165,7 +165,7 @@ impl Watch {
     }
 
     /// One compared sample; a report where there is one to make.
-    pub fn sample(&mut self, displacement_mm: f64, measured_n: f64, twin_n: f64) -> Option<Mismatch> {
+    pub(crate) fn sample(&mut self, displacement_mm: f64, measured_n: f64, twin_n: f64) -> Option<Mismatch> {
         self.follow_stiffness(displacement_mm, twin_n);
         let reversed = self.follow_leg(displacement_mm);
         let leg = self.leg?;

@@ -4,8 +4,8 @@
 mod dry_run;
 mod mismatch;
 
-pub use dry_run::{DryRun, Margin, Predicted, dry_run, dry_run_with};
-pub use mismatch::{Mismatch, Noise, Watch};
+pub(crate) use dry_run::{Margin, Predicted, dry_run, dry_run_with};
+pub(crate) use mismatch::{Mismatch, Noise, Watch};
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -16,7 +16,7 @@ use crate::recording::{Event, EventKind, Flags, Header, Outcome, Recorder, Sampl
 
 /// How well twin and measurement agree so far; written by the twin, read by anyone.
 #[derive(Debug, Default)]
-pub struct TwinScore {
+pub(crate) struct TwinScore {
     nrmse_bits: AtomicU64,
     compared: AtomicU64,
     skipped: AtomicU64,
@@ -24,18 +24,18 @@ pub struct TwinScore {
 
 impl TwinScore {
     /// rms(measured - model) / (max - min of measured force); `None` before the force has moved.
-    pub fn nrmse(&self) -> Option<f64> {
+    pub(crate) fn nrmse(&self) -> Option<f64> {
         let nrmse = f64::from_bits(self.nrmse_bits.load(Ordering::Relaxed));
         (self.compared() > 0 && nrmse.is_finite()).then_some(nrmse)
     }
 
     /// Samples compared.
-    pub fn compared(&self) -> u64 {
+    pub(crate) fn compared(&self) -> u64 {
         self.compared.load(Ordering::Relaxed)
     }
 
     /// Samples left empty because the twin was behind or the displacement was not valid.
-    pub fn skipped(&self) -> u64 {
+    pub(crate) fn skipped(&self) -> u64 {
         self.skipped.load(Ordering::Relaxed)
     }
 }
@@ -57,7 +57,7 @@ impl Sums {
 }
 
 /// Steps a plant at the measured displacement and fills `twin_force_n`.
-pub struct Twin {
+pub(crate) struct Twin {
     plant: Box<dyn Plant>,
     play: Play,
     next: Box<dyn Recorder + Send>,
@@ -73,7 +73,7 @@ pub struct Twin {
 impl Twin {
     /// Passes everything on to `next`. `noise_mm` is the LVDT's standard deviation, which must not look like motion to
     /// the plant. `behind` says that samples pile up: the twin then leaves its column empty.
-    pub fn new(
+    pub(crate) fn new(
         plant: Box<dyn Plant>,
         noise_mm: f64,
         next: Box<dyn Recorder + Send>,
@@ -94,13 +94,13 @@ impl Twin {
     }
 
     /// Watches the residual against this noise and tells of a mismatch as an event of the run.
-    pub fn watching(mut self, noise: Noise) -> Self {
+    pub(crate) fn watching(mut self, noise: Noise) -> Self {
         self.watch = Some(Watch::new(noise));
         self
     }
 
     /// The score, to be read while the run goes on.
-    pub fn score(&self) -> Arc<TwinScore> {
+    pub(crate) fn score(&self) -> Arc<TwinScore> {
         Arc::clone(&self.score)
     }
 

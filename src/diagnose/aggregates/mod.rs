@@ -13,8 +13,7 @@ mod table;
 
 use serde::Serialize;
 
-pub use regression::{Estimate, Line, line};
-pub use table::{Fitted, Points, Row, Table, TableError, TableReader};
+pub(crate) use table::{Row, Table, TableError, TableReader};
 
 use super::diagnosis::{
     Alternative, Finding, ImprovedModel, Location, NextTest, NotTestable, Value, Verdict,
@@ -29,7 +28,7 @@ type FitErrors = super::diagnosis::FitErrors<Option<f64>>;
 
 /// One line of the table of rows.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Compared {
+pub(crate) struct Compared {
     /// Mounting and test.
     pub name: String,
     /// Columns' units: N and J for tests, mm and N for points.
@@ -44,7 +43,7 @@ pub struct Compared {
 
 /// All of it: the fields of contracts.md and what stands beside them.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct AggregateDiagnosis {
+pub(crate) struct AggregateDiagnosis {
     /// In one word.
     pub verdict: Verdict,
     /// In one sentence.
@@ -83,7 +82,7 @@ pub struct AggregateDiagnosis {
 
 /// Why there is no diagnosis of a table.
 #[derive(Debug, thiserror::Error)]
-pub enum AggregateError {
+pub(crate) enum AggregateError {
     /// A file cannot be read.
     #[error(transparent)]
     Table(#[from] TableError),
@@ -105,10 +104,10 @@ pub enum AggregateError {
 }
 
 /// Runs the baseline over tests of which all the motion is told: one pair a row.
-pub type Simulate<'a> = dyn FnMut(&[Row]) -> Result<Vec<Two>, IdentifyError> + 'a;
+pub(crate) type Simulate<'a> = dyn FnMut(&[Row]) -> Result<Vec<Two>, IdentifyError> + 'a;
 
 /// Diagnoses a table. `simulate` is asked where the table has no model of its own.
-pub fn diagnose_table(
+pub(crate) fn diagnose_table(
     mut table: Table,
     simulate: &mut Simulate<'_>,
     threads: usize,

@@ -10,7 +10,7 @@ const ROUNDING: f64 = 5e-5;
 
 /// A figure and how sure it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Estimate {
+pub(crate) struct Estimate {
     /// Best value.
     pub value: f64,
     /// Standard error.
@@ -21,13 +21,13 @@ pub struct Estimate {
 
 impl Estimate {
     /// 95 % interval (Student).
-    pub fn ci95(&self) -> [f64; 2] {
+    pub(crate) fn ci95(&self) -> [f64; 2] {
         let half = student_975(self.spare) * self.error;
         [self.value - half, self.value + half]
     }
 
     /// The difference of two that know nothing of each other; as few spare points as the poorer has.
-    pub fn minus(&self, other: &Estimate) -> Estimate {
+    pub(crate) fn minus(&self, other: &Estimate) -> Estimate {
         Estimate {
             value: self.value - other.value,
             error: self.error.hypot(other.error),
@@ -36,7 +36,7 @@ impl Estimate {
     }
 
     /// How sure it is that the value lies above `level`, 0 to 1 (two-sided).
-    pub fn above(&self, level: f64) -> f64 {
+    pub(crate) fn above(&self, level: f64) -> f64 {
         if self.value <= level {
             return 0.0;
         }
@@ -47,7 +47,7 @@ impl Estimate {
     }
 
     /// In other units.
-    pub fn times(&self, factor: f64) -> Estimate {
+    pub(crate) fn times(&self, factor: f64) -> Estimate {
         Estimate {
             value: factor * self.value,
             error: factor.abs() * self.error,
@@ -56,7 +56,7 @@ impl Estimate {
     }
 
     /// For `diagnosis.json`.
-    pub fn named(&self, name: impl Into<String>, unit: &str) -> Value {
+    pub(crate) fn named(&self, name: impl Into<String>, unit: &str) -> Value {
         Value {
             name: name.into(),
             value: self.value,
@@ -79,7 +79,7 @@ fn within(spare: f64, t: f64) -> f64 {
 
 /// A fit of `y` on the columns of `design`.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Line {
+pub(crate) struct Line {
     /// One a column.
     pub columns: Vec<Estimate>,
     /// Standard deviation of what is left.
@@ -87,7 +87,7 @@ pub struct Line {
 }
 
 /// Least squares; none where no point is spare or the columns are alike.
-pub fn line(design: &[Vec<f64>], y: &[f64]) -> Option<Line> {
+pub(crate) fn line(design: &[Vec<f64>], y: &[f64]) -> Option<Line> {
     let (rows, columns) = (y.len(), design.first()?.len());
     if rows <= columns || y.iter().any(|v| !v.is_finite()) {
         return None;

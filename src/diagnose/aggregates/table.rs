@@ -16,7 +16,7 @@ const ALIASES: [(&str, &str); 2] = [
 
 /// One test: what was measured, and what a model gave where the table says it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Row {
+pub(crate) struct Row {
     /// Mounting; rows of one mounting are compared with one another.
     pub mount: String,
     /// In words.
@@ -35,7 +35,7 @@ pub struct Row {
 
 /// An optimum that somebody reported.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Fitted {
+pub(crate) struct Fitted {
     /// Mounting.
     pub mount: String,
     /// The leaf pack's names and the values reported.
@@ -46,7 +46,7 @@ pub struct Fitted {
 
 /// Points of one loop, in order.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Points {
+pub(crate) struct Points {
     /// On the way up: mm and N.
     pub loading: Vec<(f64, f64)>,
     /// On the way down.
@@ -55,7 +55,7 @@ pub struct Points {
 
 /// What the files hold.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Table {
+pub(crate) struct Table {
     /// Tests.
     pub rows: Vec<Row>,
     /// Reported optima.
@@ -69,7 +69,7 @@ pub struct Table {
 /// Where a table cannot be read.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{name}, row {row}, column {column}: {reason}")]
-pub struct TableError {
+pub(crate) struct TableError {
     /// The file.
     pub name: String,
     /// Line of the file, the header being 1.
@@ -82,7 +82,7 @@ pub struct TableError {
 
 /// Reads files one after the other; rows of measurement and model find each other at the end.
 #[derive(Default)]
-pub struct TableReader {
+pub(crate) struct TableReader {
     table: Table,
     /// Rows said to be simulated.
     simulated: Vec<Row>,
@@ -161,7 +161,7 @@ const ENERGY: [(&str, f64); 1] = [("loop_energy_j", 1.0)];
 
 impl TableReader {
     /// Adds one file. A file with neither rows nor points is remarked on.
-    pub fn read(&mut self, reader: impl Read, name: &str) -> Result<(), TableError> {
+    pub(crate) fn read(&mut self, reader: impl Read, name: &str) -> Result<(), TableError> {
         let mut csv = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(reader);
         let broken = |row: usize, error: csv::Error| TableError {
             name: name.to_owned(),
@@ -312,7 +312,7 @@ impl TableReader {
     }
 
     /// All of it, the model's rows beside the measured ones.
-    pub fn finish(mut self) -> Table {
+    pub(crate) fn finish(mut self) -> Table {
         for row in &mut self.table.rows {
             let same = |s: &&Row| {
                 s.mount == row.mount && s.stroke_mm == row.stroke_mm && s.frequency_hz == row.frequency_hz

@@ -6,7 +6,7 @@ use crate::model::Parameter;
 const PARAMETERS: &[Parameter] = &[COEFFICIENT];
 
 /// The entry of [`super::LAWS`].
-pub const LAW: Law = Law {
+pub(crate) const LAW: Law = Law {
     name: "coulomb",
     what: "constant friction in proportion to the normal force, at once after a reversal",
     parameters: PARAMETERS,

@@ -10,7 +10,7 @@ use crate::model::Parameter;
 const PARAMETERS: &[Parameter] = &[COEFFICIENT, PRESLIDING];
 
 /// The entry of [`super::LAWS`].
-pub const LAW: Law = Law {
+pub(crate) const LAW: Law = Law {
     name: "dahl",
     what: "friction that turns round exponentially after a reversal (Dahl 1968, exponent 1)",
     parameters: PARAMETERS,
@@ -26,7 +26,7 @@ pub const LAW: Law = Law {
 };
 
 /// Drag ratio after a slip of `slip_lengths` presliding lengths: -1 and 1 are full sliding.
-pub fn drag(drag: f64, slip_lengths: f64) -> f64 {
+pub(crate) fn drag(drag: f64, slip_lengths: f64) -> f64 {
     if slip_lengths == 0.0 {
         return drag;
     }

@@ -9,14 +9,14 @@
 
 /// Elastic-plastic elements side by side (Jenkins): each follows the travel and slides once it is dragged along its length.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Elements<const N: usize> {
+pub(crate) struct Elements<const N: usize> {
     per_mm: [f64; N],
     drags: [f64; N],
 }
 
 impl<const N: usize> Elements<N> {
     /// At rest, by their lengths in mm.
-    pub fn new(lengths_mm: [f64; N]) -> Self {
+    pub(crate) fn new(lengths_mm: [f64; N]) -> Self {
         Elements {
             per_mm: lengths_mm.map(|length| 1.0 / length),
             drags: [0.0; N],
@@ -24,12 +24,12 @@ impl<const N: usize> Elements<N> {
     }
 
     /// Back to rest.
-    pub fn reset(&mut self) {
+    pub(crate) fn reset(&mut self) {
         self.drags = [0.0; N];
     }
 
     /// Moves by a travel; drags of all, -1 to 1.
-    pub fn advance(&mut self, travel_mm: f64) -> &[f64; N] {
+    pub(crate) fn advance(&mut self, travel_mm: f64) -> &[f64; N] {
         if travel_mm != 0.0 {
             for (drag, per_mm) in self.drags.iter_mut().zip(&self.per_mm) {
                 *drag = (*drag + travel_mm * per_mm).clamp(-1.0, 1.0);
@@ -40,7 +40,7 @@ impl<const N: usize> Elements<N> {
 }
 
 /// Lengths in mm of elements whose mean turns round over `length_mm` in a given shape.
-pub fn spread<const N: usize>(length_mm: f64, shape: f64) -> [f64; N] {
+pub(crate) fn spread<const N: usize>(length_mm: f64, shape: f64) -> [f64; N] {
     std::array::from_fn(|i| length_mm * quantile((i as f64 + 0.5) / N as f64, shape))
 }
 

@@ -13,7 +13,7 @@ const ELEMENTS: usize = 8;
 const PARAMETERS: &[Parameter] = &[COEFFICIENT, PRESLIDING];
 
 /// The entry of [`super::LAWS`].
-pub const LAW: Law = Law {
+pub(crate) const LAW: Law = Law {
     name: "maxwell_slip",
     what: "elastic-plastic elements in parallel, loops with memory (Iwan 1966, Lampaert 2003)",
     parameters: PARAMETERS,

@@ -4,11 +4,11 @@
 
 use super::{BuildError, Parameter};
 
-pub mod coulomb;
-pub mod dahl;
-pub mod elements;
-pub mod maxwell_slip;
-pub mod tanh;
+pub(crate) mod coulomb;
+pub(crate) mod dahl;
+pub(crate) mod elements;
+pub(crate) mod maxwell_slip;
+pub(crate) mod tanh;
 
 /// A friction law with its state. Same input, same bits.
 pub trait FrictionLaw: Send {
@@ -32,7 +32,7 @@ impl Clone for Box<dyn FrictionLaw> {
 }
 
 /// One entry of [`LAWS`].
-pub struct Law {
+pub(crate) struct Law {
     /// Name in files.
     pub name: &'static str,
     /// One sentence with the source.
@@ -44,16 +44,16 @@ pub struct Law {
 }
 
 /// All laws, by name.
-pub static LAWS: &[Law] = &[coulomb::LAW, dahl::LAW, maxwell_slip::LAW, tanh::LAW];
+pub(crate) static LAWS: &[Law] = &[coulomb::LAW, dahl::LAW, maxwell_slip::LAW, tanh::LAW];
 
 /// The law called `name`.
-pub fn find(name: &str) -> Option<&'static Law> {
+pub(crate) fn find(name: &str) -> Option<&'static Law> {
     LAWS.iter().find(|law| law.name == name)
 }
 
 impl Law {
     /// Builds after checking that every value is finite and within bounds.
-    pub fn law(&self, values: &[f64]) -> Result<Box<dyn FrictionLaw>, BuildError> {
+    pub(crate) fn law(&self, values: &[f64]) -> Result<Box<dyn FrictionLaw>, BuildError> {
         for (p, &value) in self.parameters.iter().zip(values) {
             let [low, high] = p.bounds;
             if !(value >= low && value <= high) {

@@ -19,7 +19,7 @@ const PARAMETERS: &[Parameter] = &[
 ];
 
 /// The entry of [`super::LAWS`].
-pub const LAW: Law = Law {
+pub(crate) const LAW: Law = Law {
     name: "tanh",
     what: "friction that fades below a transition velocity (Kadziela 2015)",
     parameters: PARAMETERS,

@@ -23,7 +23,7 @@ pub(super) struct Contact {
 
 /// Normal law.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum NormalLaw {
+pub(crate) enum NormalLaw {
     /// N = k d: k in N/mm.
     Penalty(f64),
     /// N = c d^1.5: c in N/mm^1.5.
@@ -32,14 +32,14 @@ pub enum NormalLaw {
 
 impl NormalLaw {
     /// Hertz's law of a sphere (radius in mm) on a plane, both of modulus `e_mpa` and Poisson's ratio 0.3.
-    pub fn hertz(e_mpa: f64, radius_mm: f64) -> Self {
+    pub(crate) fn hertz(e_mpa: f64, radius_mm: f64) -> Self {
         let reduced = e_mpa / (2.0 * (1.0 - 0.3 * 0.3));
         NormalLaw::Hertz(4.0 / 3.0 * reduced * radius_mm.sqrt())
     }
 
     /// Force in N and stiffness in N/mm at an approach of `d` mm; nothing where the faces are apart.
     #[inline]
-    pub fn force(self, d: f64) -> (f64, f64) {
+    pub(crate) fn force(self, d: f64) -> (f64, f64) {
         if d <= 0.0 {
             return (0.0, 0.0);
         }
@@ -53,7 +53,7 @@ impl NormalLaw {
     }
 
     /// Elastic energy at an approach of `d` mm, N mm.
-    pub fn energy_nmm(self, d: f64) -> f64 {
+    pub(crate) fn energy_nmm(self, d: f64) -> f64 {
         let d = d.max(0.0);
         match self {
             NormalLaw::Penalty(k) => 0.5 * k * d * d,

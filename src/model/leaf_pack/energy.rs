@@ -6,7 +6,7 @@ use super::newton::eye_of;
 
 /// A source of friction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Source {
+pub(crate) enum Source {
     /// Between leaves.
     Interleaf,
     /// Pins, in proportion to their load.
@@ -23,7 +23,7 @@ pub enum Source {
 
 /// The books since the last reset, N mm. What is missing in work = stored + lost went into inertia and damping.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Energy {
+pub(crate) struct Energy {
     /// Done by the pusher.
     pub work_nmm: f64,
     /// Elastic energy beyond that of the assembled pack.
@@ -34,12 +34,12 @@ pub struct Energy {
 
 impl Energy {
     /// Lost in all sources together, N mm.
-    pub fn lost_nmm(&self) -> f64 {
+    pub(crate) fn lost_nmm(&self) -> f64 {
         self.dissipated_nmm.iter().sum()
     }
 
     /// Lost in one source, N mm.
-    pub fn of(&self, source: Source) -> f64 {
+    pub(crate) fn of(&self, source: Source) -> f64 {
         self.dissipated_nmm[source as usize]
     }
 
@@ -50,7 +50,7 @@ impl Energy {
 
 impl LeafPack {
     /// Work, stored energy and losses since the last reset.
-    pub fn energy(&self) -> Energy {
+    pub(crate) fn energy(&self) -> Energy {
         Energy {
             stored_nmm: self.stored_nmm() - self.stored_at_start_nmm,
             ..self.energy

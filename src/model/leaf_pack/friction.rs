@@ -9,7 +9,7 @@
 
 /// Which law, with its constant.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum SlipLaw {
+pub(crate) enum SlipLaw {
     /// Rate-independent with elastic presliding of this stiffness (N/mm, or N mm/rad at a pin).
     Presliding(f64),
     /// Regularised by this transition velocity (mm/s, or rad/s at a pin).
@@ -18,7 +18,7 @@ pub enum SlipLaw {
 
 /// What a sliding place does now: the tangent changes only when this does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Grip {
+pub(crate) enum Grip {
     /// Nothing pressed together, or no friction there.
     #[default]
     Free,
@@ -73,7 +73,7 @@ impl Response {
 
 /// State of one sliding place at the last converged step.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Slider {
+pub(crate) struct Slider {
     /// Slip, mm (rad at a pin).
     pub slip: f64,
     /// Friction force, N (N mm at a pin).

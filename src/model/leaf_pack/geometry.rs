@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 /// One leaf as it lies on the bench, before assembly. Source of the default: Kadziela et al. (2015), Table 1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Leaf {
+pub(crate) struct Leaf {
     /// Length along the arc, mm. A leaf reaches no further than the one above it: it is cut there.
     pub length_mm: f64,
     /// Thickness, mm.
@@ -23,7 +23,7 @@ pub struct Leaf {
 /// How the eyes are held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Mounting {
+pub(crate) enum Mounting {
     /// Both eyes on linear bearings on a guide rail.
     Rail,
     /// One eye pinned to the frame, the other on a shackle.
@@ -33,7 +33,7 @@ pub enum Mounting {
 /// Friction law of all sliding places.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum FrictionChoice {
+pub(crate) enum FrictionChoice {
     /// Rate-independent elastic-plastic.
     Presliding,
     /// The paper's regularised law with `transition_velocity_mm_s`.
@@ -43,7 +43,7 @@ pub enum FrictionChoice {
 /// Normal law of the leaf contacts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum NormalChoice {
+pub(crate) enum NormalChoice {
     /// Linear: `contact_stiffness_n_per_mm`. A line contact of two faces is close to that.
     Penalty,
     /// Hertz's sphere on a plane of `sphere_radius_mm`, as in the paper.
@@ -53,7 +53,7 @@ pub enum NormalChoice {
 /// With or without inertia.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Dynamics {
+pub(crate) enum Dynamics {
     /// Equilibrium at every step.
     QuasiStatic,
     /// Masses of all bodies and of the clamp.
@@ -63,7 +63,7 @@ pub enum Dynamics {
 /// The structure table of a leaf pack. Missing keys take the first paper's spring.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Structure {
+pub(crate) struct Structure {
     /// Leaves from the one with the eyes down.
     pub leaves: Vec<Leaf>,
     /// Rigid segments of the whole pack, both sides (the nearest number that the stations allow is taken).
@@ -143,7 +143,7 @@ impl Default for Structure {
 
 impl Structure {
     /// Reads and checks a structure table.
-    pub fn from_table(table: &toml::Table) -> Result<Self, String> {
+    pub(crate) fn from_table(table: &toml::Table) -> Result<Self, String> {
         let structure: Structure = table
             .clone()
             .try_into()
@@ -153,7 +153,7 @@ impl Structure {
     }
 
     /// What is wrong with it, and what to do.
-    pub fn check(&self) -> Result<(), String> {
+    pub(crate) fn check(&self) -> Result<(), String> {
         if self.leaves.is_empty() || self.leaves.len() > 12 {
             return Err(format!("leaves has {} entries: give 1 to 12", self.leaves.len()));
         }

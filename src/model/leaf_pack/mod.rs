@@ -24,11 +24,13 @@ mod path;
 mod shape;
 mod side;
 
-pub use contact::NormalLaw;
-pub use energy::{Energy, Source};
-pub use friction::{Grip, Slider, SlipLaw};
-pub use geometry::{Dynamics, FrictionChoice, Leaf, Mounting, NormalChoice, Structure};
-pub use pack::LeafPack;
-pub use parameters::{MODEL, PARAMETERS, Values};
-pub use path::{PathPoint, graded_path};
-pub use shape::{ContactShape, LeafShape, PackShape, Station};
+pub(crate) use friction::Grip;
+pub(crate) use geometry::{FrictionChoice, Mounting, Structure};
+pub(crate) use pack::LeafPack;
+pub(crate) use parameters::{MODEL, Values};
+pub(crate) use path::graded_path;
+pub(crate) use shape::{ContactShape, LeafShape, PackShape};
+#[cfg(any(test, feature = "benchmarks"))]
+pub(crate) use geometry::Dynamics;
+#[cfg(test)]
+pub(crate) use {energy::Source, geometry::NormalChoice, parameters::PARAMETERS};

@@ -24,7 +24,7 @@ const MOST_PARTS: f64 = 300.0;
 
 /// The leaf pack, ready to step.
 #[derive(Debug, Clone)]
-pub struct LeafPack {
+pub(crate) struct LeafPack {
     pub(super) structure: Structure,
     pub(super) values: Values,
     pub(super) sides: Vec<Side>,
@@ -58,7 +58,7 @@ pub struct LeafPack {
 
 impl LeafPack {
     /// Assembles and clamps the pack and sets it on its mounting, at displacement 0.
-    pub fn new(structure: &Structure, values: &Values) -> Result<Self, String> {
+    pub(crate) fn new(structure: &Structure, values: &Values) -> Result<Self, String> {
         structure.check()?;
         let side = clamped_side(structure, values)?;
         let eye = [0.0, structure.eye_offset_mm];
@@ -124,50 +124,50 @@ impl LeafPack {
     }
 
     /// What it was built from.
-    pub fn structure(&self) -> &Structure {
+    pub(crate) fn structure(&self) -> &Structure {
         &self.structure
     }
 
     /// What it was built with.
-    pub fn values(&self) -> &Values {
+    pub(crate) fn values(&self) -> &Values {
         &self.values
     }
 
     /// Steps since the last reset that did not converge even when halved, or went beyond any spring's reach: they end at the last equilibrium
     /// and its force.
-    pub fn unconverged(&self) -> u64 {
+    pub(crate) fn unconverged(&self) -> u64 {
         self.unconverged
     }
 
     /// Newton iterations and factorisations since the last reset.
-    pub fn effort(&self) -> (u64, u64) {
+    pub(crate) fn effort(&self) -> (u64, u64) {
         (self.iterations, self.factorisations)
     }
 
     /// Rigid segments of the whole pack.
-    pub fn segments(&self) -> usize {
+    pub(crate) fn segments(&self) -> usize {
         let all: usize = self.sides.iter().map(|s| s.beams.len()).sum();
         if self.copies > 1.0 { 2 * all } else { all }
     }
 
     /// Sets the residual at which a step counts as converged, N (5e-4 unless set; never below what rounding leaves).
-    pub fn set_tolerance_n(&mut self, tolerance_n: f64) {
+    pub(crate) fn set_tolerance_n(&mut self, tolerance_n: f64) {
         let rounding = self.sides.iter().map(Side::rounding_n).fold(1e-9, f64::max);
         self.tolerance_n = tolerance_n.max(rounding);
     }
 
     /// Where the pusher is, mm: as given to the last step, unless that did not converge.
-    pub fn displacement_mm(&self) -> f64 {
+    pub(crate) fn displacement_mm(&self) -> f64 {
         self.travel_mm - self.values.preload_mm
     }
 
     /// Force of the pusher after the last step, N.
-    pub fn force_n(&self) -> f64 {
+    pub(crate) fn force_n(&self) -> f64 {
         self.force_n
     }
 
     /// Clamp's displacement along the load and sideways, mm, from the unloaded pack.
-    pub fn clamp_mm(&self) -> [f64; 2] {
+    pub(crate) fn clamp_mm(&self) -> [f64; 2] {
         [self.frame.settled[1], self.frame.settled[0]]
     }
 

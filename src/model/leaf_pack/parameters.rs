@@ -6,7 +6,7 @@ use crate::model::{BuildError, Model, Parameter, Plant};
 
 /// One value a parameter, in the order of [`PARAMETERS`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Values {
+pub(crate) struct Values {
     /// Added to the thickness of every leaf, mm.
     pub thickness_correction_mm: f64,
     /// Length that the clamp holds flat, mm.
@@ -50,7 +50,7 @@ const fn parameter(
 }
 
 /// Bounds of the friction coefficient are wide on purpose: the paper's own fit went to 8.5, and belief says what to think of it.
-pub static PARAMETERS: &[Parameter] = &[
+pub(crate) static PARAMETERS: &[Parameter] = &[
     parameter(
         "thickness_correction_mm",
         "mm",
@@ -143,7 +143,7 @@ pub static PARAMETERS: &[Parameter] = &[
 
 impl Values {
     /// From one value a parameter, in the order of [`PARAMETERS`].
-    pub fn from_slice(values: &[f64]) -> Option<Self> {
+    pub(crate) fn from_slice(values: &[f64]) -> Option<Self> {
         let &[
             thickness_correction_mm,
             clamp_length_mm,
@@ -176,7 +176,7 @@ impl Values {
     }
 
     /// One value a parameter, in the order of [`PARAMETERS`].
-    pub fn to_array(&self) -> [f64; 11] {
+    pub(crate) fn to_array(&self) -> [f64; 11] {
         [
             self.thickness_correction_mm,
             self.clamp_length_mm,
@@ -193,7 +193,7 @@ impl Values {
     }
 
     /// No friction anywhere, everything else at its start.
-    pub fn frictionless() -> Self {
+    pub(crate) fn frictionless() -> Self {
         Self {
             thickness_correction_mm: 0.0,
             clamp_length_mm: 100.0,
@@ -211,7 +211,7 @@ impl Values {
 }
 
 /// The line in the list of models.
-pub const MODEL: Model = Model {
+pub(crate) const MODEL: Model = Model {
     name: "leaf-pack",
     what: "leaves of rigid segments and beam elements, clamped with nip, in contact with friction (Kadziela et al. 2015)",
     parameters: PARAMETERS,

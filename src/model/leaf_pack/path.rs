@@ -5,7 +5,7 @@ use crate::model::Plant;
 
 /// One point of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PathPoint {
+pub(crate) struct PathPoint {
     /// Displacement of the pusher, mm.
     pub displacement_mm: f64,
     /// Its force, N.
@@ -18,7 +18,7 @@ const FIRST_MM: f64 = 0.05;
 const GROWTH: f64 = 1.35;
 
 /// A path through the turning points: fine after each of them, then up to `longest_mm` a step.
-pub fn graded_path(turning_points_mm: &[f64], longest_mm: f64) -> Vec<f64> {
+pub(crate) fn graded_path(turning_points_mm: &[f64], longest_mm: f64) -> Vec<f64> {
     let mut path = Vec::new();
     path.extend(turning_points_mm.first());
     for pair in turning_points_mm.windows(2) {
@@ -40,7 +40,7 @@ pub fn graded_path(turning_points_mm: &[f64], longest_mm: f64) -> Vec<f64> {
 
 impl LeafPack {
     /// Visits the given displacements in order, `duration_s` for the whole, and returns the force at each.
-    pub fn static_path(&mut self, displacements_mm: &[f64], duration_s: f64) -> Vec<PathPoint> {
+    pub(crate) fn static_path(&mut self, displacements_mm: &[f64], duration_s: f64) -> Vec<PathPoint> {
         let way: f64 = displacements_mm.windows(2).map(|w| (w[1] - w[0]).abs()).sum();
         displacements_mm
             .iter()

@@ -10,7 +10,7 @@ use super::side::Side;
 
 /// A station of a leaf's middle line.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Station {
+pub(crate) struct Station {
     /// Sideways, mm.
     pub x_mm: f64,
     /// Along the load, mm.
@@ -21,7 +21,7 @@ pub struct Station {
 
 /// One leaf from its left end to its right one.
 #[derive(Debug, Clone, PartialEq)]
-pub struct LeafShape {
+pub(crate) struct LeafShape {
     /// Thickness, mm.
     pub thickness_mm: f64,
     /// Middle line.
@@ -30,7 +30,7 @@ pub struct LeafShape {
 
 /// One contact between two leaves.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ContactShape {
+pub(crate) struct ContactShape {
     /// Place, sideways, mm.
     pub x_mm: f64,
     /// Place along the load, mm.
@@ -49,7 +49,7 @@ pub struct ContactShape {
 
 /// The whole pack.
 #[derive(Debug, Clone, PartialEq)]
-pub struct PackShape {
+pub(crate) struct PackShape {
     /// Leaves from the one with the eyes on.
     pub leaves: Vec<LeafShape>,
     /// Contacts of both sides.
@@ -68,7 +68,7 @@ pub struct PackShape {
 
 impl LeafPack {
     /// The state after the last step.
-    pub fn shape(&self) -> PackShape {
+    pub(crate) fn shape(&self) -> PackShape {
         let right = (0, 1.0);
         let left = (self.sides.len() - 1, -1.0);
         let leaves = (0..self.sides[0].fixed)

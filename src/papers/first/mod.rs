@@ -12,16 +12,16 @@ mod parameters;
 mod physics;
 mod walk;
 
-pub use own_model::{OwnModel, OwnRow, OwnStatics, TwoNumbers, own_model, own_statics, two_numbers};
-pub use physics::{ALLOWED, Case, Judged, ModelRow, PARAMETERS, PhysicsFit, RowProblem, believable, physics};
-pub use walk::{Pass, walk};
+pub(crate) use own_model::{OwnModel, OwnRow, OwnStatics, TwoNumbers, own_model, own_statics, two_numbers};
+pub(crate) use physics::{ALLOWED, PhysicsFit, believable, physics};
+pub(crate) use walk::{Pass, walk};
 
 use crate::identify::IdentifyError;
 use crate::model::leaf_pack::{Mounting, Structure};
 
 /// Peak force and loop energy of a row.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Two {
+pub(crate) struct Two {
     /// N.
     pub peak_n: f64,
     /// J.
@@ -34,7 +34,7 @@ const fn two(peak_n: f64, loop_j: f64) -> Two {
 
 /// One row of Table 2 or 3.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Printed {
+pub(crate) struct Printed {
     /// Name in tables.
     pub name: &'static str,
     /// Printed amplitude in mm; `None` for the static test.
@@ -48,7 +48,7 @@ pub struct Printed {
 }
 
 /// Tables 2 and 3.
-pub const ROWS: [Printed; 5] = [
+pub(crate) const ROWS: [Printed; 5] = [
     Printed {
         name: "static",
         amplitude_mm: None,
@@ -92,13 +92,13 @@ const AMPLITUDES_MM: [f64; 3] = [6.0, 10.0, 15.0];
 const SINE_OF_ROW: [usize; 5] = [0, 0, 1, 2, 0];
 
 /// Up and down of the static test, s.
-pub const STATIC_S: f64 = 120.0;
+pub(crate) const STATIC_S: f64 = 120.0;
 
 /// The two mountings, in the order of the tables' columns.
-pub const MOUNTS: [Mounting; 2] = [Mounting::Shackle, Mounting::Rail];
+pub(crate) const MOUNTS: [Mounting; 2] = [Mounting::Shackle, Mounting::Rail];
 
 /// Column of a mounting.
-pub fn column(mounting: Mounting) -> usize {
+pub(crate) fn column(mounting: Mounting) -> usize {
     match mounting {
         Mounting::Shackle => 0,
         Mounting::Rail => 1,
@@ -106,7 +106,7 @@ pub fn column(mounting: Mounting) -> usize {
 }
 
 /// In words.
-pub fn mount_name(mounting: Mounting) -> &'static str {
+pub(crate) fn mount_name(mounting: Mounting) -> &'static str {
     match mounting {
         Mounting::Shackle => "shackle",
         Mounting::Rail => "no shackle",
@@ -115,7 +115,7 @@ pub fn mount_name(mounting: Mounting) -> &'static str {
 
 /// What "amplitude" means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Reading {
+pub(crate) enum Reading {
     /// Half of the stroke.
     Half,
     /// The whole stroke, peak to peak.
@@ -124,7 +124,7 @@ pub enum Reading {
 
 impl Reading {
     /// Stroke of a printed amplitude, mm.
-    pub fn stroke_mm(self, amplitude_mm: f64) -> f64 {
+    pub(crate) fn stroke_mm(self, amplitude_mm: f64) -> f64 {
         match self {
             Reading::Half => 2.0 * amplitude_mm,
             Reading::Whole => amplitude_mm,
@@ -132,7 +132,7 @@ impl Reading {
     }
 
     /// In words.
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Reading::Half => "amplitude = half the stroke",
             Reading::Whole => "amplitude = the whole stroke",
@@ -142,7 +142,7 @@ impl Reading {
 
 /// What the command line may choose.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Choice {
+pub(crate) struct Choice {
     /// Readings to run.
     pub readings: Vec<Reading>,
     /// Lowest displacement of the sines in mm, the same for both mountings; fitted where `None`.
@@ -166,7 +166,7 @@ impl Default for Choice {
 
 /// Everything of the first paper.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Rerun {
+pub(crate) struct Rerun {
     /// What the paper's kind of model runs with.
     pub statics: OwnStatics,
     /// Tables 6 and 7.
@@ -177,7 +177,7 @@ pub struct Rerun {
 
 /// Everything that hangs on the reading.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ReadingRerun {
+pub(crate) struct ReadingRerun {
     /// Which.
     pub reading: Reading,
     /// Tables 2 and 3 with the paper's kind of model.
@@ -188,7 +188,7 @@ pub struct ReadingRerun {
 
 impl ReadingRerun {
     /// Largest error over what is allowed, of the sets within belief for one mounting: small where the reading holds.
-    pub fn misfit(&self) -> f64 {
+    pub(crate) fn misfit(&self) -> f64 {
         let single = |f: &&PhysicsFit| f.case.lifted.is_none() && f.case.mounts.len() == 1;
         let score = |f: &PhysicsFit| (f.judged.peak / ALLOWED[0]).max(f.judged.energy / ALLOWED[1]);
         self.fits.iter().filter(single).map(score).fold(0.0, f64::max)
@@ -196,7 +196,7 @@ impl ReadingRerun {
 }
 
 /// Runs it all. `watch` is told what is done and the share of the way; false stops with what there is.
-pub fn rerun(choice: &Choice, watch: &mut dyn FnMut(&str, f64) -> bool) -> Result<Rerun, IdentifyError> {
+pub(crate) fn rerun(choice: &Choice, watch: &mut dyn FnMut(&str, f64) -> bool) -> Result<Rerun, IdentifyError> {
     watch("the paper's kind of model", 0.0);
     let statics = own_statics()?;
     let mut out = Rerun {

@@ -39,7 +39,7 @@ const TOLERANCE_N: f64 = 0.05;
 
 /// One row: printed measurement, printed simulation, ours.
 #[derive(Debug, Clone, PartialEq)]
-pub struct OwnRow {
+pub(crate) struct OwnRow {
     /// Mounting.
     pub mounting: Mounting,
     /// Row.
@@ -56,7 +56,7 @@ pub struct OwnRow {
 
 /// What the static test of the paper's kind of model runs with, whatever "amplitude" means.
 #[derive(Debug, Clone, PartialEq)]
-pub struct OwnStatics {
+pub(crate) struct OwnStatics {
     /// mm/s.
     pub transition_velocity_mm_s: f64,
     /// Static travel, with shackle and without, mm.
@@ -65,7 +65,7 @@ pub struct OwnStatics {
 
 /// Tables 2 and 3 with the paper's kind of model.
 #[derive(Debug, Clone, PartialEq)]
-pub struct OwnModel {
+pub(crate) struct OwnModel {
     /// Trough of the sines, with shackle and without, mm.
     pub trough_mm: [f64; 2],
     /// Both mountings, five rows each.
@@ -181,7 +181,7 @@ fn rows(
 }
 
 /// Travel and transition velocity from the paper's own figures.
-pub fn own_statics() -> Result<OwnStatics, IdentifyError> {
+pub(crate) fn own_statics() -> Result<OwnStatics, IdentifyError> {
     let nominal = values(MU, 0.0);
     // The virgin curve hardly knows the law: any transition velocity serves for the travel.
     let travel = |mounting| {
@@ -207,7 +207,7 @@ pub fn own_statics() -> Result<OwnStatics, IdentifyError> {
 }
 
 /// Tables 2 and 3 with interleaf friction 0.1 of the tanh law.
-pub fn own_model(reading: Reading, statics: &OwnStatics) -> Result<OwnModel, IdentifyError> {
+pub(crate) fn own_model(reading: Reading, statics: &OwnStatics) -> Result<OwnModel, IdentifyError> {
     let nominal = values(MU, 0.0);
     let mut trough_mm = [0.0; 2];
     let mut all = Vec::new();
@@ -230,7 +230,7 @@ pub fn own_model(reading: Reading, statics: &OwnStatics) -> Result<OwnModel, Ide
 
 /// Tables 6 and 7: what the evolution makes of two numbers.
 #[derive(Debug, Clone, PartialEq)]
-pub struct TwoNumbers {
+pub(crate) struct TwoNumbers {
     /// Mounting.
     pub mounting: Mounting,
     /// Printed friction coefficient and thickness correction (mm).
@@ -337,7 +337,7 @@ impl Residuals for Surface {
 }
 
 /// Differential evolution with the settings of Table 5 on objective (9).
-pub fn two_numbers(
+pub(crate) fn two_numbers(
     mounting: Mounting,
     statics: &OwnStatics,
     choice: &Choice,

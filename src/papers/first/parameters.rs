@@ -20,7 +20,7 @@ const fn parameter(
 }
 
 /// Within belief; leaves, interleaf and pins first, then what each mounting has for itself.
-pub const PARAMETERS: [Parameter; 13] = [
+pub(crate) const PARAMETERS: [Parameter; 13] = [
     parameter(
         "thickness_correction_mm",
         "mm",

@@ -5,7 +5,7 @@
 //! parameter stays within belief; where that leaves a row out, one bound is lifted, and what that parameter goes to is what
 //! the rows demand beyond belief.
 
-pub use super::parameters::PARAMETERS;
+pub(crate) use super::parameters::PARAMETERS;
 use super::{
     AMPLITUDES_MM, Choice, MOUNTS, Pass, Printed, ROWS, Reading, SINE_OF_ROW, Two, column, mount_name,
     structure, walk,
@@ -16,7 +16,7 @@ use crate::model::leaf_pack::{LeafPack, MODEL, Mounting, Structure, Values};
 use crate::model::{BuildError, Parameter};
 
 /// What a row of one mounting may miss: peak force and loop energy.
-pub const ALLOWED: [f64; 2] = [0.03, 0.05];
+pub(crate) const ALLOWED: [f64; 2] = [0.03, 0.05];
 /// The same where both mountings share leaves, interleaf and pins.
 const ALLOWED_SHARED: [f64; 2] = [0.03, 0.1];
 /// Longest step of the fits and of the judged rows, mm.
@@ -40,7 +40,7 @@ const ENOUGH: f64 = 0.17;
 
 /// What is fitted to what.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Case {
+pub(crate) struct Case {
     /// In words.
     pub name: &'static str,
     /// Mountings whose rows count.
@@ -51,7 +51,7 @@ pub struct Case {
 
 impl Case {
     /// What a row may miss: peak force and loop energy.
-    pub fn allowed(&self) -> [f64; 2] {
+    pub(crate) fn allowed(&self) -> [f64; 2] {
         if self.mounts.len() > 1 {
             ALLOWED_SHARED
         } else {
@@ -62,7 +62,7 @@ impl Case {
 
 /// One row of a fit.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ModelRow {
+pub(crate) struct ModelRow {
     /// Mounting.
     pub mounting: Mounting,
     /// Row.
@@ -75,7 +75,7 @@ pub struct ModelRow {
 
 impl ModelRow {
     /// Relative errors of peak force and loop energy.
-    pub fn errors(&self) -> [f64; 2] {
+    pub(crate) fn errors(&self) -> [f64; 2] {
         [
             self.ours.peak_n / self.measured.peak_n - 1.0,
             self.ours.loop_j / self.measured.loop_j - 1.0,
@@ -85,7 +85,7 @@ impl ModelRow {
 
 /// A fit, judged on a finer path.
 #[derive(Debug, Clone, PartialEq)]
-pub struct PhysicsFit {
+pub(crate) struct PhysicsFit {
     /// What was fitted to what.
     pub case: Case,
     /// The fit.
@@ -102,7 +102,7 @@ pub struct PhysicsFit {
 
 /// Largest errors, without sign.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Judged {
+pub(crate) struct Judged {
     /// Of a peak force.
     pub peak: f64,
     /// Of a loop energy.
@@ -110,7 +110,7 @@ pub struct Judged {
 }
 
 /// Rows of one or both mountings as residuals.
-pub struct RowProblem {
+pub(crate) struct RowProblem {
     parameters: Vec<Parameter>,
     mounts: Vec<Mounting>,
     allowed: [f64; 2],
@@ -120,7 +120,7 @@ pub struct RowProblem {
 
 impl RowProblem {
     /// Rows of `mounts`, with the bounds of `case`; `printed` stands for Tables 2 and 3.
-    pub fn new(case: &Case, printed: &[Printed; 5], reading: Reading) -> Self {
+    pub(crate) fn new(case: &Case, printed: &[Printed; 5], reading: Reading) -> Self {
         let mut parameters = PARAMETERS.to_vec();
         if let Some((name, bounds)) = case.lifted {
             for p in parameters.iter_mut().filter(|p| p.name == name) {
@@ -137,7 +137,7 @@ impl RowProblem {
     }
 
     /// One pass of a mounting.
-    pub fn pass(&self, mounting: Mounting, values: &[f64], longest_mm: f64) -> Result<Pass, BuildError> {
+    pub(crate) fn pass(&self, mounting: Mounting, values: &[f64], longest_mm: f64) -> Result<Pass, BuildError> {
         let (structure, pack_values, trough_mm) = unpack(mounting, values);
         let mut pack = LeafPack::new(&structure, &pack_values).map_err(|reason| BuildError::Structure {
             model: MODEL.name,
@@ -279,7 +279,7 @@ fn starts(case: &Case, before: &[PhysicsFit]) -> Vec<Vec<f64>> {
 }
 
 /// All cases of a reading. `watch` as in [`super::rerun`].
-pub fn physics(
+pub(crate) fn physics(
     reading: Reading,
     choice: &Choice,
     watch: &mut dyn FnMut(&str, f64) -> bool,
@@ -288,7 +288,7 @@ pub fn physics(
 }
 
 /// The sets within belief alone, for rows like those of Tables 2 and 3: one a mounting, then the one that both share.
-pub fn believable(
+pub(crate) fn believable(
     printed: &[Printed; 5],
     reading: Reading,
     choice: &Choice,
@@ -412,13 +412,13 @@ fn judge(case: &Case, problem: &RowProblem, fit: Fit) -> Result<PhysicsFit, Iden
 
 impl PhysicsFit {
     /// Structure and values of a mounting's pack, as a twin runs it.
-    pub fn pack(&self, mounting: Mounting) -> (Structure, Values) {
+    pub(crate) fn pack(&self, mounting: Mounting) -> (Structure, Values) {
         let (structure, values, _) = unpack(mounting, &self.fit.values);
         (structure, values)
     }
 
     /// Rows that miss more than is allowed, in words.
-    pub fn misses(&self) -> Vec<String> {
+    pub(crate) fn misses(&self) -> Vec<String> {
         let mut out = Vec::new();
         for row in &self.rows {
             for ((error, allowed), what) in row
@@ -441,7 +441,7 @@ impl PhysicsFit {
     }
 
     /// Free parameters that stand at the end of what is believed, or beyond it, in words.
-    pub fn at_bounds(&self) -> Vec<String> {
+    pub(crate) fn at_bounds(&self) -> Vec<String> {
         let fit = &self.fit;
         (0..PARAMETERS.len())
             .filter(|&i| fit.free[i])

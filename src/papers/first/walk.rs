@@ -13,7 +13,7 @@ use crate::units::joules_from_nmm;
 
 /// What a pass gives.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Pass {
+pub(crate) struct Pass {
     /// One a stroke.
     pub sines: Vec<Two>,
     /// The static row.
@@ -83,7 +83,7 @@ fn work_nmm(points: &[(f64, f64)]) -> f64 {
 }
 
 /// Leads an untouched pack through sines of `strokes_mm` (rising) above `trough_mm` and the static test to `static_n`.
-pub fn walk(pack: &mut LeafPack, trough_mm: f64, strokes_mm: &[f64], static_n: f64, longest_mm: f64) -> Pass {
+pub(crate) fn walk(pack: &mut LeafPack, trough_mm: f64, strokes_mm: &[f64], static_n: f64, longest_mm: f64) -> Pass {
     let mut walker = Walker {
         pack,
         longest_mm,

@@ -2,7 +2,7 @@
 
 /// Why a CSV is no recording. Rows are lines of the file, counted from 1; the header row is line 1.
 #[derive(Debug, thiserror::Error)]
-pub enum CsvError {
+pub(crate) enum CsvError {
     /// The file cannot be read.
     #[error("{name} cannot be read: check the path and the rights")]
     Io {

@@ -5,10 +5,12 @@ mod reader;
 mod rows;
 mod writer;
 
-pub use error::CsvError;
-pub use reader::{read, read_file};
+pub(crate) use error::CsvError;
+pub(crate) use reader::read_file;
+#[cfg(any(test, feature = "benchmarks"))]
+pub(crate) use reader::read;
 pub(super) use writer::push_fixed;
-pub use writer::{CsvFormat, CsvWriter};
+pub(crate) use writer::{CsvFormat, CsvWriter};
 
 /// Columns that every recording needs.
-pub const NEEDED: [&str; 3] = ["time_s", "displacement_mm", "force_n"];
+pub(crate) const NEEDED: [&str; 3] = ["time_s", "displacement_mm", "force_n"];

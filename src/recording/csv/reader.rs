@@ -34,7 +34,7 @@ const OTHER_UNITS: &[(&str, &str, f64)] = &[
 ];
 
 /// Reads a CSV file.
-pub fn read_file(path: &Path) -> Result<Recording, CsvError> {
+pub(crate) fn read_file(path: &Path) -> Result<Recording, CsvError> {
     let name = path.display().to_string();
     match File::open(path) {
         Ok(file) => read(&name, file),
@@ -43,7 +43,7 @@ pub fn read_file(path: &Path) -> Result<Recording, CsvError> {
 }
 
 /// Reads CSV from anything; `name` is for messages.
-pub fn read(name: &str, source: impl Read) -> Result<Recording, CsvError> {
+pub(crate) fn read(name: &str, source: impl Read) -> Result<Recording, CsvError> {
     let mut rows = Rows::new(name, source);
     let mut record = ByteRecord::new();
     if !rows.next(&mut record)? {

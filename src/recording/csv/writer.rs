@@ -10,7 +10,7 @@ const MOST_DECIMALS: u32 = 9;
 
 /// Which columns with how many digits.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct CsvFormat {
+pub(crate) struct CsvFormat {
     /// Decimals of `time_s`.
     pub time_decimals: u32,
     /// Decimals of millimetres.
@@ -23,7 +23,7 @@ pub struct CsvFormat {
 
 impl CsvFormat {
     /// Digits from the header's calibration and sample rate.
-    pub fn new(header: &Header, command_modes: &[Mode]) -> CsvFormat {
+    pub(crate) fn new(header: &Header, command_modes: &[Mode]) -> CsvFormat {
         CsvFormat {
             time_decimals: time_decimals(header.sample_rate_hz),
             displacement_decimals: decimals(header.displacement_channel.scale_per_count),
@@ -33,7 +33,7 @@ impl CsvFormat {
     }
 
     /// Names of the columns in the order written.
-    pub fn columns(&self) -> Vec<&'static str> {
+    pub(crate) fn columns(&self) -> Vec<&'static str> {
         let mut columns = vec!["time_s", "displacement_mm", "force_n"];
         columns.extend(self.command_modes.iter().map(|mode| match mode {
             Mode::Displacement => "command_mm",
@@ -70,7 +70,7 @@ fn time_decimals(sample_rate_hz: f64) -> u32 {
 }
 
 /// Writes rows into any sink.
-pub struct CsvWriter<W: Write> {
+pub(crate) struct CsvWriter<W: Write> {
     sink: W,
     format: CsvFormat,
     row: Vec<u8>,
@@ -79,7 +79,7 @@ pub struct CsvWriter<W: Write> {
 
 impl<W: Write> CsvWriter<W> {
     /// Writes the header row.
-    pub fn new(mut sink: W, format: CsvFormat) -> io::Result<CsvWriter<W>> {
+    pub(crate) fn new(mut sink: W, format: CsvFormat) -> io::Result<CsvWriter<W>> {
         sink.write_all(format.columns().join(",").as_bytes())?;
         sink.write_all(b"\r\n")?;
         Ok(CsvWriter {
@@ -91,7 +91,7 @@ impl<W: Write> CsvWriter<W> {
     }
 
     /// Writes one row.
-    pub fn sample(&mut self, sample: &Sample) -> io::Result<()> {
+    pub(crate) fn sample(&mut self, sample: &Sample) -> io::Result<()> {
         let (row, format) = (&mut self.row, &self.format);
         row.clear();
         push_fixed(row, sample.time_s, format.time_decimals);
@@ -122,7 +122,7 @@ impl<W: Write> CsvWriter<W> {
     }
 
     /// Rows written, without the header row.
-    pub fn rows(&self) -> u64 {
+    pub(crate) fn rows(&self) -> u64 {
         self.rows
     }
 }

@@ -8,7 +8,7 @@ use crate::recording::{Flags, Header, Sample};
 use crate::units::{Command, Mode};
 
 /// Bytes of one packed sample.
-pub const RECORD_BYTES: usize = 40;
+pub(super) const RECORD_BYTES: usize = 40;
 
 const CRC32: crc::Crc<u32, crc::Table<16>> = crc::Crc::<u32, crc::Table<16>>::new(&crc::CRC_32_ISO_HDLC);
 

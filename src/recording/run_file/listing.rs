@@ -7,7 +7,7 @@ use crate::recording::Outcome;
 
 /// One run of a folder.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub struct RunListing {
+pub(crate) struct RunListing {
     /// The run file.
     pub path: PathBuf,
     /// Run id; the file's name where the header cannot be read.
@@ -31,7 +31,7 @@ pub struct RunListing {
 }
 
 /// All run files in `folder`, oldest first. One that cannot be read is in the list with its problem.
-pub fn list(folder: &Path) -> Result<Vec<RunListing>, RunFileError> {
+pub(crate) fn list(folder: &Path) -> Result<Vec<RunListing>, RunFileError> {
     let io = |source| RunFileError::Io {
         path: folder.to_owned(),
         doing: "listing",

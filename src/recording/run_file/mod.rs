@@ -17,17 +17,19 @@ mod damage_tests;
 
 use std::path::{Path, PathBuf};
 
-pub use listing::{RunListing, list};
-pub use reader::{CycleSpan, Gap, GapCause, RunFile, SampleReader, Survey};
-pub use status::RunFileStatus;
-pub use writer::RunFileWriter;
+pub(crate) use listing::{RunListing, list};
+pub(crate) use reader::{CycleSpan, Gap, RunFile, Survey};
+#[cfg(test)]
+pub(crate) use reader::GapCause;
+pub(crate) use status::RunFileStatus;
+pub(crate) use writer::RunFileWriter;
 
 /// Ending of a run file's name, without the dot.
-pub const EXTENSION: &str = "leafrun";
+pub(crate) const EXTENSION: &str = "leafrun";
 /// `LEAF`: SQLite's application id of a run file.
-pub const APPLICATION_ID: i32 = 0x4C45_4146;
+pub(crate) const APPLICATION_ID: i32 = 0x4C45_4146;
 /// Version of the tables and of the block layout.
-pub const FORMAT_VERSION: i32 = 1;
+pub(crate) const FORMAT_VERSION: i32 = 1;
 
 /// Bytes of disk that a second of samples takes at most (records, b-tree and the write-ahead log before it is folded in).
 const BYTES_PER_SAMPLE_AT_MOST: f64 = 128.0;
@@ -63,7 +65,7 @@ CREATE TABLE blocks (
 
 /// Why a run file could not be written or read.
 #[derive(Debug, thiserror::Error)]
-pub enum RunFileError {
+pub(crate) enum RunFileError {
     /// A run of this name is there already.
     #[error("{path} is there already: a run file is never overwritten, use a new run id")]
     Exists {
@@ -150,7 +152,7 @@ impl RunFileError {
 }
 
 /// Before a run: refuses where `folder` has not twice the space that the run will take.
-pub fn check_space(folder: &Path, duration_s: f64, sample_rate_hz: f64) -> Result<(), RunFileError> {
+pub(crate) fn check_space(folder: &Path, duration_s: f64, sample_rate_hz: f64) -> Result<(), RunFileError> {
     let space = nix::sys::statvfs::statvfs(folder).map_err(|errno| RunFileError::Io {
         path: folder.to_owned(),
         doing: "asking for the free space of",

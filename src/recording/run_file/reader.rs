@@ -15,7 +15,7 @@ const MISSING_BLOCKS_AT_END: u64 = 4096;
 
 /// An open run file.
 #[derive(Debug)]
-pub struct RunFile {
+pub(crate) struct RunFile {
     path: PathBuf,
     database: Connection,
     header: Header,
@@ -28,7 +28,7 @@ pub struct RunFile {
 /// Why ticks have no sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum GapCause {
+pub(crate) enum GapCause {
     /// The sample never came from the rig.
     Lost,
     /// The sample was recorded; its block is damaged.
@@ -37,7 +37,7 @@ pub enum GapCause {
 
 /// Ticks without a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
-pub struct Gap {
+pub(crate) struct Gap {
     /// First tick without a sample.
     pub from_tick: u64,
     /// Last tick without a sample; of a damaged end of an open run only the lower bound is known.
@@ -48,14 +48,14 @@ pub struct Gap {
 
 impl Gap {
     /// Ticks in the gap.
-    pub fn ticks(&self) -> u64 {
+    pub(crate) fn ticks(&self) -> u64 {
         (self.to_tick + 1).saturating_sub(self.from_tick)
     }
 }
 
 /// Where a counted cycle is in the run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct CycleSpan {
+pub(crate) struct CycleSpan {
     /// Number from 1.
     pub cycle: u32,
     /// Its first sample's tick.
@@ -70,7 +70,7 @@ pub struct CycleSpan {
 
 /// What one pass over all samples tells. `samples + lost + damaged` = ticks from first to last.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Survey {
+pub(crate) struct Survey {
     /// Readable samples.
     pub samples: u64,
     /// Ticks that never had a sample.
@@ -91,7 +91,7 @@ pub struct Survey {
 
 impl Survey {
     /// Counted cycles that ran to their end.
-    pub fn cycles_completed(&self) -> u32 {
+    pub(crate) fn cycles_completed(&self) -> u32 {
         self.cycles.iter().filter(|cycle| cycle.complete).count() as u32
     }
 
@@ -128,7 +128,7 @@ impl Survey {
 impl RunFile {
     /// Opens for reading; file and log stay as they are, unless a kill or power cut left them in a state that SQLite must
     /// recover first.
-    pub fn open(path: &Path) -> Result<RunFile, RunFileError> {
+    pub(crate) fn open(path: &Path) -> Result<RunFile, RunFileError> {
         let failed = |source| RunFileError::database(path, "opening", source);
         if !path.is_file() {
             return Err(RunFileError::NotARun {
@@ -193,22 +193,22 @@ impl RunFile {
     }
 
     /// Where the file is.
-    pub fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 
     /// The run's header.
-    pub fn header(&self) -> &Header {
+    pub(crate) fn header(&self) -> &Header {
         &self.header
     }
 
     /// How the run ended; `None` where it is live or its daemon was killed.
-    pub fn outcome(&self) -> Option<&Outcome> {
+    pub(crate) fn outcome(&self) -> Option<&Outcome> {
         self.outcome.as_ref()
     }
 
     /// Events in order. Rows that cannot be read are left out; the samples have their own checksums.
-    pub fn events(&self) -> Vec<Event> {
+    pub(crate) fn events(&self) -> Vec<Event> {
         let mut events = Vec::new();
         let Ok(mut statement) = self
             .database
@@ -233,7 +233,7 @@ impl RunFile {
     }
 
     /// All readable samples in the order of ticks, a block at a time in memory.
-    pub fn samples(&self) -> SampleReader<'_> {
+    pub(crate) fn samples(&self) -> SampleReader<'_> {
         SampleReader {
             run: self,
             next_block: 1,
@@ -250,7 +250,7 @@ impl RunFile {
     }
 
     /// One pass over everything: accounts, gaps, cycles.
-    pub fn survey(&self) -> Survey {
+    pub(crate) fn survey(&self) -> Survey {
         let mut survey = Survey::default();
         let mut reader = self.samples();
         let mut ticks: Option<(u64, u64)> = None;
@@ -276,7 +276,7 @@ impl RunFile {
     }
 
     /// Closes a run that its daemon left open: says how many samples there are and why it ended.
-    pub fn close_as_aborted(self, cause: &str) -> Result<Outcome, RunFileError> {
+    pub(crate) fn close_as_aborted(self, cause: &str) -> Result<Outcome, RunFileError> {
         if self.outcome.is_some() {
             return Err(RunFileError::Closed { path: self.path });
         }
@@ -318,7 +318,7 @@ impl RunFile {
 }
 
 /// Samples of a run file one by one. A block that cannot be read is skipped and stands in `gaps`, as do lost ticks.
-pub struct SampleReader<'a> {
+pub(crate) struct SampleReader<'a> {
     run: &'a RunFile,
     next_block: u64,
     last_block: Option<u64>,
@@ -336,7 +336,7 @@ pub struct SampleReader<'a> {
 
 impl SampleReader<'_> {
     /// Gaps up to the sample returned last; complete after the iterator has ended.
-    pub fn gaps(&self) -> &[Gap] {
+    pub(crate) fn gaps(&self) -> &[Gap] {
         &self.gaps
     }
 

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// What others may ask about a run file while its writer is busy on another thread.
 #[derive(Debug, Default)]
-pub struct RunFileStatus {
+pub(crate) struct RunFileStatus {
     pub(super) saved: AtomicU64,
     pub(super) in_memory: AtomicU64,
     pub(super) dropped: AtomicU64,
@@ -16,32 +16,32 @@ pub struct RunFileStatus {
 
 impl RunFileStatus {
     /// Samples committed to the file.
-    pub fn saved(&self) -> u64 {
+    pub(crate) fn saved(&self) -> u64 {
         self.saved.load(Ordering::Relaxed)
     }
 
     /// Samples that came after the file failed and are still in memory.
-    pub fn in_memory(&self) -> u64 {
+    pub(crate) fn in_memory(&self) -> u64 {
         self.in_memory.load(Ordering::Relaxed)
     }
 
     /// Samples that came after the file failed and fell out of memory: lost.
-    pub fn dropped(&self) -> u64 {
+    pub(crate) fn dropped(&self) -> u64 {
         self.dropped.load(Ordering::Relaxed)
     }
 
     /// Samples refused because their tick was not later than the one before.
-    pub fn out_of_order(&self) -> u64 {
+    pub(crate) fn out_of_order(&self) -> u64 {
         self.out_of_order.load(Ordering::Relaxed)
     }
 
     /// The first write error; final for this file.
-    pub fn failure(&self) -> Option<&str> {
+    pub(crate) fn failure(&self) -> Option<&str> {
         self.failure.get().map(String::as_str)
     }
 
     /// True once the outcome is in the file, the log is folded in and all of it is on the disk.
-    pub fn complete(&self) -> bool {
+    pub(crate) fn complete(&self) -> bool {
         self.complete.load(Ordering::Acquire)
     }
 }

@@ -27,7 +27,7 @@ const RESCUE_S: f64 = 60.0;
 const SAMPLES_PER_CLOCK_LOOK: usize = 8;
 
 /// A [`Recorder`] into one run file.
-pub struct RunFileWriter {
+pub(crate) struct RunFileWriter {
     path: PathBuf,
     /// `None` after a failure or the end.
     database: Option<Connection>,
@@ -46,7 +46,7 @@ pub struct RunFileWriter {
 
 impl RunFileWriter {
     /// Makes the file with its header, on the disk before this returns: a disk that cannot take a run refuses it here.
-    pub fn create(path: &Path, header: &Header) -> Result<RunFileWriter, RunFileError> {
+    pub(crate) fn create(path: &Path, header: &Header) -> Result<RunFileWriter, RunFileError> {
         if path.exists() {
             return Err(RunFileError::Exists {
                 path: path.to_owned(),
@@ -81,12 +81,12 @@ impl RunFileWriter {
     }
 
     /// What others may ask while the run lasts.
-    pub fn status(&self) -> Arc<RunFileStatus> {
+    pub(crate) fn status(&self) -> Arc<RunFileStatus> {
         self.status.clone()
     }
 
     /// Samples that came after the file failed, oldest first: a second file can be made of them.
-    pub fn unsaved(&self) -> impl Iterator<Item = &Sample> {
+    pub(crate) fn unsaved(&self) -> impl Iterator<Item = &Sample> {
         self.rescue.iter().chain(&self.pending)
     }
 
