@@ -2,11 +2,11 @@
 
 use std::hint::black_box;
 
-use criterion::{Criterion, Throughput};
 use crate::identify::curve::Initial;
-use crate::identify::{Control, CurveOptions, CurveProblem, Options, Residuals, fit};
+use crate::identify::{CurveOptions, CurveProblem, FitControl, FitOptions, Residuals, fit};
 use crate::model::{self, finite_segment};
 use crate::recording::Recording;
+use criterion::{Criterion, Throughput};
 
 const SAMPLES: usize = 3000;
 
@@ -77,12 +77,12 @@ pub fn refit(c: &mut Criterion) {
         b.iter(|| problem.evaluate(black_box(&values), &mut out));
     });
     for (name, intervals) in [("fit with intervals", true), ("fit", false)] {
-        let options = Options {
+        let options = FitOptions {
             intervals,
-            ..Options::default()
+            ..FitOptions::default()
         };
         group.bench_function(name, |b| {
-            b.iter(|| fit(&problem, &options, &mut |_| Control::Continue))
+            b.iter(|| fit(&problem, &options, &mut |_| FitControl::Continue))
         });
     }
     group.finish();

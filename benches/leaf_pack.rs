@@ -6,10 +6,10 @@
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
+use crate::model::Plant;
+use crate::model::leaf_pack::{Dynamics, LeafPack, Mounting, PackStructure, Values, graded_path};
 use criterion::measurement::{Measurement, ValueFormatter, WallTime};
 use criterion::{BenchmarkId, Criterion};
-use crate::model::Plant;
-use crate::model::leaf_pack::{Dynamics, LeafPack, Mounting, Structure, Values, graded_path};
 use nix::time::{ClockId, clock_gettime};
 
 fn seconds(clock: ClockId) -> f64 {
@@ -56,7 +56,7 @@ fn values() -> Values {
     }
 }
 
-fn pack(structure: &Structure) -> LeafPack {
+fn pack(structure: &PackStructure) -> LeafPack {
     LeafPack::new(structure, &values()).expect("valid pack")
 }
 
@@ -65,9 +65,9 @@ fn sine(frequency_hz: f64, k: u64) -> f64 {
     5.0 - 3.0 * (frequency_hz * k as f64 * 1e-3 * std::f64::consts::TAU).cos()
 }
 
-fn variants() -> Vec<(&'static str, Structure)> {
-    let base = Structure::default();
-    let shackle = Structure {
+fn variants() -> Vec<(&'static str, PackStructure)> {
+    let base = PackStructure::default();
+    let shackle = PackStructure {
         mounting: Mounting::Shackle,
         ..base.clone()
     };
@@ -75,7 +75,7 @@ fn variants() -> Vec<(&'static str, Structure)> {
         ("rail", base.clone()),
         (
             "rail both sides",
-            Structure {
+            PackStructure {
                 mirror: false,
                 ..base.clone()
             },
@@ -83,14 +83,14 @@ fn variants() -> Vec<(&'static str, Structure)> {
         ("shackle", shackle.clone()),
         (
             "rail dynamics",
-            Structure {
+            PackStructure {
                 dynamics: Dynamics::Full,
                 ..base
             },
         ),
         (
             "shackle dynamics",
-            Structure {
+            PackStructure {
                 dynamics: Dynamics::Full,
                 ..shackle
             },
@@ -113,9 +113,9 @@ pub fn step(c: &mut Criterion<OwnTime>) {
     group.finish();
     let mut group = c.benchmark_group("leaf pack, step over segments");
     for segments in [22, 44, 84, 172, 344, 688] {
-        let mut p = pack(&Structure {
+        let mut p = pack(&PackStructure {
             segments,
-            ..Structure::default()
+            ..PackStructure::default()
         });
         let mut k = 0;
         group.bench_function(BenchmarkId::from_parameter(p.segments()), |b| {
@@ -199,7 +199,7 @@ pub fn evolution(_: &mut Criterion<OwnTime>) {
                         thickness_correction_mm: 0.37 * (share - 0.5),
                         ..values()
                     };
-                    let mut p = LeafPack::new(&Structure::default(), &v).expect("valid pack");
+                    let mut p = LeafPack::new(&PackStructure::default(), &v).expect("valid pack");
                     black_box(p.static_path(path, 120.0));
                 }
             });

@@ -2,10 +2,10 @@
 
 use std::hint::black_box;
 
-use criterion::{Criterion, Throughput};
 use crate::protocol::frame::Frame;
 use crate::protocol::message::{FromRig, ToRig, WireMode};
 use crate::protocol::serial_framing::{Decoder, PACKET_MAX, encode};
+use criterion::{Criterion, Throughput};
 
 const NODE: u8 = 1;
 const FRAMES: u16 = 1000;

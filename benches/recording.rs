@@ -1,12 +1,12 @@
 //! How fast a run is recorded, exported and read: samples a second into the run file, CSV rows a second both ways.
 
-use criterion::{Criterion, Throughput};
 use crate::recording::csv::{self, CsvFormat, CsvWriter};
 use crate::recording::run_file::{RunFile, RunFileWriter};
 use crate::recording::{
     ChannelScale, Ending, FirmwareIdentity, Flags, Header, Outcome, Recorder, Sample, export,
 };
 use crate::units::{Command, Mode};
+use criterion::{Criterion, Throughput};
 
 /// The static ramp's length: 120 s at 1 kHz.
 const SAMPLES: u64 = 120_000;

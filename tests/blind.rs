@@ -1,7 +1,7 @@
 //! Sealed cases, and the controls that must fail to find anything.
 
-use crate::blind::{Request, baseline, examine, figures, page, run};
-use crate::diagnose::{Diagnosis, Options, Verdict, diagnose};
+use crate::blind::{BlindRequest, baseline, examine, figures, page, run};
+use crate::diagnose::{DiagnoseOptions, Diagnosis, Verdict, diagnose};
 use crate::recording::Recording;
 use crate::truth::Case;
 use rand::SeedableRng;
@@ -11,7 +11,7 @@ use rand::seq::SliceRandom;
 const POINTS: usize = 500;
 
 fn ask(recordings: &[Recording], case: &Case) -> Diagnosis {
-    let options = Options {
+    let options = DiagnoseOptions {
         points: POINTS,
         threads: 0,
         limits: None,
@@ -79,7 +79,7 @@ fn an_examination_repeats() {
 /// anecdote: a case more or less is 8 % of the singles. Calibration and time are printed only: too few, too noisy.
 #[test]
 fn sixty_sealed_cases() {
-    let request = Request {
+    let request = BlindRequest {
         cases: 60,
         seed: 20_261,
         strength: None,

@@ -1,6 +1,5 @@
 //! The command line as a technician and a script use it: in virtual time, and in real time against the mock rig in memory.
 
-
 use super::support::{self, program};
 use std::path::Path;
 

@@ -1,13 +1,12 @@
 //! The daemon as a process: kills, signals, forged requests.
 
-
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use nix::sys::signal::Signal;
 use super::support::{Daemon, PATIENCE, json, until};
+use nix::sys::signal::Signal;
 
 /// Long enough to be interrupted.
 const LONG: &str = "name = \"long\"\ncontrol = \"displacement\"\n[[block]]\n[[block.segment]]\nkind = \"ramp\"\n\

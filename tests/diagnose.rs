@@ -1,9 +1,8 @@
 //! Concealed effects are found, absent ones are not named, strangers are called unknown. The truth is in `support/truth.rs`,
 //! which shares no code with the library.
 
-
 use super::support::truth;
-use crate::diagnose::{Baseline, Diagnosis, Options, Verdict, diagnose};
+use crate::diagnose::{Baseline, DiagnoseOptions, Diagnosis, Verdict, diagnose};
 use crate::recording::Recording;
 
 fn recordings(codes: &[&'static str], strength: f64, seed: u64) -> Vec<Recording> {
@@ -21,7 +20,7 @@ fn recordings(codes: &[&'static str], strength: f64, seed: u64) -> Vec<Recording
 
 fn judge(recordings: &[Recording]) -> Diagnosis {
     let baseline = Baseline::of(crate::model::find("equivalent").expect("listed"));
-    let options = Options::default();
+    let options = DiagnoseOptions::default();
     diagnose(recordings, &baseline, &options, &mut |_, _| {}).expect("diagnosed")
 }
 
@@ -130,10 +129,10 @@ fn same_input_same_diagnosis_whatever_the_cores() {
     let recordings = recordings(&["coulomb_friction"], 3.0, 51);
     let baseline = Baseline::of(crate::model::find("equivalent").expect("listed"));
     let run = |threads| {
-        let options = Options {
+        let options = DiagnoseOptions {
             points: 600,
             threads,
-            ..Options::default()
+            ..DiagnoseOptions::default()
         };
         let diagnosis = diagnose(&recordings, &baseline, &options, &mut |_, _| {}).expect("diagnosed");
         serde_json::to_string(&diagnosis).expect("serialises")

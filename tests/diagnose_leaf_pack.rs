@@ -4,15 +4,14 @@
 //! The full case, five recordings of some 3000 samples, prints its times:
 //! `cargo test --release --test diagnose_leaf_pack -- --ignored --nocapture`.
 
-
 use std::path::Path;
 use std::time::Instant;
 
+use super::support::bench::{play, sine};
 use crate::config::{Bench, EffectConfig};
-use crate::diagnose::{Baseline, Diagnosis, Options, Verdict, diagnose};
+use crate::diagnose::{Baseline, DiagnoseOptions, Diagnosis, Verdict, diagnose};
 use crate::model::Plant;
 use crate::recording::Recording;
-use super::support::bench::{play, sine};
 
 /// Seconds for five recordings of 3000 samples on two cores.
 const AT_MOST_S: f64 = 60.0;
@@ -86,7 +85,13 @@ fn judge(
     baseline.structure = bench.model.structure.clone();
     baseline.start = Some(bench.model.values().expect("shipped"));
     let begun = Instant::now();
-    let diagnosis = diagnose(&recordings, &baseline, &Options::default(), &mut |_, _| {}).expect("diagnosed");
+    let diagnosis = diagnose(
+        &recordings,
+        &baseline,
+        &DiagnoseOptions::default(),
+        &mut |_, _| {},
+    )
+    .expect("diagnosed");
     let took_s = begun.elapsed().as_secs_f64();
     let points: Vec<usize> = recordings.iter().map(Recording::len).collect();
     println!(

@@ -1,14 +1,13 @@
 //! The whole chain as processes in real time: a daemon whose rig conceals an effect, runs, export, `diagnose`, and a
 //! daemon whose twin is the improved model, beside the same rig.
 
-
 use std::path::{Path, PathBuf};
 
+use super::support::bench::{concealing, twin_nrmse};
+use super::support::{Daemon, config, json, run};
 use crate::config::Bench;
 use crate::recording::Sample;
 use crate::recording::run_file::{EXTENSION, RunFile};
-use super::support::{Daemon, config, json, run};
-use super::support::bench::{concealing, twin_nrmse};
 
 /// A shared machine may stop the daemon for longer than any bench bears; then once more.
 const ATTEMPTS: usize = 10;

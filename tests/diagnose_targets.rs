@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use crate::diagnose::Verdict;
-use crate::diagnose::aggregates::{AggregateDiagnosis, Table, TableReader, diagnose_table};
+use crate::diagnose::aggregates::{AggregateDiagnosis, TableReader, TargetsTable, diagnose_table};
 
 fn table_path(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -13,7 +13,7 @@ fn table_path(name: &str) -> PathBuf {
         .join(name)
 }
 
-fn tables(names: &[&str]) -> Table {
+fn tables(names: &[&str]) -> TargetsTable {
     let mut reader = TableReader::default();
     for name in names {
         let file = std::fs::File::open(table_path(name)).expect("kept with the tests");
@@ -22,7 +22,7 @@ fn tables(names: &[&str]) -> Table {
     reader.finish()
 }
 
-fn paper() -> Table {
+fn paper() -> TargetsTable {
     tables(&[
         "p000_table2_static.csv",
         "p000_table3_dynamic.csv",
@@ -30,7 +30,7 @@ fn paper() -> Table {
     ])
 }
 
-fn diagnose(table: Table) -> AggregateDiagnosis {
+fn diagnose(table: TargetsTable) -> AggregateDiagnosis {
     let mut simulate = |_: &[_]| panic!("the tables have a model of their own");
     diagnose_table(table, &mut simulate, 0, &mut |_| {}).expect("sound tables")
 }

@@ -1,11 +1,10 @@
 //! The whole chain: a concealed effect in the mock rig, runs, export, `diagnose`, and a twin that follows better with what it wrote.
 
-
 use super::support::program;
 use std::process::Command;
 
-use crate::config::Bench;
 use super::support::bench::{concealing, play, sine, twin_nrmse};
+use crate::config::Bench;
 
 #[test]
 fn what_is_concealed_is_found_and_the_improved_model_follows_the_rig() {

@@ -1,9 +1,9 @@
 //! Known parameters come back: from the third paper's curves, and from synthetic recordings within their own intervals.
 
 use crate::identify::curve::{Initial, Weighting};
-use crate::papers::{second, third};
-use crate::identify::{Control, CurveOptions, CurveProblem, Method, Options, fit, least_squares};
+use crate::identify::{CurveOptions, CurveProblem, FitControl, FitOptions, Method, fit, least_squares};
 use crate::model::{self, Plant};
+use crate::papers::{second, third};
 use crate::recording::Recording;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -142,10 +142,10 @@ fn coverage(model: &str, truth: &[f64], scale: f64, fixed: &[&str]) -> Vec<(&'st
         smoothing: 0,
         ..CurveOptions::default()
     };
-    let fit_options = Options {
+    let fit_options = FitOptions {
         fixed: fixed.iter().map(|&name| name.to_owned()).collect(),
         threads: 2,
-        ..Options::default()
+        ..FitOptions::default()
     };
     let mut held: Vec<(&'static str, usize)> = model
         .parameters
@@ -157,7 +157,7 @@ fn coverage(model: &str, truth: &[f64], scale: f64, fixed: &[&str]) -> Vec<(&'st
         let mut plant = model.plant(truth, &structure).expect("within bounds");
         let recordings = five_recordings(plant.as_mut(), scale, seed);
         let problem = CurveProblem::of_model(model, &structure, &recordings, &options).expect("long enough");
-        let fit = fit(&problem, &fit_options, &mut |_| Control::Continue).expect("starts");
+        let fit = fit(&problem, &fit_options, &mut |_| FitControl::Continue).expect("starts");
         assert!(fit.converged(), "seed {seed}: {:?}", fit.ending);
         if seed == 0 {
             println!(
@@ -214,7 +214,7 @@ fn same_bits_on_any_number_of_threads() {
     let problem = CurveProblem::of_model(model, &structure, &recordings[3..], &CurveOptions::default())
         .expect("long enough");
     let methods = [
-        Method::LeastSquares(least_squares::Settings {
+        Method::LeastSquares(least_squares::LeastSquaresSettings {
             screened: 9,
             starts: 2,
             ..Default::default()
@@ -223,12 +223,12 @@ fn same_bits_on_any_number_of_threads() {
     ];
     for method in methods {
         let with = |threads| {
-            let options = Options {
+            let options = FitOptions {
                 method,
                 threads,
-                ..Options::default()
+                ..FitOptions::default()
             };
-            fit(&problem, &options, &mut |_| Control::Continue).expect("starts")
+            fit(&problem, &options, &mut |_| FitControl::Continue).expect("starts")
         };
         let one = with(1);
         for threads in [2, 3, 8] {

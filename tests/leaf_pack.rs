@@ -4,10 +4,9 @@
 //! The reference figures are those of an independent planar corotational script, of MuJoCo 4.0.0 and of Exudyn 1.13.6 on the
 //! same duty.
 
-
 use super::leaf_pack_duty::{all_sources, close, pack, shackle, sine_row, static_row, values};
 use crate::model::Plant;
-use crate::model::leaf_pack::{NormalChoice, Structure, Values, graded_path};
+use crate::model::leaf_pack::{NormalChoice, PackStructure, Values, graded_path};
 
 /// The reference's table of stiffness over clamp length. It comes out to 0.1 % with E = 210 GPa; at the 207 GPa of the
 /// other rows every entry is 1.4 % softer, as it must be: the table was evidently made with 210.
@@ -29,7 +28,7 @@ fn frictionless_stiffness_over_clamp_length() {
             e_mpa: 210_000.0,
             ..Values::frictionless()
         };
-        let mut pack = pack(&Structure::default(), &v);
+        let mut pack = pack(&PackStructure::default(), &v);
         let (one, two) = (pack.step(1.0, 1.0), pack.step(2.0, 1.0));
         close(
             &format!("rate at clamp {clamp_length_mm} mm, N/mm"),
@@ -42,7 +41,7 @@ fn frictionless_stiffness_over_clamp_length() {
 
 #[test]
 fn nip_preloads_at_the_tips() {
-    let pack = pack(&Structure::default(), &values());
+    let pack = pack(&PackStructure::default(), &values());
     let shape = pack.shape();
     // The tip contact of each pair is its outermost one.
     for (upper_leaf, wanted) in [(0, 127.0), (1, 318.0), (2, 439.0)] {
@@ -63,7 +62,7 @@ fn nip_preloads_at_the_tips() {
 
 #[test]
 fn forces_and_loops_of_the_rail() {
-    let mut p = pack(&Structure::default(), &values());
+    let mut p = pack(&PackStructure::default(), &values());
     let (f, e) = static_row(&mut p, 1.0);
     close("static peak, N (script)", f, 1920.0, 0.005);
     close("static loop, J (script)", e, 1.193, 0.01);
@@ -111,13 +110,13 @@ fn forces_and_loops_of_the_shackle() {
 /// Step, mesh and both contact stiffnesses: the figures that every tool's loop energy hangs on.
 #[test]
 fn static_row_is_converged() {
-    let base = Structure::default();
+    let base = PackStructure::default();
     let (f0, e0) = static_row(&mut pack(&base, &values()), 1.0);
     let finer = [
         ("step / 4", base.clone(), 0.25),
         (
             "mesh x 2",
-            Structure {
+            PackStructure {
                 segments: 172,
                 ..base.clone()
             },
@@ -125,7 +124,7 @@ fn static_row_is_converged() {
         ),
         (
             "tangential stiffness x 5",
-            Structure {
+            PackStructure {
                 tangential_stiffness_n_per_mm: 1e6,
                 ..base.clone()
             },
@@ -133,7 +132,7 @@ fn static_row_is_converged() {
         ),
         (
             "normal stiffness x 2",
-            Structure {
+            PackStructure {
                 contact_stiffness_n_per_mm: 4e5,
                 ..base.clone()
             },
@@ -141,7 +140,7 @@ fn static_row_is_converged() {
         ),
         (
             "Hertz contact",
-            Structure {
+            PackStructure {
                 contact_law: NormalChoice::Hertz,
                 ..base
             },
@@ -158,11 +157,11 @@ fn static_row_is_converged() {
 /// The full model of two sides does what the mirrored one does.
 #[test]
 fn both_sides_mirror_each_other() {
-    let mut half = pack(&Structure::default(), &all_sources());
+    let mut half = pack(&PackStructure::default(), &all_sources());
     let mut full = pack(
-        &Structure {
+        &PackStructure {
             mirror: false,
-            ..Structure::default()
+            ..PackStructure::default()
         },
         &all_sources(),
     );
@@ -182,9 +181,9 @@ fn both_sides_mirror_each_other() {
 /// A very thick leaf: the pack gives no more than its supports do.
 #[test]
 fn a_rigid_leaf_leaves_the_supports_stiffness() {
-    let mut s = Structure {
+    let mut s = PackStructure {
         support_stiffness_n_per_mm: 100.0,
-        ..Structure::default()
+        ..PackStructure::default()
     };
     s.leaves.truncate(1);
     s.leaves[0].thickness_mm = 300.0;
@@ -203,9 +202,9 @@ fn a_rigid_leaf_leaves_the_supports_stiffness() {
 #[test]
 fn a_single_flat_leaf_is_a_beam() {
     for segments in [2, 10, 80] {
-        let mut s = Structure {
+        let mut s = PackStructure {
             segments,
-            ..Structure::default()
+            ..PackStructure::default()
         };
         s.leaves.truncate(1);
         s.leaves[0].radius_mm = 1e9;

@@ -6,8 +6,8 @@
 
 use crate::identify::Method;
 use crate::identify::curve::{Initial, Weighting};
-use crate::identify::{Control, CurveOptions, CurveProblem, Options, fit, least_squares};
-use crate::model::leaf_pack::{LeafPack, Mounting, Structure, Values};
+use crate::identify::{CurveOptions, CurveProblem, FitControl, FitOptions, fit, least_squares};
+use crate::model::leaf_pack::{LeafPack, Mounting, PackStructure, Values};
 use crate::model::{self, Plant};
 use crate::recording::Recording;
 use rand::{RngExt, SeedableRng};
@@ -23,7 +23,7 @@ const LEAST_HELD: usize = 8;
 const SAMPLES: usize = 240;
 const FINER: usize = 3;
 
-fn recording(structure: &Structure, truth: &Values, random: &mut ChaCha8Rng) -> Recording {
+fn recording(structure: &PackStructure, truth: &Values, random: &mut ChaCha8Rng) -> Recording {
     let mut pack = LeafPack::new(structure, truth).expect("valid");
     let mut recording = Recording {
         name: "made".to_owned(),
@@ -49,12 +49,12 @@ fn recording(structure: &Structure, truth: &Values, random: &mut ChaCha8Rng) -> 
 
 /// Made with other segments and steps than fitted: `free` must come back.
 fn comes_back(mounting: Mounting, truth: &Values, free: &[(&str, f64)]) {
-    let made = Structure {
+    let made = PackStructure {
         mounting,
         segments: SEGMENTS[0],
-        ..Structure::default()
+        ..PackStructure::default()
     };
-    let fitted = Structure {
+    let fitted = PackStructure {
         segments: SEGMENTS[1],
         ..made.clone()
     };
@@ -86,12 +86,12 @@ fn comes_back(mounting: Mounting, truth: &Values, free: &[(&str, f64)]) {
     for (name, value) in free {
         start[model.parameter_index(name).expect("listed")] = *value;
     }
-    let options = Options {
-        method: Method::LeastSquares(least_squares::Settings {
+    let options = FitOptions {
+        method: Method::LeastSquares(least_squares::LeastSquaresSettings {
             relative_step: 1e-3,
             cost_tolerance: 1e-6,
             iterations: 12,
-            ..least_squares::Settings::default()
+            ..least_squares::LeastSquaresSettings::default()
         }),
         start: Some(start),
         fixed: model
@@ -100,7 +100,7 @@ fn comes_back(mounting: Mounting, truth: &Values, free: &[(&str, f64)]) {
             .filter(|p| !is_free(p.name))
             .map(|p| p.name.to_owned())
             .collect(),
-        ..Options::default()
+        ..FitOptions::default()
     };
     let free: Vec<usize> = (0..wanted.len())
         .filter(|&i| is_free(model.parameters[i].name))
@@ -109,7 +109,7 @@ fn comes_back(mounting: Mounting, truth: &Values, free: &[(&str, f64)]) {
     for seed in 0..RECORDINGS {
         let recording = recording(&made, truth, &mut ChaCha8Rng::seed_from_u64(seed));
         let problem = CurveProblem::of_model(model, &table, &[recording], &curve_options).expect("fair");
-        let found = fit(&problem, &options, &mut |_| Control::Continue).expect("fits");
+        let found = fit(&problem, &options, &mut |_| FitControl::Continue).expect("fits");
         for (count, &i) in held.iter_mut().zip(&free) {
             let [low, high] = found.ci95[i].expect("an interval");
             let inside = low <= wanted[i] && wanted[i] <= high;

@@ -1,19 +1,18 @@
 //! Where the leaf pack's energy goes: the balance, each source of friction by itself, damping and inertia.
 
-
 use super::leaf_pack_duty::{all_sources, close, loop_j, pack, sine_row, static_loop, static_row, values};
 use crate::model::Plant;
 use crate::model::leaf_pack::{
-    Dynamics, FrictionChoice, Mounting, Source, Structure, Values, graded_path,
+    Dynamics, FrictionChoice, Mounting, PackStructure, Source, Values, graded_path,
 };
 
 /// Work in = stored + dissipated, with every source on, in both mountings.
 #[test]
 fn energy_balances() {
     for mounting in [Mounting::Rail, Mounting::Shackle] {
-        let structure = Structure {
+        let structure = PackStructure {
             mounting,
-            ..Structure::default()
+            ..PackStructure::default()
         };
         let mut p = pack(&structure, &all_sources());
         p.set_tolerance_n(1e-5);
@@ -37,9 +36,9 @@ fn energy_balances() {
 
 /// Switches one source off: its own entry in the books goes to zero, and the loop shrinks by what that entry was.
 fn share_of(source: Source, mounting: Mounting, off: Values) {
-    let structure = Structure {
+    let structure = PackStructure {
         mounting,
-        ..Structure::default()
+        ..PackStructure::default()
     };
     let cycle = |values: &Values| {
         let mut p = pack(&structure, values);
@@ -173,11 +172,11 @@ fn switching_off_board_friction_takes_its_share() {
 #[test]
 fn slow_dynamics_is_the_static_path() {
     for mounting in [Mounting::Rail, Mounting::Shackle] {
-        let still = Structure {
+        let still = PackStructure {
             mounting,
-            ..Structure::default()
+            ..PackStructure::default()
         };
-        let moving = Structure {
+        let moving = PackStructure {
             dynamics: Dynamics::Full,
             ..still.clone()
         };
@@ -191,11 +190,11 @@ fn slow_dynamics_is_the_static_path() {
 /// At 2.5 Hz the moving mass shows: at the upper turning point the force falls by mass times acceleration.
 #[test]
 fn inertia_lowers_the_peak_by_mass_times_acceleration() {
-    let still = Structure {
+    let still = PackStructure {
         clamp_mass_kg: 20.0,
-        ..Structure::default()
+        ..PackStructure::default()
     };
-    let moving = Structure {
+    let moving = PackStructure {
         dynamics: Dynamics::Full,
         ..still.clone()
     };
@@ -204,7 +203,7 @@ fn inertia_lowers_the_peak_by_mass_times_acceleration() {
         ..Values::frictionless()
     };
     let w = 2.5 * std::f64::consts::TAU;
-    let top = |structure: &Structure| {
+    let top = |structure: &PackStructure| {
         let mut p = pack(structure, &v);
         let forces: Vec<f64> = (1..=2000)
             .map(|k| p.step(3.0 - 3.0 * (w * f64::from(k) * 5e-4).cos(), 5e-4))
@@ -222,9 +221,9 @@ fn inertia_lowers_the_peak_by_mass_times_acceleration() {
 /// Eq. (4): damping forces in proportion to speed, so the loop of a frictionless pack grows with frequency, from nothing.
 #[test]
 fn structural_damping_is_viscous() {
-    let damped = Structure {
+    let damped = PackStructure {
         structural_damping_s: 1e-4,
-        ..Structure::default()
+        ..PackStructure::default()
     };
     let lost = |frequency_hz: f64| {
         let mut p = pack(
@@ -253,15 +252,15 @@ fn structural_damping_is_viscous() {
 /// at 1 Hz. Its static stroke is not given: 24.5 mm is the one that gives its presliding loop.
 #[test]
 fn the_tanh_law_loses_the_slow_loop() {
-    let tanh = Structure {
+    let tanh = PackStructure {
         friction_law: FrictionChoice::Tanh,
-        ..Structure::default()
+        ..PackStructure::default()
     };
     let v = Values {
         clamp_length_mm: 88.0,
         ..values()
     };
-    let (_, e) = static_loop(&mut pack(&Structure::default(), &v), 24.5, 0.5);
+    let (_, e) = static_loop(&mut pack(&PackStructure::default(), &v), 24.5, 0.5);
     close("static loop, presliding, J", e, 1.021, 0.02);
     let (_, e) = static_loop(&mut pack(&tanh, &v), 24.5, 0.5);
     close("static loop with 1 mm/s transition, J", e, 0.0085, 0.05);

@@ -1,17 +1,16 @@
 //! The leaf pack as plant and as a fit's model: no motion breaks it, every believable pack converges, its files run.
 
-
 use super::leaf_pack_duty::{all_sources, close, loop_j, pack, sine_row, static_row, values};
-use crate::model::leaf_pack::{LeafPack, Mounting, PARAMETERS, Structure, Values};
+use crate::model::leaf_pack::{LeafPack, Mounting, PARAMETERS, PackStructure, Values};
 use crate::model::{self, Plant};
 
 #[test]
 fn a_pusher_that_lifts_off_feels_nothing() {
     for mounting in [Mounting::Rail, Mounting::Shackle] {
         let mut p = pack(
-            &Structure {
+            &PackStructure {
                 mounting,
-                ..Structure::default()
+                ..PackStructure::default()
             },
             &all_sources(),
         );
@@ -30,9 +29,9 @@ fn no_motion_breaks_it() {
     for mounting in [Mounting::Rail, Mounting::Shackle] {
         let drive = || {
             let mut p = pack(
-                &Structure {
+                &PackStructure {
                     mounting,
-                    ..Structure::default()
+                    ..PackStructure::default()
                 },
                 &all_sources(),
             );
@@ -72,9 +71,9 @@ fn no_motion_breaks_it() {
 #[test]
 fn absurd_displacements_are_survived() {
     for mounting in [Mounting::Rail, Mounting::Shackle] {
-        let structure = Structure {
+        let structure = PackStructure {
             mounting,
-            ..Structure::default()
+            ..PackStructure::default()
         };
         let fresh = pack(&structure, &all_sources()).step(5.0, 1e-3);
         for far_mm in [100.0, 150.0, 300.0, 2000.0] {
@@ -96,7 +95,7 @@ fn absurd_displacements_are_survived() {
 /// The drawing: four leaves of both sides, the load flattens them, no leaf runs through another.
 #[test]
 fn the_shape_flattens_under_load() {
-    let mut p = pack(&Structure::default(), &values());
+    let mut p = pack(&PackStructure::default(), &values());
     let camber = |p: &LeafPack| {
         let shape = p.shape();
         assert_eq!(shape.leaves.len(), 4);
@@ -132,25 +131,25 @@ fn every_plausible_pack_assembles() {
                 clamp_length_mm,
                 ..values()
             };
-            let mut p = pack(&Structure::default(), &v);
+            let mut p = pack(&PackStructure::default(), &v);
             assert!(p.step(1.0, 1.0) > 20.0);
             assert_eq!(p.unconverged(), 0);
             count += 1;
         }
     }
-    let hard = Structure {
+    let hard = PackStructure {
         contact_stiffness_n_per_mm: 1e7,
-        ..Structure::default()
+        ..PackStructure::default()
     };
     assert!(pack(&hard, &values()).step(1.0, 1.0) > 20.0);
     for segments in [0, 22, 44, 172, 344, 688] {
-        let structure = Structure {
+        let structure = PackStructure {
             segments,
-            ..Structure::default()
+            ..PackStructure::default()
         };
         assert!(pack(&structure, &values()).step(1.0, 1.0) > 20.0);
     }
-    let mut cut = Structure::default();
+    let mut cut = PackStructure::default();
     cut.leaves[1].length_mm = 870.0;
     assert!(pack(&cut, &values()).step(1.0, 1.0) > 20.0);
     println!("{count} packs");
@@ -179,10 +178,10 @@ fn any_believable_pack_converges() {
             .collect();
         let v = Values::from_slice(&drawn).expect("one a parameter");
         let eye_offset_mm = random([-20.0, 20.0]);
-        let structure = Structure {
+        let structure = PackStructure {
             mounting,
             eye_offset_mm,
-            ..Structure::default()
+            ..PackStructure::default()
         };
         let mut p = pack(&structure, &v);
         let (force, _) = static_row(&mut p, 1.0);

@@ -1,11 +1,10 @@
 //! The twin watches its residual while the run goes on: told once, at the right place, and not where nothing is wrong.
 
-
 use super::support;
+use super::support::bench::{concealing, mock, play, sine, twin_nrmse};
+use super::support::{Daemon, config, json, until};
 use crate::recording::recorder::Memory;
 use crate::recording::{Event, EventKind};
-use super::support::{Daemon, config, json, until};
-use super::support::bench::{concealing, mock, play, sine, twin_nrmse};
 
 fn told(memory: &Memory) -> Vec<&Event> {
     memory

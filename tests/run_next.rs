@@ -1,13 +1,12 @@
 //! `diagnose --run-next`: the bench runs the test that tells and judges again.
 
-
 use super::support::{self, program};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use nix::sys::signal::{Signal, kill};
-use super::support::{Daemon, config, json, until};
 use super::support::bench::{concealing, play, sine};
+use super::support::{Daemon, config, json, until};
+use nix::sys::signal::{Signal, kill};
 
 /// A bench that conceals a weak helper leaf, and one short sine about its knee: a knee and a smooth bend are alike there.
 fn confounded(folder: &Path) -> (PathBuf, PathBuf) {

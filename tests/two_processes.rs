@@ -5,18 +5,17 @@
 //! Functional: the daemon must lose nothing and trip on nothing. Exact times are asserted in virtual time elsewhere, so
 //! the bench here bears a machine that stalls for a moment.
 
-
 use super::support::{self, wire};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::{Mutex, PoisonError};
 
+use super::support::{Daemon, Process, config, json, leafbench};
 use crate::protocol::frame::Frame;
 use crate::protocol::message::FromRig;
 use crate::recording::run_file::{EXTENSION, RunFile};
 use crate::recording::{Flags, Sample};
-use super::support::{Daemon, Process, config, json, leafbench};
 
 const SINE: (&str, u32, usize) = ("sine-6mm-2.5hz-10", 10, 17_000);
 const PROFILES: [(&str, u32, usize); 2] = [("static-ramp-12s", 0, 12_001), SINE];

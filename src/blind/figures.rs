@@ -28,7 +28,7 @@ pub(crate) struct Figure {
 
 /// One bin of the reliability table.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub(crate) struct Bin {
+pub(crate) struct ConfidenceBin {
     /// Lower and upper edge of the confidence.
     pub range: [f64; 2],
     /// Claims in it.
@@ -201,7 +201,7 @@ pub(crate) fn figures(marks: &[Mark], look_alikes: &[Mark]) -> Vec<Figure> {
 }
 
 /// Reliability of the confidence, bins that hold a claim.
-pub(crate) fn reliability(marks: &[Mark]) -> Vec<Bin> {
+pub(crate) fn reliability(marks: &[Mark]) -> Vec<ConfidenceBin> {
     let claims: Vec<(f64, bool)> = marks.iter().flat_map(Mark::claims).collect();
     (0..BINS)
         .filter_map(|b| {
@@ -212,7 +212,7 @@ pub(crate) fn reliability(marks: &[Mark]) -> Vec<Bin> {
                 .filter(|(c, _)| *c >= range[0] && (*c < range[1] || last))
                 .collect();
             let n = inside.len();
-            (n > 0).then(|| Bin {
+            (n > 0).then(|| ConfidenceBin {
                 range,
                 count: n,
                 claimed: inside.iter().map(|(c, _)| c).sum::<f64>() / n as f64,

@@ -13,7 +13,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-use crate::diagnose::{Baseline, DiagnoseError, Diagnosis, Options, diagnose};
+use crate::diagnose::{Baseline, DiagnoseError, DiagnoseOptions, Diagnosis, diagnose};
 use crate::model::equivalent;
 use crate::recording::Recording;
 use crate::truth::{Case, Family, Start};
@@ -23,7 +23,7 @@ pub(crate) use seal::Seal;
 
 /// The run that is asked for.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Request {
+pub(crate) struct BlindRequest {
     /// How many cases.
     pub cases: u64,
     /// Seed of all of them.
@@ -39,7 +39,7 @@ pub(crate) struct Request {
     pub threads: usize,
 }
 
-impl Request {
+impl BlindRequest {
     /// Numbers of the cases that are examined.
     pub(crate) fn numbers(&self) -> Vec<u64> {
         let drawn = (0..self.cases).filter(|&n| self.family.is_none_or(|f| Family::of(n) == f));
@@ -77,10 +77,10 @@ pub(crate) fn examine(
     recordings: &[Recording],
     threads: usize,
 ) -> Result<Diagnosis, DiagnoseError> {
-    let options = Options {
+    let options = DiagnoseOptions {
         threads,
         limits: Some(settle::limits(case_shown)),
-        ..Options::default()
+        ..DiagnoseOptions::default()
     };
     diagnose(recordings, &baseline(&case_shown.start), &options, &mut |_, _| {})
 }
@@ -88,7 +88,7 @@ pub(crate) fn examine(
 /// Draws, seals, diagnoses, opens and marks every case. `sealed` hears all seals before the first diagnosis begins;
 /// `done` hears how many cases are finished.
 pub(crate) fn run(
-    request: &Request,
+    request: &BlindRequest,
     sealed: &mut dyn FnMut(&[Seal]),
     done: &(dyn Fn(u64) + Sync),
 ) -> Result<Vec<Mark>, String> {
@@ -152,7 +152,7 @@ mod tests {
 
     #[test]
     fn look_alikes_beyond_the_cases_are_drawn_and_kept_apart() {
-        let request = Request {
+        let request = BlindRequest {
             cases: 40,
             seed: 1,
             strength: None,

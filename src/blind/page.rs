@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fmt::Write;
 
 use super::figures::{Figure, by_strength, confusion, figures, reliability};
-use super::{Mark, Request};
+use super::{BlindRequest, Mark};
 use crate::truth::{Family, limit};
 
 /// Strength from which the confusion matrix counts.
@@ -20,7 +20,7 @@ fn reached(f: &Figure) -> String {
 }
 
 /// The table for a terminal.
-pub(crate) fn text(request: &Request, marks: &[Mark]) -> String {
+pub(crate) fn text(request: &BlindRequest, marks: &[Mark]) -> String {
     let (drawn, look_alikes) = request.split(marks);
     let list = figures(drawn, look_alikes);
     let width = list.iter().map(|f| f.what.len()).max().unwrap_or(0);
@@ -40,14 +40,14 @@ pub(crate) fn text(request: &Request, marks: &[Mark]) -> String {
 }
 
 /// The page kept under `docs/`.
-pub(crate) fn markdown(request: &Request, seal: &str, marks: &[Mark]) -> String {
+pub(crate) fn markdown(request: &BlindRequest, seal: &str, marks: &[Mark]) -> String {
     let mut page = String::new();
     // Writing into a string cannot fail.
     let _ = write_page(&mut page, request, seal, marks);
     page
 }
 
-fn write_page(page: &mut String, request: &Request, seal: &str, all: &[Mark]) -> std::fmt::Result {
+fn write_page(page: &mut String, request: &BlindRequest, seal: &str, all: &[Mark]) -> std::fmt::Result {
     let (marks, look_alikes) = request.split(all);
     let strength = request
         .strength
@@ -245,7 +245,7 @@ mod tests {
             mark(&["inertia"], &["inertia"], &[]),
             mark(&["inertia"], &["relaxation"], &["inertia"]),
         ];
-        let request = Request {
+        let request = BlindRequest {
             cases: 2,
             seed: 7,
             strength: None,

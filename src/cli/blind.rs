@@ -6,10 +6,10 @@ use std::time::Instant;
 
 use clap::{Arg, ArgMatches};
 
-use super::progress::{Mark as Progressed, Progress};
+use super::progress::{Progress, ProgressMark};
 use super::{CliError, Command, Done, Output};
-use crate::blind::figures::{Bin, Figure, figures, reliability};
-use crate::blind::{Mark, Request, page, run as run_cases, seal};
+use crate::blind::figures::{ConfidenceBin, Figure, figures, reliability};
+use crate::blind::{BlindRequest, Mark, page, run as run_cases, seal};
 use crate::truth::{Case, Family, sensors};
 
 /// See [`super::COMMANDS`].
@@ -81,7 +81,7 @@ struct Summary {
     seed: u64,
     sealed_sha256: String,
     figures: Vec<Figure>,
-    reliability: Vec<Bin>,
+    reliability: Vec<ConfidenceBin>,
 }
 
 fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
@@ -98,7 +98,7 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
         .get_one::<String>("kind")
         .and_then(|key| Family::ALL.into_iter().find(|f| f.key() == key));
     let cases = number("cases").unwrap_or(400);
-    let request = Request {
+    let request = BlindRequest {
         cases,
         seed: number("seed").unwrap_or(1),
         strength,
@@ -136,7 +136,7 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
         &|done| {
             let elapsed_s = begun.elapsed().as_secs_f64();
             if let Ok(mut bar) = progress.lock() {
-                bar.show(Progressed {
+                bar.show(ProgressMark {
                     elapsed_s,
                     remaining_s: elapsed_s * (examined - done) as f64 / done as f64,
                     cycles: 0,
@@ -164,7 +164,12 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
     Ok(Done::Well)
 }
 
-fn write_results(folder: &Path, request: &Request, sealed: &str, marks: &[Mark]) -> Result<(), CliError> {
+fn write_results(
+    folder: &Path,
+    request: &BlindRequest,
+    sealed: &str,
+    marks: &[Mark],
+) -> Result<(), CliError> {
     std::fs::create_dir_all(folder).map_err(CliError::file(folder, "making the folder"))?;
     write(&folder.join("blind.md"), &page::markdown(request, sealed, marks))?;
     let json = serde_json::to_string(marks).map_err(|e| CliError::Internal(e.to_string()))?;
@@ -176,7 +181,7 @@ fn write(path: &Path, text: &str) -> Result<(), CliError> {
 }
 
 /// One case as files, so that it can be diagnosed by hand.
-fn export(request: &Request, number: u64, folder: &Path, output: &Output) -> Result<Done, CliError> {
+fn export(request: &BlindRequest, number: u64, folder: &Path, output: &Output) -> Result<Done, CliError> {
     let case = Case::draw(request.seed, number, request.strength);
     std::fs::create_dir_all(folder).map_err(CliError::file(folder, "making the folder"))?;
     let mut written = Vec::new();

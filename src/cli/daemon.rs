@@ -12,7 +12,7 @@ use super::{CliError, Command, Done, Output, local};
 use crate::config::Bench;
 use crate::daemon::claim::Claim;
 use crate::daemon::client_types::Endpoint;
-use crate::daemon::{self, Settings};
+use crate::daemon::{self, DaemonSettings};
 use crate::link::priority::raise_this_thread;
 use crate::link::{self, Link, Side, loopback};
 
@@ -46,7 +46,7 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
     log_to_stderr();
     end_with_the_first_panic();
     let bench = Arc::new(local::bench(matches)?);
-    let settings = Settings {
+    let settings = DaemonSettings {
         link_address: matches
             .get_one::<String>("link")
             .unwrap_or(&bench.link.address)

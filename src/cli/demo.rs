@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use clap::{Arg, ArgMatches};
 
-use super::progress::{Mark, Progress};
+use super::progress::{Progress, ProgressMark};
 use super::virtual_bench::VirtualBench;
 use super::{CliError, Command, Done, Output, local};
 use crate::config::Bench;
@@ -19,7 +19,7 @@ use crate::recording::metrics::{NrmseMeter, Range, loop_energy_j, secant_rate_n_
 use crate::recording::run_file::{EXTENSION, RunFile, RunFileWriter};
 use crate::recording::{Ending, Sample};
 use crate::report::html::{LoopPage, Section};
-use crate::report::svg::{Curve, xy_plot};
+use crate::report::svg::{PlotCurve, xy_plot};
 use crate::twin::Twin;
 
 /// What is shown: a force-controlled ramp and a displacement-controlled sine.
@@ -50,7 +50,7 @@ pub(super) const COMMAND: Command = Command {
 
 /// One row of the table.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
-struct Row {
+struct DemoRow {
     profile: String,
     ending: Ending,
     peak_force_n: f64,
@@ -67,7 +67,7 @@ struct Row {
 struct Demo {
     folder: PathBuf,
     page: PathBuf,
-    rows: Vec<Row>,
+    rows: Vec<DemoRow>,
     virtual_s: f64,
     real_s: f64,
 }
@@ -161,7 +161,7 @@ pub(super) fn play(
         turns += 1;
         if turns % PROGRESS_MS == 0 {
             let status = bench.rig.status();
-            progress.show(Mark {
+            progress.show(ProgressMark {
                 elapsed_s: status.elapsed_s,
                 remaining_s: status.remaining_s,
                 cycles: status.cycles_completed,
@@ -176,7 +176,7 @@ pub(super) fn play(
 }
 
 /// Exports one run and sums it up.
-fn account(run: &RunFile, profile: &Profile, folder: &Path) -> Result<(Row, Section), CliError> {
+fn account(run: &RunFile, profile: &Profile, folder: &Path) -> Result<(DemoRow, Section), CliError> {
     let name = &profile.name;
     let exported = export::export(run, Selection::Whole, &folder.join(format!("{name}.csv")))?;
     let cycles = match exported.survey.cycles.is_empty() {
@@ -197,7 +197,7 @@ fn account(run: &RunFile, profile: &Profile, folder: &Path) -> Result<(Row, Sect
     Ok((row, section))
 }
 
-fn row(run: &RunFile, profile: &Profile, samples: &[Sample], cycles: &[CycleSummary], lost: u64) -> Row {
+fn row(run: &RunFile, profile: &Profile, samples: &[Sample], cycles: &[CycleSummary], lost: u64) -> DemoRow {
     let force: Vec<f64> = samples.iter().map(|s| s.force_n).collect();
     let displacement: Vec<f64> = samples.iter().map(|s| s.displacement_mm).collect();
     let mut twin = NrmseMeter::default();
@@ -223,7 +223,7 @@ fn row(run: &RunFile, profile: &Profile, samples: &[Sample], cycles: &[CycleSumm
     };
     let asked = asked_amplitude(samples, &whole, profile);
     let settled = whole.iter().find(|c| c.cycle == SETTLED_CYCLE).zip(asked);
-    Row {
+    DemoRow {
         profile: profile.name.clone(),
         ending: run.outcome().map_or(Ending::Aborted, |o| o.ending),
         peak_force_n: force.iter().copied().fold(f64::NEG_INFINITY, f64::max),
@@ -244,7 +244,7 @@ fn asked_amplitude(samples: &[Sample], whole: &[&CycleSummary], profile: &Profil
     player.targets_of(segment).map(|t| t.amplitude)
 }
 
-fn section(name: &str, description: &str, samples: &[Sample], row: &Row) -> Section {
+fn section(name: &str, description: &str, samples: &[Sample], row: &DemoRow) -> Section {
     let step = samples.len().div_ceil(CURVE_POINTS * 4).max(1);
     // A sine repeats: a dozen cycles show every loop, finer.
     let shown: Vec<&Sample> = samples.iter().step_by(step).collect();
@@ -253,7 +253,10 @@ fn section(name: &str, description: &str, samples: &[Sample], row: &Row) -> Sect
         .iter()
         .filter_map(|s| Some((s.displacement_mm, s.twin_force_n?)))
         .collect();
-    let curves = [Curve::measured("measured", measured), Curve::twin("twin", twin)];
+    let curves = [
+        PlotCurve::measured("measured", measured),
+        PlotCurve::twin("twin", twin),
+    ];
     let optional = |value: Option<f64>, scale: f64, digits: usize, unit: &str| {
         value.map_or("\u{2013}".to_owned(), |v| {
             format!("{:.digits$} {unit}", v * scale)

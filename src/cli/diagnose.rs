@@ -5,11 +5,11 @@ use std::time::Instant;
 
 use clap::{Arg, ArgAction, ArgMatches};
 
-use super::progress::{Mark, Progress};
+use super::progress::{Progress, ProgressMark};
 use super::{CliError, Command, Done, Output, client, local, run_next, targets};
 use crate::config::{Bench, EffectConfig, ModelConfig};
 use crate::diagnose::diagnosis::{Diagnosis, ImprovedModel};
-use crate::diagnose::{Baseline, Options, Verdict, diagnose};
+use crate::diagnose::{Baseline, DiagnoseOptions, Verdict, diagnose};
 use crate::model;
 use crate::recording::{Recording, csv};
 use crate::report::diagnosis::{Context, page};
@@ -109,7 +109,7 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
         .map(|path| csv::read_file(path))
         .collect::<Result<Vec<_>, _>>()?;
     recordings.iter().try_for_each(in_mm_and_n)?;
-    let case = Case {
+    let case = DiagnoseJob {
         bench: &bench,
         baseline: &baseline,
         output,
@@ -162,7 +162,7 @@ fn in_mm_and_n(recording: &Recording) -> Result<(), CliError> {
 }
 
 /// What stays the same however many recordings there are.
-pub(super) struct Case<'a> {
+pub(super) struct DiagnoseJob<'a> {
     /// The rig and its specimen.
     pub bench: &'a Bench,
     /// What the diagnosis starts from.
@@ -171,7 +171,7 @@ pub(super) struct Case<'a> {
     pub output: &'a Output,
 }
 
-impl Case<'_> {
+impl DiagnoseJob<'_> {
     /// Diagnoses and writes the files to `folder`.
     pub(super) fn diagnose(&self, recordings: &[Recording], folder: &Path) -> Result<Diagnosis, CliError> {
         let diagnosis = with_progress(recordings, self.bench, self.baseline, self.output)?;
@@ -243,14 +243,14 @@ fn with_progress(
 ) -> Result<Diagnosis, CliError> {
     let mut bar = Progress::new("diagnose", output.json);
     let begun = Instant::now();
-    let options = Options {
+    let options = DiagnoseOptions {
         limits: Some(bench.profile_limits()),
-        ..Options::default()
+        ..DiagnoseOptions::default()
     };
     let diagnosis = diagnose(recordings, baseline, &options, &mut |share, _| {
         let elapsed_s = begun.elapsed().as_secs_f64();
         if share > 0.0 {
-            bar.show(Mark {
+            bar.show(ProgressMark {
                 elapsed_s,
                 remaining_s: elapsed_s * (1.0 - share) / share,
                 cycles: 0,

@@ -108,7 +108,10 @@ impl CliError {
     }
 
     /// A file or folder that failed.
-    pub(crate) fn file(path: &std::path::Path, doing: &'static str) -> impl FnOnce(std::io::Error) -> CliError {
+    pub(crate) fn file(
+        path: &std::path::Path,
+        doing: &'static str,
+    ) -> impl FnOnce(std::io::Error) -> CliError {
         let path = path.to_owned();
         move |source| CliError::File { path, doing, source }
     }

@@ -8,13 +8,13 @@ use std::time::Instant;
 
 use clap::{Arg, ArgAction, ArgMatches, value_parser};
 
-use super::progress::{Mark, Progress};
+use super::progress::{Progress, ProgressMark};
 use super::{CliError, Command, Done, Output, stop_on_ctrl_c};
 use crate::config::{ModelConfig, Specimen};
 use crate::identify::curve::Initial;
 use crate::identify::targets::{TargetProblem, read_targets};
 use crate::identify::{
-    Control, CurveOptions, CurveProblem, Ending, Fit, IdentifyError, Method, Options, Residuals,
+    CurveOptions, CurveProblem, Fit, FitControl, FitEnding, FitOptions, IdentifyError, Method, Residuals,
     differential_evolution, fit, least_squares, nelder_mead,
 };
 use crate::model::{self, Model};
@@ -103,12 +103,12 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
     let mut start = specimen.model.values()?;
     let fixed = fixed(matches, model, &mut start)?;
     let problem = problem(matches, model, &specimen.model.structure)?;
-    let options = Options {
+    let options = FitOptions {
         method: method(matches),
         start: Some(start),
         fixed,
         seed: matches.get_one::<u64>("seed").copied().unwrap_or(1),
-        ..Options::default()
+        ..FitOptions::default()
     };
     let fitted = watched_fit(problem.as_ref(), &options, output)?;
     for (p, value) in fitted.parameters.iter().zip(&fitted.values) {
@@ -121,8 +121,8 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
     }
     output.result(&json(&specimen.model.name, &fitted), || text(&fitted, out))?;
     Ok(match fitted.ending {
-        Ending::Converged => Done::Well,
-        Ending::Exhausted | Ending::Stopped => Done::Otherwise,
+        FitEnding::Converged => Done::Well,
+        FitEnding::Exhausted | FitEnding::Stopped => Done::Otherwise,
     })
 }
 
@@ -196,11 +196,11 @@ fn fixed(matches: &ArgMatches, model: &Model, start: &mut [f64]) -> Result<Vec<S
 
 fn method(matches: &ArgMatches) -> Method {
     match matches.get_one::<String>("method").map(String::as_str) {
-        Some("nelder-mead") => Method::NelderMead(nelder_mead::Settings::default()),
+        Some("nelder-mead") => Method::NelderMead(nelder_mead::SimplexSettings::default()),
         Some("differential-evolution") => {
-            Method::DifferentialEvolution(differential_evolution::Settings::default())
+            Method::DifferentialEvolution(differential_evolution::EvolutionSettings::default())
         }
-        _ => Method::LeastSquares(least_squares::Settings::default()),
+        _ => Method::LeastSquares(least_squares::LeastSquaresSettings::default()),
     }
 }
 
@@ -252,7 +252,7 @@ fn problem<'a>(
 }
 
 /// Fits with a progress bar; Ctrl-C ends it with the best so far.
-fn watched_fit(problem: &dyn Residuals, options: &Options, output: &Output) -> Result<Fit, IdentifyError> {
+fn watched_fit(problem: &dyn Residuals, options: &FitOptions, output: &Output) -> Result<Fit, IdentifyError> {
     let stop = Arc::new(AtomicBool::new(false));
     stop_on_ctrl_c(Arc::clone(&stop));
     let start = Instant::now();
@@ -260,16 +260,16 @@ fn watched_fit(problem: &dyn Residuals, options: &Options, output: &Output) -> R
     let fitted = fit(problem, options, &mut |p| {
         let elapsed_s = start.elapsed().as_secs_f64();
         let remaining_s = elapsed_s * (1.0 - p.share) / p.share.max(1e-3);
-        progress.show(Mark {
+        progress.show(ProgressMark {
             elapsed_s,
             remaining_s,
             cycles: 0,
             cycles_total: 0,
         });
         if stop.load(Ordering::Relaxed) {
-            Control::Stop
+            FitControl::Stop
         } else {
-            Control::Continue
+            FitControl::Continue
         }
     });
     progress.finish();
@@ -287,9 +287,9 @@ fn text(fit: &Fit, out: Option<&PathBuf>) -> String {
         let _ = writeln!(text, "{:28} {:>14.6} {:6} {note}", p.name, fit.values[i], p.unit);
     }
     let how = match fit.ending {
-        Ending::Converged => "settled",
-        Ending::Exhausted => "not settled: the allowed work is done",
-        Ending::Stopped => "stopped: the best so far",
+        FitEnding::Converged => "settled",
+        FitEnding::Exhausted => "not settled: the allowed work is done",
+        FitEnding::Stopped => "stopped: the best so far",
     };
     let _ = writeln!(
         text,
@@ -314,5 +314,5 @@ fn json(model: &str, fit: &Fit) -> serde_json::Value {
         .collect();
     let warnings: Vec<String> = fit.warnings.iter().map(ToString::to_string).collect();
     serde_json::json!({ "model": model, "parameters": parameters, "cost": fit.cost, "evaluations": fit.evaluations,
-                        "converged": fit.converged(), "stopped": fit.ending == Ending::Stopped, "warnings": warnings })
+                        "converged": fit.converged(), "stopped": fit.ending == FitEnding::Stopped, "warnings": warnings })
 }

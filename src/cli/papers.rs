@@ -6,11 +6,11 @@ use std::time::Instant;
 
 use clap::{Arg, ArgMatches, value_parser};
 
-use super::progress::{Mark, Progress};
+use super::progress::{Progress, ProgressMark};
 use super::{CliError, Command, Done, Output};
-use crate::papers::first::{self, Choice, Reading};
+use crate::papers::first::{self, AmplitudeReading, Choice};
 use crate::papers::{second, third};
-use crate::report::svg::{Curve, xy_plot};
+use crate::report::svg::{PlotCurve, xy_plot};
 
 /// See [`super::COMMANDS`].
 pub(super) const COMMAND: Command = Command {
@@ -53,9 +53,9 @@ pub(super) const COMMAND: Command = Command {
 
 /// Everything that was run.
 struct Papers {
-    first: first::Rerun,
-    second: second::Rerun,
-    third: Vec<third::Row>,
+    first: first::LeafPackRerun,
+    second: second::FiveLinkRerun,
+    third: Vec<third::WagonRow>,
 }
 
 fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
@@ -64,7 +64,7 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
     let mut progress = Progress::new("papers", output.json);
     let mut watch = |_: &str, share: f64| {
         let elapsed_s = start.elapsed().as_secs_f64();
-        progress.show(Mark {
+        progress.show(ProgressMark {
             elapsed_s,
             remaining_s: if share > 0.0 {
                 elapsed_s * (1.0 - share) / share
@@ -91,9 +91,9 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
 
 fn choice(matches: &ArgMatches) -> Result<Choice, CliError> {
     let readings = match matches.get_one::<String>("amplitude").map(String::as_str) {
-        Some("whole") => vec![Reading::Whole],
-        Some("half") => vec![Reading::Half],
-        _ => vec![Reading::Whole, Reading::Half],
+        Some("whole") => vec![AmplitudeReading::Whole],
+        Some("half") => vec![AmplitudeReading::Half],
+        _ => vec![AmplitudeReading::Whole, AmplitudeReading::Half],
     };
     let trough_mm = matches.get_one::<f64>("trough-mm").copied();
     if let Some(mm) = trough_mm.filter(|mm| !(0.0..=8.0).contains(mm)) {
@@ -119,7 +119,7 @@ fn text(papers: &Papers) -> String {
     out
 }
 
-fn first_text(out: &mut String, rerun: &first::Rerun) -> std::fmt::Result {
+fn first_text(out: &mut String, rerun: &first::LeafPackRerun) -> std::fmt::Result {
     writeln!(out, "## 1. Kadziela, Manka, Uhl, Toso (2015): leaf pack\n")?;
     two_numbers_text(out, rerun)?;
     for reading in &rerun.readings {
@@ -143,7 +143,7 @@ fn first_text(out: &mut String, rerun: &first::Rerun) -> std::fmt::Result {
     Ok(())
 }
 
-fn two_numbers_text(out: &mut String, rerun: &first::Rerun) -> std::fmt::Result {
+fn two_numbers_text(out: &mut String, rerun: &first::LeafPackRerun) -> std::fmt::Result {
     writeln!(
         out,
         "### Tables 6 and 7: differential evolution on two numbers\n\n\
@@ -224,7 +224,7 @@ fn own_text(out: &mut String, reading: &first::ReadingRerun) -> std::fmt::Result
     )
 }
 
-fn fit_text(out: &mut String, reading: Reading, fit: &first::PhysicsFit) -> std::fmt::Result {
+fn fit_text(out: &mut String, reading: AmplitudeReading, fit: &first::PhysicsFit) -> std::fmt::Result {
     writeln!(
         out,
         "#### Physics on, {}: {}\n\nWorst peak force {:.1} %, worst loop energy {:.1} %, {} evaluations.\n",
@@ -275,7 +275,7 @@ fn fit_text(out: &mut String, reading: Reading, fit: &first::PhysicsFit) -> std:
     writeln!(out)
 }
 
-fn second_text(out: &mut String, rerun: &second::Rerun) -> std::fmt::Result {
+fn second_text(out: &mut String, rerun: &second::FiveLinkRerun) -> std::fmt::Result {
     writeln!(
         out,
         "## 2. Chula thesis, chapter V: five-link with modified Dahl, Table 5-1\n\n\
@@ -308,7 +308,7 @@ fn second_text(out: &mut String, rerun: &second::Rerun) -> std::fmt::Result {
     )
 }
 
-fn third_text(out: &mut String, rows: &[third::Row]) -> std::fmt::Result {
+fn third_text(out: &mut String, rows: &[third::WagonRow]) -> std::fmt::Result {
     writeln!(
         out,
         "## 3. Polach and Hajzman: finite segments, Tables 1 and 2\n\n\
@@ -353,7 +353,7 @@ fn write_page(papers: &Papers, folder: &Path) -> Result<(), CliError> {
     page += "## Plots\n\n";
     let mut plots = Vec::new();
     for reading in &papers.first.readings {
-        let word = if reading.reading == Reading::Whole {
+        let word = if reading.reading == AmplitudeReading::Whole {
             "whole"
         } else {
             "half"
@@ -370,16 +370,16 @@ fn write_page(papers: &Papers, folder: &Path) -> Result<(), CliError> {
                 let svg = xy_plot(
                     "displacement in mm",
                     "force in N",
-                    &[Curve::twin("model", points.clone())],
+                    &[PlotCurve::twin("model", points.clone())],
                 );
                 plots.push((name, what, svg));
             }
         }
     }
-    let measured = Curve::measured("Table 5-1", second::TABLE_5_1.to_vec());
+    let measured = PlotCurve::measured("Table 5-1", second::TABLE_5_1.to_vec());
     for row in &papers.second.rows {
         let points = second::TABLE_5_1.iter().zip(&row.force_n).map(|(p, f)| (p.0, *f));
-        let model = Curve::twin(row.model, points.collect());
+        let model = PlotCurve::twin(row.model, points.collect());
         let name = format!("papers-2-{}.svg", row.model.replace(' ', "-"));
         let svg = xy_plot("deflection in mm", "force in N", &[measured.clone(), model]);
         plots.push((name, format!("Table 5-1 (blue) and {} (orange)", row.model), svg));

@@ -9,7 +9,7 @@ const PLAIN_STEPS: f64 = 10.0;
 
 /// How far a run is.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Mark {
+pub(super) struct ProgressMark {
     /// Seconds done.
     pub elapsed_s: f64,
     /// Seconds to go.
@@ -20,7 +20,7 @@ pub(super) struct Mark {
     pub cycles_total: u32,
 }
 
-impl Mark {
+impl ProgressMark {
     fn share(&self) -> f64 {
         let total = self.elapsed_s + self.remaining_s;
         if total > 0.0 { self.elapsed_s / total } else { 0.0 }
@@ -76,7 +76,7 @@ impl Progress {
     }
 
     /// Moves on.
-    pub(super) fn show(&mut self, mark: Mark) {
+    pub(super) fn show(&mut self, mark: ProgressMark) {
         if let Some(bar) = &self.bar {
             bar.set_position((1000.0 * mark.share()) as u64);
             bar.set_message(mark.text());
@@ -111,7 +111,7 @@ mod tests {
 
     #[test]
     fn a_mark_tells_cycles_only_where_there_are_some() {
-        let mark = Mark {
+        let mark = ProgressMark {
             elapsed_s: 30.0,
             remaining_s: 90.0,
             cycles: 3,
@@ -120,7 +120,7 @@ mod tests {
         assert_eq!(mark.share(), 0.25);
         assert_eq!(mark.text(), "cycle 3 of 50, 1 min 30 s left");
         assert_eq!(
-            Mark {
+            ProgressMark {
                 cycles_total: 0,
                 ..mark
             }

@@ -7,7 +7,7 @@ use std::time::Duration;
 use clap::{Arg, ArgMatches};
 
 use super::client::{Client, data_argument};
-use super::progress::{Mark, Progress};
+use super::progress::{Progress, ProgressMark};
 use super::{CliError, Command, Done, Output};
 use crate::daemon::api::is_over;
 use crate::daemon::client_types::{Accepted, RunProgress, RunState, StartRun, Started, Status, StopRequest};
@@ -140,7 +140,7 @@ pub(super) fn wait(
         }
         if status.rig.run_id.as_deref() == Some(run_id) {
             let bar = progress.get_or_insert_with(|| Progress::new(&run.profile, output.json));
-            bar.show(Mark {
+            bar.show(ProgressMark {
                 elapsed_s: status.rig.elapsed_s,
                 remaining_s: status.rig.remaining_s,
                 cycles: status.rig.cycles_completed,

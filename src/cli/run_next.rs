@@ -11,7 +11,7 @@ use std::time::Duration;
 use clap::ArgMatches;
 
 use super::client::{Client, data_folder};
-use super::diagnose::Case;
+use super::diagnose::DiagnoseJob;
 use super::{CliError, Done, Output, demo, diagnose, export, run};
 use crate::config::Bench;
 use crate::control::Phase;
@@ -156,7 +156,7 @@ struct Ended<'a> {
 /// Rounds of diagnosis and test.
 pub(super) fn run(
     matches: &ArgMatches,
-    case: &Case<'_>,
+    case: &DiagnoseJob<'_>,
     mut recordings: Vec<Recording>,
     folder: &Path,
 ) -> Result<Done, CliError> {

@@ -8,7 +8,7 @@ use clap::{Arg, ArgMatches};
 use super::plan::profile_argument;
 use super::{CliError, Command, Done, Output, local};
 use crate::config::ModelConfig;
-use crate::model::leaf_pack::{self, LeafPack, Structure, Values};
+use crate::model::leaf_pack::{self, LeafPack, PackStructure, Values};
 use crate::model::{BuildError, Plant};
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::recording::csv::{CsvFormat, CsvWriter};
@@ -141,7 +141,7 @@ fn drawn_pack(model: &ModelConfig) -> Result<LeafPack, CliError> {
             reason,
         })
     };
-    let structure = Structure::from_table(&model.structure).map_err(refused)?;
+    let structure = PackStructure::from_table(&model.structure).map_err(refused)?;
     let values = Values::from_slice(&model.values()?)
         .ok_or_else(|| CliError::Internal("a leaf pack's values are incomplete".to_owned()))?;
     LeafPack::new(&structure, &values).map_err(refused)

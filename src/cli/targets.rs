@@ -6,14 +6,14 @@ use std::time::Instant;
 
 use clap::ArgMatches;
 
-use super::progress::{Mark, Progress};
+use super::progress::{Progress, ProgressMark};
 use super::{CliError, Done, Output, diagnose};
 use crate::config::Bench;
 use crate::diagnose::Baseline;
-use crate::diagnose::aggregates::{AggregateDiagnosis, Row, TableReader, diagnose_table};
+use crate::diagnose::aggregates::{AggregateDiagnosis, TableReader, TableRow, diagnose_table};
+use crate::identify::targets::{LoopTarget, TargetProblem};
+use crate::identify::{FitControl, FitOptions, IdentifyError, fit};
 use crate::papers::first::Two;
-use crate::identify::targets::{Target, TargetProblem};
-use crate::identify::{Control, IdentifyError, Options, fit};
 use crate::report::aggregates::page;
 
 /// Reads the tables, diagnoses, writes and tells.
@@ -43,7 +43,7 @@ pub(super) fn run(
         &mut |share| {
             let elapsed_s = begun.elapsed().as_secs_f64();
             if share > 0.0 {
-                bar.show(Mark {
+                bar.show(ProgressMark {
                     elapsed_s,
                     remaining_s: elapsed_s * (1.0 - share) / share,
                     cycles: 0,
@@ -61,26 +61,26 @@ pub(super) fn run(
 }
 
 /// The baseline, its own parameters refitted to the rows, over their motions.
-fn simulate(rows: &[Row], baseline: &Baseline) -> Result<Vec<Two>, IdentifyError> {
+fn simulate(rows: &[TableRow], baseline: &Baseline) -> Result<Vec<Two>, IdentifyError> {
     let targets = rows.iter().filter_map(|r| {
-        Some(Target {
+        Some(LoopTarget {
             profile: r.name.clone(),
             motion: r.motion?,
             peak_force_n: r.measured.peak_n,
             loop_energy_j: r.measured.loop_j,
         })
     });
-    let factory = |values: &[f64], _: &Target| baseline.model.plant(values, &baseline.structure);
+    let factory = |values: &[f64], _: &LoopTarget| baseline.model.plant(values, &baseline.structure);
     let problem = TargetProblem::new(
         baseline.model.parameters.to_vec(),
         Box::new(factory),
         targets.collect(),
     );
-    let options = Options {
+    let options = FitOptions {
         start: baseline.start.clone(),
-        ..Options::default()
+        ..FitOptions::default()
     };
-    let fit = fit(&problem, &options, &mut |_| Control::Continue)?;
+    let fit = fit(&problem, &options, &mut |_| FitControl::Continue)?;
     let pairs = problem.measure(&fit.values)?.into_iter().map(|a| Two {
         peak_n: a.peak_force_n,
         loop_j: a.loop_energy_j,

@@ -30,7 +30,7 @@ use rig_clock::RigClock;
 use run::{Run, RunOrder};
 use session::{Answered, Session};
 pub(crate) use status::{Counters, Phase, Refusal, RigStatus, TareReport};
-use ticks::{Place, Ticks};
+use ticks::{TickOrder, Ticks};
 
 const MS: u64 = 1_000_000;
 /// The lease goes out this often, from the control loop itself.
@@ -194,7 +194,7 @@ impl Rig {
                     return;
                 }
                 match self.ticks.place(tick) {
-                    Place::Next { tick, lost } => {
+                    TickOrder::Next { tick, lost } => {
                         self.on_sample(
                             tick,
                             lost,
@@ -204,7 +204,7 @@ impl Rig {
                             recorder,
                         );
                     }
-                    Place::Old => self.counters.frames_out_of_sequence += 1,
+                    TickOrder::Old => self.counters.frames_out_of_sequence += 1,
                 }
             }
             FromRig::Status {

@@ -51,7 +51,7 @@ pub(crate) enum Request {
 
 /// What control says to a request that it accepted.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Answer {
+pub(crate) enum Reply {
     /// It is under way.
     Accepted,
     /// The tare that was taken.
@@ -85,7 +85,7 @@ pub(crate) struct LoopHealth {
     pub worst_lateness_us: u64,
 }
 
-type Envelope = (Request, oneshot::Sender<Result<Answer, Refusal>>);
+type Envelope = (Request, oneshot::Sender<Result<Reply, Refusal>>);
 
 /// The control thread as everybody else sees it.
 #[derive(Clone)]
@@ -145,7 +145,7 @@ impl Control {
     }
 
     /// Asks control; the answer comes within a turn or two.
-    pub(crate) async fn ask(&self, request: Request) -> Result<Answer, RequestError> {
+    pub(crate) async fn ask(&self, request: Request) -> Result<Reply, RequestError> {
         let (answer, wait) = oneshot::channel();
         self.requests
             .try_send((request, answer))
@@ -206,7 +206,7 @@ impl Loop {
             Err(TryRecvError::Empty) => return true,
             Err(TryRecvError::Disconnected) => return false,
         };
-        let accepted = |result: Result<(), Refusal>| result.map(|()| Answer::Accepted);
+        let accepted = |result: Result<(), Refusal>| result.map(|()| Reply::Accepted);
         let mut goes_on = true;
         let result = match request {
             Request::Start(order, recorder) => accepted(
@@ -218,14 +218,14 @@ impl Loop {
             Request::Hold => accepted(self.rig.hold()),
             Request::Resume => accepted(self.rig.resume()),
             Request::Reset => accepted(self.rig.reset()),
-            Request::Tare => self.rig.tare().map(Answer::Tared),
+            Request::Tare => self.rig.tare().map(Reply::Tared),
             Request::Relink(link) => {
                 self.link = *link;
-                Ok(Answer::Accepted)
+                Ok(Reply::Accepted)
             }
             Request::End => {
                 goes_on = false;
-                Ok(Answer::Accepted)
+                Ok(Reply::Accepted)
             }
         };
         self.publish();

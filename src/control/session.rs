@@ -79,7 +79,7 @@ pub(crate) enum HelloError {
 
 /// Where the hello stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Stage {
+enum SessionStage {
     Reading(usize),
     Writing(usize),
     Verifying,
@@ -113,7 +113,7 @@ pub(crate) struct Session {
     limits: Limits,
     calibration_hash: u32,
     ack_timeout_ns: u64,
-    stage: Stage,
+    stage: SessionStage,
     identity: FirmwareIdentity,
     sent_ns: Option<u64>,
     tries: u32,
@@ -132,7 +132,7 @@ impl Session {
             limits,
             calibration_hash,
             ack_timeout_ns: ack_timeout_ms * MS,
-            stage: Stage::Reading(0),
+            stage: SessionStage::Reading(0),
             identity: FirmwareIdentity::default(),
             sent_ns: None,
             tries: 0,
@@ -150,7 +150,7 @@ impl Session {
 
     /// The hello is through and the rig is ours.
     pub(crate) fn is_open(&self) -> bool {
-        self.stage == Stage::Open
+        self.stage == SessionStage::Open
     }
 
     /// Why the hello does not get through.
@@ -170,7 +170,7 @@ impl Session {
 
     /// Starts over: link lost, or the firmware rebooted.
     pub(crate) fn restart(&mut self, now_ns: u64) {
-        self.stage = Stage::Reading(0);
+        self.stage = SessionStage::Reading(0);
         self.sent_ns = None;
         self.tries = 0;
         self.pending = None;
@@ -208,22 +208,27 @@ impl Session {
 
     /// Takes the session that owns the rig. A lease that lapsed took ours: it is asked for again, nothing else is.
     pub(crate) fn on_owner(&mut self, owner: u8) {
-        if self.stage == Stage::Open && owner != self.id {
-            self.stage = Stage::Opening;
+        if self.stage == SessionStage::Open && owner != self.id {
+            self.stage = SessionStage::Opening;
             self.pending = None;
         }
     }
 
     /// Takes the acknowledgement out of a status.
-    pub(crate) fn on_status(&mut self, ack_counter: u8, result: RequestResult, now_ns: u64) -> Option<Answered> {
+    pub(crate) fn on_status(
+        &mut self,
+        ack_counter: u8,
+        result: RequestResult,
+        now_ns: u64,
+    ) -> Option<Answered> {
         let pending = self.pending?;
         if pending.counter != ack_counter || result == RequestResult::None {
             return None;
         }
         self.pending = None;
-        if pending.code == RequestCode::OpenSession && self.stage == Stage::Opening {
+        if pending.code == RequestCode::OpenSession && self.stage == SessionStage::Opening {
             if result == RequestResult::Done {
-                self.stage = Stage::Open;
+                self.stage = SessionStage::Open;
                 self.error = None;
             } else {
                 self.fail(HelloError::Busy, now_ns);
@@ -260,10 +265,10 @@ impl Session {
     }
 
     fn poll_hello(&mut self, now_ns: u64, link: &mut Link) {
-        if self.stage == Stage::Open || now_ns < self.resume_at_ns {
+        if self.stage == SessionStage::Open || now_ns < self.resume_at_ns {
             return;
         }
-        if self.stage == Stage::Opening {
+        if self.stage == SessionStage::Opening {
             if self.pending.is_none() {
                 self.request(RequestCode::OpenSession, 0, now_ns, link);
             }
@@ -280,11 +285,11 @@ impl Session {
             return;
         }
         let message = match self.stage {
-            Stage::Reading(i) => ToRig::ConfigRead {
+            SessionStage::Reading(i) => ToRig::ConfigRead {
                 index: HELLO[i].0,
                 sub: HELLO[i].1,
             },
-            Stage::Writing(i) => ToRig::ConfigWrite {
+            SessionStage::Writing(i) => ToRig::ConfigWrite {
                 index: object::LIMITS,
                 sub: i as u8 + 1,
                 value: self.limits.to_array()[i] as u32,
@@ -299,7 +304,7 @@ impl Session {
         self.tries += 1;
     }
 
-    fn advance(&mut self, stage: Stage) {
+    fn advance(&mut self, stage: SessionStage) {
         self.stage = stage;
         self.sent_ns = None;
         self.tries = 0;
@@ -313,20 +318,20 @@ impl Session {
     /// Takes the value of an object that was read.
     pub(crate) fn on_value(&mut self, index: u16, sub: u8, value: u32, now_ns: u64) {
         match self.stage {
-            Stage::Reading(i) if HELLO[i] == (index, sub) => {
+            SessionStage::Reading(i) if HELLO[i] == (index, sub) => {
                 if let Err(error) = self.learn((index, sub), value) {
                     return self.fail(error, now_ns);
                 }
                 self.advance(if i + 1 < HELLO.len() {
-                    Stage::Reading(i + 1)
+                    SessionStage::Reading(i + 1)
                 } else {
-                    Stage::Writing(0)
+                    SessionStage::Writing(0)
                 });
             }
-            Stage::Verifying if (index, sub) == object::CONFIGURATION_CRC => {
+            SessionStage::Verifying if (index, sub) == object::CONFIGURATION_CRC => {
                 let bench = self.limits.crc32();
                 if value == bench {
-                    self.advance(Stage::Opening);
+                    self.advance(SessionStage::Opening);
                 } else {
                     self.fail(HelloError::Limits { rig: value, bench }, now_ns);
                 }
@@ -367,14 +372,14 @@ impl Session {
 
     /// Takes the confirmation of a write.
     pub(crate) fn on_written(&mut self, index: u16, sub: u8) {
-        if let Stage::Writing(i) = self.stage
+        if let SessionStage::Writing(i) = self.stage
             && index == object::LIMITS
             && usize::from(sub) == i + 1
         {
             self.advance(if i + 1 < LIMIT_COUNT {
-                Stage::Writing(i + 1)
+                SessionStage::Writing(i + 1)
             } else {
-                Stage::Verifying
+                SessionStage::Verifying
             });
         }
     }

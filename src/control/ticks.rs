@@ -8,7 +8,7 @@ pub(crate) struct Ticks {
 
 /// Where a sample stands in the stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Place {
+pub(crate) enum TickOrder {
     /// The next one after `lost` missing ones.
     Next {
         /// Unfolded tick.
@@ -32,19 +32,19 @@ impl Ticks {
     }
 
     /// Places a sample. Half of the 16-bit circle (32.8 s) ahead counts as new; silence trips long before.
-    pub(crate) fn place(&mut self, low: u16) -> Place {
+    pub(crate) fn place(&mut self, low: u16) -> TickOrder {
         let Some(newest) = self.newest else {
             let tick = u64::from(low);
             self.newest = Some(tick);
-            return Place::Next { tick, lost: 0 };
+            return TickOrder::Next { tick, lost: 0 };
         };
         let ahead = low.wrapping_sub(newest as u16);
         if ahead == 0 || ahead >= 0x8000 {
-            return Place::Old;
+            return TickOrder::Old;
         }
         let tick = newest + u64::from(ahead);
         self.newest = Some(tick);
-        Place::Next {
+        TickOrder::Next {
             tick,
             lost: u64::from(ahead) - 1,
         }
@@ -60,26 +60,26 @@ mod tests {
         let mut t = Ticks::default();
         assert_eq!(
             t.place(65_534),
-            Place::Next {
+            TickOrder::Next {
                 tick: 65_534,
                 lost: 0
             }
         );
         assert_eq!(
             t.place(65_535),
-            Place::Next {
+            TickOrder::Next {
                 tick: 65_535,
                 lost: 0
             }
         );
         assert_eq!(
             t.place(2),
-            Place::Next {
+            TickOrder::Next {
                 tick: 65_538,
                 lost: 2
             }
         );
-        assert_eq!(t.place(1), Place::Old);
-        assert_eq!(t.place(2), Place::Old);
+        assert_eq!(t.place(1), TickOrder::Old);
+        assert_eq!(t.place(2), TickOrder::Old);
     }
 }

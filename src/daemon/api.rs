@@ -16,12 +16,12 @@ use super::client_types::{
     Accepted, Failure, Nothing, PlanRequest, ProfileSummary, RunDetail, RunProgress, RunState, RunSummary,
     StartRun, Started, Status, StopRequest,
 };
-use super::guard::{self, Guard};
+use super::guard::{self, RequestGuard};
 use super::plan::{self, Plan};
 use super::runs::ending_word;
 use super::{Shared, csv_download, page, socket};
 use crate::control::TareReport;
-use crate::control::realtime::{Answer, Request, RequestError};
+use crate::control::realtime::{Reply, Request, RequestError};
 use crate::recording::run_file::{RunFile, RunFileError, RunListing};
 
 /// Largest body of a request: a profile file and then some.
@@ -200,7 +200,7 @@ pub(crate) fn router(address: SocketAddr, shared: Arc<Shared>) -> Router {
         })
         .layer(DefaultBodyLimit::max(BODY_LIMIT))
         .layer(axum::middleware::from_fn_with_state(
-            Guard::new(address),
+            RequestGuard::new(address),
             guard::check,
         ))
         .with_state(shared)
@@ -296,8 +296,8 @@ async fn reset(State(shared): App) -> Result<Json<Accepted>> {
     responses((status = 200, body = TareReport), (status = 409, body = Failure)))]
 async fn tare(State(shared): App) -> Result<Json<TareReport>> {
     match shared.control.ask(Request::Tare).await? {
-        Answer::Tared(report) => Ok(Json(report)),
-        Answer::Accepted => Err(ApiError::internal("control took the tare but reported none")),
+        Reply::Tared(report) => Ok(Json(report)),
+        Reply::Accepted => Err(ApiError::internal("control took the tare but reported none")),
     }
 }
 
@@ -365,12 +365,12 @@ async fn run_detail(State(shared): App, Path(run_id): Path<String>) -> Result<Js
 
 /// The run as CSV: whole, one cycle (`?cycle=3`), the mean loop (`?mean_loop=true`) or every n-th sample (`?every=10`).
 #[utoipa::path(get, path = "/api/runs/{run_id}/csv",
-    params(("run_id" = String, Path), csv_download::Part),
+    params(("run_id" = String, Path), csv_download::Chunk),
     responses((status = 200, content_type = "text/csv", body = String), (status = 404, body = Failure)))]
 async fn run_csv(
     State(shared): App,
     Path(run_id): Path<String>,
-    part: std::result::Result<Query<csv_download::Part>, QueryRejection>,
+    part: std::result::Result<Query<csv_download::Chunk>, QueryRejection>,
 ) -> Result<Response> {
     let Query(part) = part?;
     let file = blocking(&shared, move |shared| {

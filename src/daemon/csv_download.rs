@@ -19,7 +19,7 @@ const CHUNK: usize = 64 * 1024;
 #[derive(Debug, Clone, Copy, Default, serde::Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-pub(super) struct Part {
+pub(super) struct Chunk {
     /// One counted cycle.
     cycle: Option<u32>,
     /// The mean over the complete counted cycles.
@@ -29,7 +29,7 @@ pub(super) struct Part {
     every: Option<u64>,
 }
 
-impl Part {
+impl Chunk {
     /// The selection, and what to add to the file's name.
     fn selection(self) -> Option<(Selection, String)> {
         match (self.cycle, self.mean_loop, self.every) {
@@ -50,7 +50,7 @@ pub(super) struct Download {
 }
 
 /// Exports the part into a file that has no name any more by the time it is sent.
-pub(super) fn prepare(store: &Store, run_id: &str, part: &Part) -> Result<Download, ApiError> {
+pub(super) fn prepare(store: &Store, run_id: &str, part: &Chunk) -> Result<Download, ApiError> {
     let (selection, suffix) = part.selection().ok_or_else(|| {
         ApiError::new(
             StatusCode::BAD_REQUEST,
@@ -143,7 +143,7 @@ mod tests {
     #[test]
     fn at_most_one_part_can_be_asked_for() {
         let part = |cycle, mean_loop, every| {
-            Part {
+            Chunk {
                 cycle,
                 mean_loop,
                 every,

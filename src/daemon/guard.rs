@@ -12,15 +12,15 @@ use super::api::ApiError;
 
 /// Names under which this daemon answers.
 #[derive(Debug, Clone)]
-pub(crate) struct Guard {
+pub(crate) struct RequestGuard {
     hosts: [String; 3],
 }
 
-impl Guard {
+impl RequestGuard {
     /// For a daemon that listens at `address`.
     pub(crate) fn new(address: SocketAddr) -> Self {
         let port = address.port();
-        Guard {
+        RequestGuard {
             hosts: [
                 format!("127.0.0.1:{port}"),
                 format!("localhost:{port}"),
@@ -79,7 +79,7 @@ fn text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
 }
 
 /// The middleware: in front of everything, routing included.
-pub(crate) async fn check(State(guard): State<Guard>, request: Request, next: Next) -> Response {
+pub(crate) async fn check(State(guard): State<RequestGuard>, request: Request, next: Next) -> Response {
     match guard.refusal(request.method(), request.headers()) {
         Some(refusal) => refusal.into_response(),
         None => {
@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     fn refused(method: Method, headers: &[(HeaderName, &str)]) -> Option<StatusCode> {
-        let guard = Guard::new("127.0.0.1:8000".parse().expect("an address"));
+        let guard = RequestGuard::new("127.0.0.1:8000".parse().expect("an address"));
         let headers: HeaderMap = headers
             .iter()
             .map(|(n, v)| (n.clone(), v.parse().expect("a value")))

@@ -93,7 +93,7 @@ pub(crate) enum DaemonError {
 
 /// What a daemon is started with.
 #[derive(Debug, Clone)]
-pub(crate) struct Settings {
+pub(crate) struct DaemonSettings {
     /// Checked bench config.
     pub bench: Arc<Bench>,
     /// `can:vcan0`, `serial:/dev/ttyUSB0`, `mock:`.
@@ -109,7 +109,7 @@ pub(crate) struct Settings {
 /// What the parts of the daemon share.
 pub(crate) struct Shared {
     /// As started.
-    pub settings: Settings,
+    pub settings: DaemonSettings,
     /// The control thread.
     pub control: Control,
     /// The data folder.
@@ -126,7 +126,7 @@ pub(crate) struct Shared {
 
 /// Runs the daemon until SIGTERM or SIGINT. `started` is told where it listens.
 pub(crate) fn serve(
-    settings: Settings,
+    settings: DaemonSettings,
     _claim: Claim,
     link: Link,
     started: impl FnOnce(&Endpoint) + Send,

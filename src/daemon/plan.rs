@@ -32,14 +32,14 @@ pub(crate) struct Plan {
     /// Work done on the specimen and not given back, in J.
     pub energy_j: f64,
     /// How far each limit is away.
-    pub margins: Vec<Margin>,
+    pub margins: Vec<PlanMargin>,
     /// What would trip, one sentence each; empty where the profile may run.
     pub trips: Vec<String>,
 }
 
 /// How far a limit is away.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
-pub(crate) struct Margin {
+pub(crate) struct PlanMargin {
     /// The limit's key in the bench config; its ending is the unit.
     pub limit: String,
     /// Predicted extreme.
@@ -72,7 +72,7 @@ pub(crate) fn check(bench: &Bench, profile: &Profile) -> Result<Plan, PlanError>
         &bench.profile_limits(),
         f64::from(SAMPLE_RATE_HZ),
     )?;
-    let margin = |m: &twin::Margin| Margin {
+    let margin = |m: &twin::Margin| PlanMargin {
         limit: m.worst.name.to_owned(),
         predicted: m.worst.value,
         allowed: m.worst.limit,

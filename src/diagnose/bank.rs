@@ -5,7 +5,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::condition::Part;
+use super::condition::Split;
 use super::problem::Data;
 use super::repeats;
 use super::residual::{AXES, Binned, binned};
@@ -31,7 +31,7 @@ pub(super) struct Left {
 /// What the bank takes most of: all axes at once, the displacement alone, what comes again at the same place, and what differs
 /// along the displacement before and after something gave way.
 pub(super) fn left(data: &Data, residuals: &[f64]) -> Left {
-    let selecting = data.count(Part::Select).max(1) as f64;
+    let selecting = data.count(Split::Select).max(1) as f64;
     let mut most = 0f64.max(repeats::gain(data, residuals));
     // Ripples along the travel are finer than anything along the other axes.
     let every: Vec<Binned> = AXES
@@ -71,7 +71,7 @@ pub(super) fn left(data: &Data, residuals: &[f64]) -> Left {
         let before = |i: usize| cycle[i] <= cycles;
         let early: Vec<usize> = counted.iter().copied().filter(|&i| before(i)).collect();
         let share = early.len() as f64 / counted.len().max(1) as f64;
-        let acts = early.iter().filter(|&&i| data.part[i] == Part::Select).count();
+        let acts = early.iter().filter(|&&i| data.part[i] == Split::Select).count();
         // Orthogonal to what is the same in all cycles.
         let row = |i: usize| {
             let side = if before(i) { 1.0 - share } else { -share };
@@ -97,7 +97,7 @@ fn gain(data: &Data, residuals: &[f64], columns: usize, row: impl Fn(usize) -> V
     let mut normal = DMatrix::<f64>::zeros(columns, columns);
     let mut right = DVector::<f64>::zeros(columns);
     for (i, residual) in residuals.iter().enumerate() {
-        if data.part[i] != Part::Fit {
+        if data.part[i] != Split::Fit {
             continue;
         }
         let entries = row(i);
@@ -119,7 +119,7 @@ fn gain(data: &Data, residuals: &[f64], columns: usize, row: impl Fn(usize) -> V
     };
     let mut gain = 0.0;
     for (i, residual) in residuals.iter().enumerate() {
-        if data.part[i] != Part::Select || data.weight[i] == 0.0 {
+        if data.part[i] != Split::Select || data.weight[i] == 0.0 {
             continue;
         }
         let predicted: f64 = row(i).iter().map(|&(c, v)| v * solved[c]).sum();
@@ -142,7 +142,7 @@ mod tests {
         let (data, ripple) = case(|x, _| (4.0 * x).sin());
         let found = left(&data, &ripple).sum;
         // Half a unit of mean square over the selecting cycles, most of it.
-        assert!(found > 0.25 * data.count(Part::Select) as f64, "{found}");
+        assert!(found > 0.25 * data.count(Split::Select) as f64, "{found}");
     }
 
     #[test]

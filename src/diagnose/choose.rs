@@ -1,9 +1,9 @@
 //! Which of the fitted sets is believed: the largest gain less its price, then whatever can be spared leaves it.
 
-use super::condition::Part;
+use super::condition::Split;
 use super::fit::settle;
 use super::problem::Data;
-use super::select::{Bench, Key, Node, PRICE, SHARE, Worth, least};
+use super::select::{FitContext, Key, Node, PRICE, SHARE, Worth, least};
 
 /// Share of what is left above the noise without it that an effect must bring: less is the misfit of another's form.
 const LEFTOVER: f64 = 0.2;
@@ -18,7 +18,7 @@ const SLIGHT: f64 = 3e-5;
 fn taken_n(data: &Data, without: &Node, with: &Node) -> f64 {
     let (mut sum, mut weights) = (0.0, 0.0);
     for (i, &weight) in data.weight.iter().enumerate() {
-        if data.part[i] != Part::Report {
+        if data.part[i] != Split::Report {
             sum += without.residuals[i].powi(2) - with.residuals[i].powi(2);
             weights += weight * weight;
         }
@@ -28,7 +28,7 @@ fn taken_n(data: &Data, without: &Node, with: &Node) -> f64 {
 
 /// Is the motion that an effect takes finer than the displacement's noise? Its mean over many reversals may stand out, but so do
 /// the errors of where they were.
-fn within_noise(bench: &Bench<'_>, node: &Node, place: usize) -> bool {
+fn within_noise(bench: &FitContext<'_>, node: &Node, place: usize) -> bool {
     let from = super::tables::offset(bench, &node.attached, place);
     let attached = &node.attached[place];
     let noise_mm = super::smoothing::median(bench.data.tracks.iter().map(|t| t.noise_mm).collect());
@@ -43,13 +43,13 @@ fn within_noise(bench: &Bench<'_>, node: &Node, place: usize) -> bool {
 }
 
 /// Parameters of the baseline that are held by a bound beyond what anybody believes.
-fn held(bench: &Bench<'_>, node: &Node) -> usize {
+fn held(bench: &FitContext<'_>, node: &Node) -> usize {
     let own = bench.setup.model.parameters.iter().zip(&node.values);
     own.filter(|(p, v)| p.strained_by(**v)).count()
 }
 
 /// Does an effect of a node stand at zero? Then it is none, and what its node gained is where the others went.
-fn idle(bench: &Bench<'_>, node: &Node, place: usize) -> bool {
+fn idle(bench: &FitContext<'_>, node: &Node, place: usize) -> bool {
     let from = super::tables::offset(bench, &node.attached, place);
     let attached = &node.attached[place];
     let amplitudes = attached.effect.amplitudes;
@@ -61,12 +61,12 @@ fn idle(bench: &Bench<'_>, node: &Node, place: usize) -> bool {
 }
 
 /// The set with the largest gain less its price, then whatever can be spared leaves it.
-pub(super) fn choose(bench: &Bench<'_>, nodes: &mut Vec<Node>, worth: Worth) -> usize {
+pub(super) fn choose(bench: &FitContext<'_>, nodes: &mut Vec<Node>, worth: Worth) -> usize {
     let extras = bench.setup.extras.len();
     // A set with which the baseline goes to a bound that nobody believes in pays as for one effect more.
     let strained = |node: &Node| held(bench, node).saturating_sub(held(bench, &nodes[0]));
     let price = |node: &Node| PRICE * (node.attached.len() - extras + strained(node)) as f64;
-    let counted = (bench.data.count(Part::Fit) + bench.data.count(Part::Select)) as f64;
+    let counted = (bench.data.count(Split::Fit) + bench.data.count(Split::Select)) as f64;
     let mut chosen = least(nodes, |n| worth.gain(n.cost()) + price(n));
     loop {
         let total = worth.gain(nodes[0].cost() - nodes[chosen].cost());
@@ -114,7 +114,7 @@ pub(super) fn choose(bench: &Bench<'_>, nodes: &mut Vec<Node>, worth: Worth) -> 
 }
 
 /// Index of the node that lacks one effect of another; fitted if it is not there yet, or if the effect did nothing.
-pub(super) fn without(bench: &Bench<'_>, nodes: &mut Vec<Node>, of: usize, leave: usize) -> usize {
+pub(super) fn without(bench: &FitContext<'_>, nodes: &mut Vec<Node>, of: usize, leave: usize) -> usize {
     let extras = bench.setup.extras.len();
     let mut attached = nodes[of].attached.clone();
     let from = super::tables::offset(bench, &attached, leave);
@@ -158,7 +158,7 @@ mod tests {
             tracks: Vec::new(),
             force_n: vec![0.0; 200],
             weight: [[1.0; 100], [0.1; 100]].concat(),
-            part: vec![Part::Fit; 200],
+            part: vec![Split::Fit; 200],
             lengths: vec![100, 100],
             zero_sigma_n: 1.0,
             force_range_n: 1000.0,

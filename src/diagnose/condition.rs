@@ -52,7 +52,7 @@ pub(crate) enum ConditionError {
 
 /// What a block of samples is used for; no parameter is ever fitted on `Select` or `Report`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Part {
+pub(crate) enum Split {
     /// Parameters are fitted here.
     Fit,
     /// Candidates are compared here.
@@ -87,7 +87,7 @@ pub(crate) struct Track {
     /// Cycle from 1.
     pub cycle: Vec<u32>,
     /// What the sample's cycle is used for.
-    pub part: Vec<Part>,
+    pub part: Vec<Split>,
     /// Frequency of the motion in Hz; 0 where there are not two reversals.
     pub frequency_hz: f64,
     /// Raw samples a second.
@@ -131,9 +131,12 @@ impl Track {
 
 /// Conditions recordings of one rig, each into at most about `budget` points.
 pub(crate) fn condition(recordings: &[Recording], budget: usize) -> Result<Vec<Track>, ConditionError> {
-    let raw = recordings.iter().map(Raw::new).collect::<Result<Vec<_>, _>>()?;
+    let raw = recordings
+        .iter()
+        .map(RawTrack::new)
+        .collect::<Result<Vec<_>, _>>()?;
     // The channels are the same in all: where one motion hides their noise, another shows it.
-    let least = |f: fn(&Raw) -> f64| OTHERS * raw.iter().map(f).fold(f64::INFINITY, f64::min);
+    let least = |f: fn(&RawTrack) -> f64| OTHERS * raw.iter().map(f).fold(f64::INFINITY, f64::min);
     let (noise_mm, noise_n) = (least(|r| r.noise_mm), least(|r| r.noise_n));
     Ok(raw
         .into_iter()
@@ -146,7 +149,7 @@ pub(crate) fn condition(recordings: &[Recording], budget: usize) -> Result<Vec<T
 }
 
 /// The samples of a recording that are used.
-struct Raw<'a> {
+struct RawTrack<'a> {
     recording: &'a Recording,
     kept: Vec<usize>,
     time_s: Vec<f64>,
@@ -157,8 +160,8 @@ struct Raw<'a> {
     remarks: Vec<String>,
 }
 
-impl<'a> Raw<'a> {
-    fn new(recording: &'a Recording) -> Result<Raw<'a>, ConditionError> {
+impl<'a> RawTrack<'a> {
+    fn new(recording: &'a Recording) -> Result<RawTrack<'a>, ConditionError> {
         check(recording)?;
         let mut remarks = Vec::new();
         let kept = usable(recording, &mut remarks);
@@ -180,7 +183,7 @@ impl<'a> Raw<'a> {
                 });
             }
         }
-        Ok(Raw {
+        Ok(RawTrack {
             noise_mm: noise(&time_s, &displacement_mm),
             noise_n: noise(&time_s, &force_n),
             recording,
@@ -194,7 +197,7 @@ impl<'a> Raw<'a> {
 
     /// Conditions into at most about `budget` points.
     fn track(self, budget: usize) -> Track {
-        let Raw {
+        let RawTrack {
             recording,
             kept,
             time_s,
@@ -290,7 +293,7 @@ impl<'a> Raw<'a> {
         }
         let n = track.len();
         debug_assert!(track.time_s.windows(2).all(|w| w[1] > w[0]));
-        track.part = vec![Part::Fit; n];
+        track.part = vec![Split::Fit; n];
         track.cycles = track.cycle.iter().copied().max().unwrap_or(0);
         track
     }
@@ -466,10 +469,10 @@ pub(super) fn share_out(tracks: &mut [Track]) {
             continue;
         }
         shared = true;
-        let order: &[Part] = if counted.len() == 3 {
-            &[Part::Fit, Part::Select, Part::Report]
+        let order: &[Split] = if counted.len() == 3 {
+            &[Split::Fit, Split::Select, Split::Report]
         } else {
-            &[Part::Fit, Part::Select, Part::Fit, Part::Report]
+            &[Split::Fit, Split::Select, Split::Fit, Split::Report]
         };
         for (part, cycle) in track.part.iter_mut().zip(&track.cycle) {
             let place = counted.binary_search(cycle).unwrap_or(0);
@@ -478,17 +481,17 @@ pub(super) fn share_out(tracks: &mut [Track]) {
     }
     if !shared && tracks.len() >= 3 {
         let n = tracks.len();
-        tracks[n - 1].part.fill(Part::Report);
-        tracks[n - 2].part.fill(Part::Select);
+        tracks[n - 1].part.fill(Split::Report);
+        tracks[n - 2].part.fill(Split::Select);
     } else if !shared {
         // One or two ramps: every fourth stretch of the travel, as the least bad.
         for track in tracks.iter_mut() {
             let n = track.len();
             for (i, part) in track.part.iter_mut().enumerate() {
                 *part = match i * 24 / n % 4 {
-                    1 => Part::Select,
-                    3 => Part::Report,
-                    _ => Part::Fit,
+                    1 => Split::Select,
+                    3 => Split::Report,
+                    _ => Split::Fit,
                 };
             }
         }

@@ -7,8 +7,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::baseline::Attached;
-use super::condition::Part;
-use super::problem::Structure;
+use super::condition::Split;
+use super::problem::ModelStructure;
 use super::score::{Tangent, spliced};
 use super::select::Node;
 use crate::effect::Span;
@@ -27,18 +27,18 @@ const NEAREST_END: f64 = 1e-5;
 const HALVINGS: usize = 5;
 
 /// One way down: values, their residuals as the fit sees them, their sum of squares.
-struct Descent<'s, 'a> {
-    structure: &'s Structure<'a>,
+struct NodeDescent<'s, 'a> {
+    structure: &'s ModelStructure<'a>,
     values: Vec<f64>,
     residuals: DVector<f64>,
     cost: f64,
     damping: f64,
 }
 
-impl<'s, 'a> Descent<'s, 'a> {
-    fn new(structure: &'s Structure<'a>, values: Vec<f64>) -> Option<Self> {
+impl<'s, 'a> NodeDescent<'s, 'a> {
+    fn new(structure: &'s ModelStructure<'a>, values: Vec<f64>) -> Option<Self> {
         let residuals = structure.fitted(&values)?;
-        Some(Descent {
+        Some(NodeDescent {
             cost: residuals.norm_squared(),
             residuals,
             values,
@@ -107,7 +107,7 @@ impl<'s, 'a> Descent<'s, 'a> {
         let [low, high] = self.structure.parameters_bounds()[place];
         let mut values = self.values.clone();
         values[place] = value.clamp(low, high);
-        let mut trial = Descent::new(self.structure, values)?;
+        let mut trial = NodeDescent::new(self.structure, values)?;
         for _ in 0..2 {
             let mut slope = gradient(&trial.residuals);
             slope[place] = 0.0;
@@ -135,14 +135,14 @@ fn holding(normal: &DMatrix<f64>, place: usize) -> DMatrix<f64> {
 /// How far the place of a kink may go, up and down, until the fit's sum of squares has risen by `rise`: a kink between samples
 /// has no slope that an interval could be made of. `width` is what the recordings cover.
 pub(super) fn profile(
-    structure: &Structure<'_>,
+    structure: &ModelStructure<'_>,
     node: &Node,
     tangent: &Tangent,
     place: usize,
     width: f64,
     rise: f64,
 ) -> Option<[f64; 2]> {
-    let descent = Descent::new(structure, node.values.clone())?;
+    let descent = NodeDescent::new(structure, node.values.clone())?;
     let held = holding(&tangent.normal, place);
     let [low, high] = structure.parameters_bounds()[place];
     let too_far = |value: f64| {
@@ -178,7 +178,7 @@ pub(super) fn profile(
 
 /// A child of a settled node: one effect more, from one start, with the node's Jacobian kept.
 pub(super) fn grow(
-    parent: &Structure<'_>,
+    parent: &ModelStructure<'_>,
     node: &Node,
     tangent: &Tangent,
     candidate: &Attached,
@@ -190,7 +190,7 @@ pub(super) fn grow(
     // Order of the values: the parent's without its zero, the child's, the zero.
     let place = |i: usize| if i + 1 == p { p - 1 + k } else { i };
     let own: Vec<usize> = (p - 1..p - 1 + k).collect();
-    let mut descent = Descent::new(&structure, spliced(&node.values, start))?;
+    let mut descent = NodeDescent::new(&structure, spliced(&node.values, start))?;
     let mut scale = structure.scale(&descent.values);
     for i in 0..p {
         scale[place(i)] = tangent.scale[i];
@@ -253,8 +253,8 @@ fn whole_gradient(tangent: &Tangent, columns: &DMatrix<f64>, residuals: &DVector
 }
 
 /// Goes down from a node to where no step gains, and gives the tangent there.
-pub(super) fn settle(structure: &Structure<'_>, values: Vec<f64>) -> Option<(Node, Tangent)> {
-    let mut descent = Descent::new(structure, values)?;
+pub(super) fn settle(structure: &ModelStructure<'_>, values: Vec<f64>) -> Option<(Node, Tangent)> {
+    let mut descent = NodeDescent::new(structure, values)?;
     for round in 0.. {
         let tangent = Tangent::new(structure, &descent.values)?;
         if round == ROUNDS {
@@ -275,8 +275,8 @@ pub(super) fn settle(structure: &Structure<'_>, values: Vec<f64>) -> Option<(Nod
 }
 
 /// A few steps down on the structure's own model with the slopes of its surrogate.
-pub(super) fn polish(exact: &Structure<'_>, tangent: &Tangent, values: Vec<f64>) -> Option<Node> {
-    let mut descent = Descent::new(exact, values)?;
+pub(super) fn polish(exact: &ModelStructure<'_>, tangent: &Tangent, values: Vec<f64>) -> Option<Node> {
+    let mut descent = NodeDescent::new(exact, values)?;
     for _ in 0..STEPS {
         let gradient = tangent.jacobian.tr_mul(&descent.residuals);
         let fell = descent.step(&tangent.normal, &gradient, &tangent.scale);
@@ -289,11 +289,11 @@ pub(super) fn polish(exact: &Structure<'_>, tangent: &Tangent, values: Vec<f64>)
 
 impl Node {
     /// Residuals and sums at some values.
-    pub(super) fn new(structure: &Structure<'_>, values: Vec<f64>) -> Option<Node> {
+    pub(super) fn new(structure: &ModelStructure<'_>, values: Vec<f64>) -> Option<Node> {
         let residuals = structure.residuals(&values)?;
         Some(Node {
-            fit: structure.data.sum(&residuals, Part::Fit),
-            select: structure.data.sum(&residuals, Part::Select),
+            fit: structure.data.sum(&residuals, Split::Fit),
+            select: structure.data.sum(&residuals, Split::Select),
             residuals,
             values,
             attached: structure.attached.clone(),

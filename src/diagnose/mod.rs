@@ -56,7 +56,7 @@ pub(crate) enum DiagnoseError {
 
 /// How to diagnose.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Options {
+pub(crate) struct DiagnoseOptions {
     /// Points that a recording is thinned to.
     pub points: usize,
     /// Cores; 0 for all. The result does not depend on it.
@@ -65,9 +65,9 @@ pub(crate) struct Options {
     pub limits: Option<ProfileLimits>,
 }
 
-impl Default for Options {
+impl Default for DiagnoseOptions {
     fn default() -> Self {
-        Options {
+        DiagnoseOptions {
             points: 3000,
             threads: 0,
             limits: None,
@@ -82,7 +82,7 @@ const SLOW: [&str; 1] = ["leaf-pack"];
 pub(crate) fn diagnose(
     recordings: &[Recording],
     baseline: &Baseline,
-    options: &Options,
+    options: &DiagnoseOptions,
     progress: &mut dyn FnMut(f64, &str),
 ) -> Result<Diagnosis, DiagnoseError> {
     if recordings.is_empty() {
@@ -111,7 +111,7 @@ pub(crate) fn diagnose(
         .baseline()
         .ok_or(DiagnoseError::OutOfDomain)?;
     let mut model_n = vec![0.0; data.len()];
-    problem::Structure::new(&setup, &data, first.attached.clone())
+    problem::ModelStructure::new(&setup, &data, first.attached.clone())
         .predict(&first.values, &mut model_n)
         .map_err(BaselineError::from)?;
     data.still_hum(&mut first.residuals, &model_n);
@@ -155,8 +155,8 @@ struct Means {
 }
 
 impl Means {
-    fn bench<'a>(&self, setup: &'a baseline::Setup, data: &'a problem::Data) -> select::Bench<'a> {
-        select::Bench {
+    fn bench<'a>(&self, setup: &'a baseline::Setup, data: &'a problem::Data) -> select::FitContext<'a> {
+        select::FitContext {
             setup,
             data,
             span: self.span,

@@ -10,8 +10,8 @@ use std::ops::AddAssign;
 use nalgebra::{DMatrix, DVector};
 
 use super::diagnosis::NextTest;
-use super::problem::Structure;
-use super::select::{Bench, Node, Worth};
+use super::problem::ModelStructure;
+use super::select::{FitContext, Node, Worth};
 use super::trial::{Course, Reach, Trial, trials};
 use super::verdict::{ALIKE, told_apart};
 use crate::identify::Residuals;
@@ -55,7 +55,7 @@ pub(super) struct Rival<'n> {
 }
 
 /// What a sample is believed to.
-struct Noise {
+struct ChannelNoise {
     force_n: f64,
     displacement_mm: f64,
     finest_n: f64,
@@ -65,12 +65,12 @@ struct Noise {
     budget: f64,
 }
 
-impl Noise {
-    fn of(bench: &Bench<'_>) -> Noise {
+impl ChannelNoise {
+    fn of(bench: &FitContext<'_>) -> ChannelNoise {
         let median =
             |f: fn(&super::Track) -> f64| super::smoothing::median(bench.data.tracks.iter().map(f).collect());
         let [low, high] = bench.span.displacement_mm;
-        Noise {
+        ChannelNoise {
             force_n: median(|t| t.noise_n),
             displacement_mm: median(|t| t.noise_mm),
             finest_n: LINEARITY * bench.data.force_range_n,
@@ -118,8 +118,8 @@ fn judged(course: &Course, thinned: bool) -> f64 {
 
 /// A structure over a course.
 fn forces(
-    bench: &Bench<'_>,
-    structure: &Structure<'_>,
+    bench: &FitContext<'_>,
+    structure: &ModelStructure<'_>,
     values: &[f64],
     course: &Course,
 ) -> Option<DVector<f64>> {
@@ -128,8 +128,8 @@ fn forces(
 
 /// The same with one point of the course that many mm elsewhere.
 fn moved(
-    bench: &Bench<'_>,
-    structure: &Structure<'_>,
+    bench: &FitContext<'_>,
+    structure: &ModelStructure<'_>,
     values: &[f64],
     course: &Course,
     elsewhere: Option<(usize, f64)>,
@@ -151,8 +151,8 @@ fn moved(
 /// What a turn that lies a noise of the displacement farther does to every weighted force after it, one column a turn: where
 /// the motion turned is known no better, and friction remembers it.
 fn turns(
-    bench: &Bench<'_>,
-    ours: (&Structure<'_>, &[f64]),
+    bench: &FitContext<'_>,
+    ours: (&ModelStructure<'_>, &[f64]),
     course: &Course,
     (truth, weights): (&DVector<f64>, &DVector<f64>),
     noise_mm: f64,
@@ -173,15 +173,15 @@ fn turns(
 /// A rival with what the recordings say of its parameters.
 struct Opponent<'a, 'n> {
     rival: &'n Rival<'n>,
-    structure: Structure<'a>,
+    structure: ModelStructure<'a>,
     /// Sensitivities of the recordings, and the move of each parameter that they are for.
     known: DMatrix<f64>,
     scale: Vec<f64>,
 }
 
 impl<'a, 'n> Opponent<'a, 'n> {
-    fn new(bench: &Bench<'a>, rival: &'n Rival<'n>) -> Option<Self> {
-        let structure = Structure::new(bench.setup, bench.data, rival.node.attached.clone());
+    fn new(bench: &FitContext<'a>, rival: &'n Rival<'n>) -> Option<Self> {
+        let structure = ModelStructure::new(bench.setup, bench.data, rival.node.attached.clone());
         let fitted = structure.fitted(&rival.node.values)?;
         let (known, scale) = structure.sensitivities(&rival.node.values, &fitted);
         Some(Opponent {
@@ -195,7 +195,7 @@ impl<'a, 'n> Opponent<'a, 'n> {
     /// Sum of squares that is left between `truth` and this over a course, after a refit to it and to all that is known.
     fn left(
         &self,
-        bench: &Bench<'_>,
+        bench: &FitContext<'_>,
         course: &Course,
         (truth, weights): (&DVector<f64>, &DVector<f64>),
         turns: &DMatrix<f64>,
@@ -254,9 +254,9 @@ struct Promise {
 }
 
 /// The most telling test between the set chosen and its rivals; `None` where none tells enough.
-pub(super) fn propose(bench: &Bench<'_>, question: &Question<'_>) -> Option<NextTest> {
+pub(super) fn propose(bench: &FitContext<'_>, question: &Question<'_>) -> Option<NextTest> {
     let (chosen, name) = (question.chosen, question.code);
-    let ours = Structure::new(bench.setup, bench.data, chosen.attached.clone());
+    let ours = ModelStructure::new(bench.setup, bench.data, chosen.attached.clone());
     let opponents: Vec<Opponent<'_, '_>> = question
         .rivals
         .iter()
@@ -264,7 +264,7 @@ pub(super) fn propose(bench: &Bench<'_>, question: &Question<'_>) -> Option<Next
         .filter_map(|rival| Opponent::new(bench, rival))
         .collect();
     let without = Opponent::new(bench, &question.without)?;
-    let (noise, worth) = (Noise::of(bench), Worth::of(bench.data, &chosen.residuals));
+    let (noise, worth) = (ChannelNoise::of(bench), Worth::of(bench.data, &chosen.residuals));
     let reach = Reach::new(
         bench.span.displacement_mm,
         bench.span.speed_mm_s,

@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::baseline::{Attached, Setup, build, wrap};
-use super::condition::{Part, Track};
+use super::condition::{Split, Track};
 use crate::identify::Residuals;
 use crate::identify::jacobian::typical;
 use crate::model::{BuildError, Parameter};
@@ -17,7 +17,7 @@ pub(super) struct Data {
     pub tracks: Vec<Track>,
     pub force_n: Vec<f64>,
     pub weight: Vec<f64>,
-    pub part: Vec<Part>,
+    pub part: Vec<Split>,
     pub lengths: Vec<usize>,
     /// Standard deviation of the force channel's zero in N.
     pub zero_sigma_n: f64,
@@ -47,7 +47,7 @@ impl Data {
     }
 
     /// Sum of squares of weighted residuals over one part.
-    pub(super) fn sum(&self, residuals: &[f64], part: Part) -> f64 {
+    pub(super) fn sum(&self, residuals: &[f64], part: Split) -> f64 {
         residuals
             .iter()
             .zip(&self.part)
@@ -127,7 +127,7 @@ impl Data {
 
     /// Samples that are fitted or compared.
     pub(super) fn counted(&self) -> usize {
-        self.count(Part::Fit) + self.count(Part::Select)
+        self.count(Split::Fit) + self.count(Split::Select)
     }
 
     /// Lowers the weights by what is not the recordings' doing, N at each point.
@@ -138,7 +138,7 @@ impl Data {
     }
 
     /// Samples of one part that count.
-    pub(super) fn count(&self, part: Part) -> usize {
+    pub(super) fn count(&self, part: Split) -> usize {
         self.weight
             .iter()
             .zip(&self.part)
@@ -166,7 +166,7 @@ const ZERO: Parameter = Parameter {
 };
 
 /// A structure against the data. Values: the model's, one group an attached effect, the zero.
-pub(super) struct Structure<'a> {
+pub(super) struct ModelStructure<'a> {
     pub setup: &'a Setup,
     pub data: &'a Data,
     pub attached: Vec<Attached>,
@@ -175,7 +175,7 @@ pub(super) struct Structure<'a> {
     exact: bool,
 }
 
-impl<'a> Structure<'a> {
+impl<'a> ModelStructure<'a> {
     pub(super) fn new(setup: &'a Setup, data: &'a Data, attached: Vec<Attached>) -> Self {
         let mut parameters = setup.model.parameters.to_vec();
         for a in &attached {
@@ -185,7 +185,7 @@ impl<'a> Structure<'a> {
         zero.bounds = [-0.05 * data.force_range_n, 0.05 * data.force_range_n];
         zero.belief = [-5.0 * data.zero_sigma_n, 5.0 * data.zero_sigma_n];
         parameters.push(zero);
-        Structure {
+        ModelStructure {
             setup,
             data,
             attached,
@@ -242,7 +242,7 @@ impl<'a> Structure<'a> {
             from += length;
             let sigma_n = OWN_ZERO * track.noise_n;
             let (mut along, mut power) = (0.0, 0.0);
-            for i in piece.clone().filter(|&i| data.part[i] == Part::Fit) {
+            for i in piece.clone().filter(|&i| data.part[i] == Split::Fit) {
                 along += data.weight[i] * out[i];
                 power += data.weight[i] * data.weight[i];
             }
@@ -261,10 +261,10 @@ impl<'a> Structure<'a> {
     }
 
     /// The same structure with one effect more.
-    pub(super) fn with(&self, candidate: &Attached) -> Structure<'a> {
+    pub(super) fn with(&self, candidate: &Attached) -> ModelStructure<'a> {
         let mut attached = self.attached.clone();
         attached.push(candidate.clone());
-        Structure::new(self.setup, self.data, attached)
+        ModelStructure::new(self.setup, self.data, attached)
     }
 
     /// Residuals as a fit sees them: held-out points zero, the priors' rows last. None where the model has no finite force.
@@ -314,7 +314,7 @@ impl<'a> Structure<'a> {
     }
 }
 
-impl Residuals for Structure<'_> {
+impl Residuals for ModelStructure<'_> {
     fn parameters(&self) -> &[Parameter] {
         &self.parameters
     }
@@ -327,7 +327,7 @@ impl Residuals for Structure<'_> {
         let (samples, priors) = out.split_at_mut(self.data.len());
         let zeros = self.compare(values, samples)?;
         for (o, part) in samples.iter_mut().zip(&self.data.part) {
-            if *part != Part::Fit {
+            if *part != Split::Fit {
                 *o = 0.0;
             }
         }

@@ -5,7 +5,7 @@
 //! place do not: what they have in common is lack of fit, the rest is pure error (Draper and Smith 1998, chapter 2; without exact
 //! repeats Daniel and Wood 1980).
 
-use super::condition::{Part, Track};
+use super::condition::{Split, Track};
 use super::problem::Data;
 
 /// Neighbours that predict a point.
@@ -45,7 +45,7 @@ pub(super) fn gain(data: &Data, residuals: &[f64]) -> f64 {
     let mut from = 0;
     for (track, &length) in data.tracks.iter().zip(&data.lengths) {
         let counts = |i: usize| data.weight[from + i] > 0.0;
-        let fitted = |i: usize| data.part[from + i] == Part::Fit;
+        let fitted = |i: usize| data.part[from + i] == Split::Fit;
         for branch in branches(track, counts) {
             for at in 0..branch.len() {
                 let here = from + branch[at];
@@ -55,12 +55,12 @@ pub(super) fn gain(data: &Data, residuals: &[f64]) -> f64 {
                 }
                 let mean = near.iter().map(|i| residuals[from + i]).sum::<f64>() / near.len() as f64;
                 match data.part[here] {
-                    Part::Fit => {
+                    Split::Fit => {
                         together += residuals[here] * mean;
                         alone += mean * mean;
                     }
-                    Part::Select => pairs.push((residuals[here], mean)),
-                    Part::Report => {}
+                    Split::Select => pairs.push((residuals[here], mean)),
+                    Split::Report => {}
                 }
             }
         }
@@ -82,7 +82,7 @@ mod tests {
     #[test]
     fn a_ripple_that_the_samples_are_too_sparse_for_comes_again() {
         let (data, noise) = sampled(0.0507, 40.0, |_, _| 0.0);
-        let selecting = data.count(Part::Select) as f64;
+        let selecting = data.count(Split::Select) as f64;
         let none = gain(&data, &noise);
         assert!(none < 0.05 * selecting, "{none} of {selecting}");
         let (data, ripple) = sampled(0.0507, 40.0, |x, _| (std::f64::consts::PI * x).sin());

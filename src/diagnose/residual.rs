@@ -5,7 +5,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::condition::{Part, Track};
+use super::condition::{Split, Track};
 use super::diagnosis::{Location, Map};
 use super::problem::Data;
 use crate::effect::{Axis, Branch};
@@ -143,7 +143,7 @@ pub(super) fn locate(data: &Data, residuals: &[f64], jacobian: &DMatrix<f64>) ->
     let mut fitted = DVector::from_iterator(
         jacobian.nrows(),
         (0..jacobian.nrows()).map(|i| {
-            if i < data.len() && data.part[i] == Part::Fit {
+            if i < data.len() && data.part[i] == Split::Fit {
                 residuals[i]
             } else {
                 0.0
@@ -151,7 +151,7 @@ pub(super) fn locate(data: &Data, residuals: &[f64], jacobian: &DMatrix<f64>) ->
         }),
     );
     fitted -= jacobian * normal.solve(&jacobian.tr_mul(&fitted));
-    let above: f64 = (fitted.norm_squared() - data.count(Part::Fit) as f64).max(1e-9);
+    let above: f64 = (fitted.norm_squared() - data.count(Split::Fit) as f64).max(1e-9);
     // Not along the measured force: it holds the residual, so that any misfit lies at some force.
     let mut found: Vec<(f64, Location, bool)> = AXES
         .iter()
@@ -208,7 +208,7 @@ fn scan(
                 Branch::Loading => b.direction[i] > 0.0,
                 Branch::Unloading => b.direction[i] < 0.0,
             };
-            if !on || data.part[i] != Part::Fit {
+            if !on || data.part[i] != Split::Fit {
                 continue;
             }
             if !odd {
@@ -247,7 +247,7 @@ fn scan(
     let (gain, explained, from, to) = best?;
     let inside: f64 = energy[from..=to].iter().sum();
     let everywhere: f64 = (0..data.len())
-        .filter(|&i| data.part[i] == Part::Fit && data.weight[i] > 0.0)
+        .filter(|&i| data.part[i] == Split::Fit && data.weight[i] > 0.0)
         .map(|i| residuals[i] * residuals[i] - 1.0)
         .sum();
     let share = (inside / everywhere.max(1e-9)).clamp(0.0, 1.0);
@@ -266,7 +266,7 @@ fn scan(
         0.8 * explained
     };
     let held = samples[from..=to].iter().sum::<usize>() as f64;
-    let tells = share > TELLING * held / data.count(Part::Fit).max(1) as f64;
+    let tells = share > TELLING * held / data.count(Split::Fit).max(1) as f64;
     (gain > 10.0).then_some((rank, location, tells))
 }
 

@@ -7,7 +7,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::baseline::Attached;
-use super::problem::Structure;
+use super::problem::ModelStructure;
 use crate::effect::Span;
 
 /// A structure's sensitivities at its values, ready to step and to project on.
@@ -35,7 +35,7 @@ pub(super) struct Score {
 }
 
 impl Tangent {
-    pub(super) fn new(structure: &Structure<'_>, values: &[f64]) -> Option<Tangent> {
+    pub(super) fn new(structure: &ModelStructure<'_>, values: &[f64]) -> Option<Tangent> {
         let residuals = structure.fitted(values)?;
         let (jacobian, scale) = structure.sensitivities(values, &residuals);
         let normal = jacobian.tr_mul(&jacobian);
@@ -61,7 +61,7 @@ impl Tangent {
     /// Scores every start of a candidate; the best first.
     pub(super) fn scores(
         &self,
-        structure: &Structure<'_>,
+        structure: &ModelStructure<'_>,
         values: &[f64],
         index: usize,
         candidate: &Attached,

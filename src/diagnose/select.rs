@@ -10,13 +10,13 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use super::baseline::{Attached, Setup};
 use super::choose::choose;
 use super::fit::{grow, settle};
-use super::problem::{Data, Structure};
+use super::problem::{Data, ModelStructure};
 use super::score::{Score, Tangent, spliced};
 use crate::effect::Span;
-use crate::identify::Control;
+use crate::identify::FitControl;
 use crate::identify::confidence::correlation_time;
 use crate::identify::evaluator::Evaluator;
-use crate::identify::least_squares::{Settings, minimise};
+use crate::identify::least_squares::{LeastSquaresSettings, minimise};
 use crate::profile::ProfileLimits;
 
 /// Sets kept from one size to the next.
@@ -63,7 +63,7 @@ impl Node {
 }
 
 /// Setup, data and what they cover: what every step of the search needs.
-pub(super) struct Bench<'a> {
+pub(super) struct FitContext<'a> {
     pub setup: &'a Setup,
     pub data: &'a Data,
     pub span: Span,
@@ -97,9 +97,9 @@ impl Worth {
     }
 }
 
-impl<'a> Bench<'a> {
-    pub(super) fn structure(&self, attached: Vec<Attached>) -> Structure<'a> {
-        Structure::new(self.setup, self.data, attached)
+impl<'a> FitContext<'a> {
+    pub(super) fn structure(&self, attached: Vec<Attached>) -> ModelStructure<'a> {
+        ModelStructure::new(self.setup, self.data, attached)
     }
 
     /// Where the baseline begins.
@@ -127,18 +127,18 @@ impl<'a> Bench<'a> {
             .zip(&bounds)
             .map(|(v, b)| v.clamp(b[0], b[1]))
             .collect();
-        let settings = Settings {
+        let settings = LeastSquaresSettings {
             iterations: 25,
             cost_tolerance: 1e-3,
             step_tolerance: 1e-4,
             // Between its expansions a surrogate is no guide.
             screened: if self.setup.surrogate.is_some() { 0 } else { 24 },
             starts: 3,
-            ..Settings::default()
+            ..LeastSquaresSettings::default()
         };
         let mut evaluator = Evaluator::new(&structure, self.threads);
         let optimum = minimise(&mut evaluator, &start, &bounds, &settings, 1, &mut |_| {
-            Control::Continue
+            FitControl::Continue
         });
         Node::new(&structure, optimum.values)
     }
@@ -276,7 +276,7 @@ pub(super) struct Search {
 ///
 /// `heads` are fits of one effect each that were found on another way; the better of two for one effect is kept.
 pub(super) fn search(
-    bench: &Bench<'_>,
+    bench: &FitContext<'_>,
     baseline: Node,
     heads: &[Node],
     progress: &mut dyn FnMut(f64),
@@ -346,7 +346,7 @@ pub(super) fn search(
 }
 
 /// The baseline where a child leaves it when its effect goes: much below where it was, the baseline had further to go.
-fn deeper(bench: &Bench<'_>, root: &Node, child: &Node) -> Option<Node> {
+fn deeper(bench: &FitContext<'_>, root: &Node, child: &Node) -> Option<Node> {
     let extras = bench.setup.extras.len();
     let from = super::tables::offset(bench, &child.attached, extras);
     let mut values = child.values.clone();

@@ -134,7 +134,7 @@ fn explained(time_s: &[f64], values: &[f64], i: usize, noise: f64) -> Option<Loc
             .filter_map(|side| fitted::<3>(time_s, values, side, i, noise))
             .min_by(|a, b| a.off.total_cmp(&b.off))
     };
-    let belongs = |p: &Piece| p.off <= OUTLYING * noise;
+    let belongs = |p: &FitWindow| p.off <= OUTLYING * noise;
     // Half width of the widest window of which all is explained but the sample.
     let mut odd: Option<(usize, Local)> = None;
     let mut next = middle(HALVES[0]);
@@ -176,7 +176,7 @@ fn through(time_s: &[f64], values: &[f64], i: usize) -> Local {
 
 /// A polynomial at one sample of its window.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Piece {
+pub(super) struct FitWindow {
     pub local: Local,
     /// How far the sample and its neighbours lie off it in the mean, mm.
     pub off: f64,
@@ -189,7 +189,7 @@ pub(super) fn fitted<const N: usize>(
     window: std::ops::Range<usize>,
     i: usize,
     noise: f64,
-) -> Option<Piece> {
+) -> Option<FitWindow> {
     let count = window.len();
     if count < N {
         return None;
@@ -219,7 +219,7 @@ pub(super) fn fitted<const N: usize>(
         return None;
     }
     let near = i.saturating_sub(1).max(window.start)..(i + 2).min(window.end);
-    Some(Piece {
+    Some(FitWindow {
         off: (near.clone().map(left).sum::<f64>() / near.len() as f64).abs(),
         local: Local {
             mm: values[i] + solved[0],

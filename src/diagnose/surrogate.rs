@@ -17,11 +17,11 @@ use nalgebra::{DMatrix, DVector};
 use super::Means;
 use super::baseline::Setup;
 use super::choose::{choose, without};
-use super::condition::{Part, Track};
+use super::condition::{Split, Track};
 use super::fit::polish;
 use super::problem::Data;
 use super::score::Tangent;
-use super::select::{Bench, Key, Node, Search, Worth};
+use super::select::{FitContext, Key, Node, Search, Worth};
 use super::traced::{Operator, Scale, TERMS, Traced};
 use crate::model::{Parameter, Plant};
 
@@ -59,7 +59,7 @@ pub(super) struct Surrogate {
 
 impl Surrogate {
     /// From one expansion, at the values that the baseline begins with; `None` where the model cannot follow.
-    pub(super) fn new(bench: &Bench<'_>) -> Option<Surrogate> {
+    pub(super) fn new(bench: &FitContext<'_>) -> Option<Surrogate> {
         let parameters = bench.setup.model.parameters;
         let scale = Scale::of(bench.span.displacement_mm);
         let mut operator = Operator::new(scale);
@@ -92,7 +92,7 @@ impl Surrogate {
     }
 
     /// Takes the model's answer at some values in. How far off the surrogate was there: root mean square, in units of the noise.
-    pub(super) fn expand(&mut self, bench: &Bench<'_>, values: &[f64]) -> Option<f64> {
+    pub(super) fn expand(&mut self, bench: &FitContext<'_>, values: &[f64]) -> Option<f64> {
         let values = &values[..self.parameters.len()];
         let mut points = vec![values.to_vec()];
         for (i, p) in self.parameters.iter().enumerate() {
@@ -221,7 +221,7 @@ pub(super) fn install(setup: &mut Setup, data: &Data, means: &Means) -> Option<(
     setup.surrogate = Some(Surrogate::new(&means.bench(setup, data))?);
     for _ in 0..BASELINE_ROUNDS {
         let there = means.bench(setup, data).baseline()?;
-        let counted = data.count(Part::Fit).max(1) as f64;
+        let counted = data.count(Split::Fit).max(1) as f64;
         let off = expand(setup, data, means, &there)?;
         if off < CLOSE.max(CLOSE_SHARE * (there.fit / counted).sqrt()) {
             break;
@@ -264,7 +264,7 @@ pub(super) fn confirm(
 }
 
 /// Refits the chosen set and all that is less by some of its effects on the model itself, and chooses again.
-fn choose_on_model(bench: &Bench<'_>, search: &mut Search) {
+fn choose_on_model(bench: &FitContext<'_>, search: &mut Search) {
     let extras = bench.setup.extras.len();
     let mut done: Vec<usize> = Vec::new();
     for _ in 0..CHOICES {
@@ -290,7 +290,7 @@ fn choose_on_model(bench: &Bench<'_>, search: &mut Search) {
 }
 
 /// Refits the best few of the sets that have one effect more than `base`, but for the chosen one.
-pub(super) fn refit_rivals(bench: &Bench<'_>, search: &mut Search, base: &Key) {
+pub(super) fn refit_rivals(bench: &FitContext<'_>, search: &mut Search, base: &Key) {
     if bench.setup.surrogate.is_none() {
         return;
     }
@@ -307,7 +307,7 @@ pub(super) fn refit_rivals(bench: &Bench<'_>, search: &mut Search, base: &Key) {
 }
 
 /// Refits some nodes on the model itself, with the surrogate's slopes.
-fn refit(bench: &Bench<'_>, nodes: &mut [Node], which: &[usize]) {
+fn refit(bench: &FitContext<'_>, nodes: &mut [Node], which: &[usize]) {
     let fitted = bench.side_by_side(which, |&i| {
         let node = &nodes[i];
         let tangent = Tangent::new(&bench.structure(node.attached.clone()), &node.values)?;
@@ -330,7 +330,7 @@ fn believed(p: &Parameter) -> f64 {
 }
 
 /// The model's own force along all recordings, at each of some points, every step taken in `parts`.
-fn paths(bench: &Bench<'_>, points: &[Vec<f64>], parts: u32) -> Vec<Option<DVector<f64>>> {
+fn paths(bench: &FitContext<'_>, points: &[Vec<f64>], parts: u32) -> Vec<Option<DVector<f64>>> {
     let tracks = &bench.data.tracks;
     let tasks: Vec<(&Vec<f64>, &Track)> = points
         .iter()
@@ -363,7 +363,7 @@ fn paths(bench: &Bench<'_>, points: &[Vec<f64>], parts: u32) -> Vec<Option<DVect
 
 /// How far the model's force is off at each point though its parameters were right, N: its steps are no finer than the
 /// recordings, and where it turned is no better known than the displacement's noise lets it.
-pub(super) fn coarseness_n(bench: &Bench<'_>, values: &[f64]) -> Option<Vec<f64>> {
+pub(super) fn coarseness_n(bench: &FitContext<'_>, values: &[f64]) -> Option<Vec<f64>> {
     let points = [values[..bench.setup.model.parameters.len()].to_vec()];
     let coarse_n = paths(bench, &points, 1).pop()??;
     let fine_n = paths(bench, &points, FINER).pop()??;
@@ -393,7 +393,7 @@ fn unseen(data: &Data, slopes: &DMatrix<f64>, parameters: &[Parameter]) -> Vec<O
     let mut left = slopes.clone();
     for (mut column, p) in left.column_iter_mut().zip(parameters) {
         for (i, value) in column.iter_mut().enumerate() {
-            let fitted = data.part[i] == Part::Fit;
+            let fitted = data.part[i] == Split::Fit;
             *value *= if fitted { data.weight[i] * believed(p) } else { 0.0 };
         }
     }

@@ -1,17 +1,17 @@
 //! The tables of a diagnosis: errors on what was fitted and what was not, candidates, parameters, curves to plot.
 
 use super::baseline::Attached;
-use super::condition::Part;
+use super::condition::Split;
 use super::diagnosis::*;
 use super::problem::Data;
-use super::select::{Bench, Node, Search};
+use super::select::{FitContext, Node, Search};
 use crate::identify::confidence::Confidence;
 
 /// Points of a curve in the report.
 const CURVE_POINTS: usize = 600;
 
 pub(super) fn errors(
-    bench: &Bench<'_>,
+    bench: &FitContext<'_>,
     search: &Search,
     plain: &Node,
     nominal: Option<Vec<f64>>,
@@ -67,7 +67,7 @@ pub(super) fn errors(
 }
 
 pub(super) fn errors_of(data: &Data, residuals: &[f64]) -> Errors {
-    let rms = |parts: &[Part]| {
+    let rms = |parts: &[Split]| {
         let squares: Vec<f64> = (0..data.len())
             .filter(|&i| data.weight[i] > 0.0 && parts.contains(&data.part[i]))
             .map(|i| (residuals[i] / data.weight[i]).powi(2))
@@ -96,8 +96,8 @@ pub(super) fn errors_of(data: &Data, residuals: &[f64]) -> Errors {
         from += n;
     }
     Errors {
-        nrmse_train: rms(&[Part::Fit]),
-        nrmse_heldout: rms(&[Part::Report]),
+        nrmse_train: rms(&[Split::Fit]),
+        nrmse_heldout: rms(&[Split::Report]),
         peak_force_error: peak,
         loop_energy_error: if loops.abs() > 1e-9 {
             (energy - loops) / loops
@@ -107,7 +107,11 @@ pub(super) fn errors_of(data: &Data, residuals: &[f64]) -> Errors {
     }
 }
 
-pub(super) fn baseline_parameters(bench: &Bench<'_>, node: &Node, confidence: &Confidence) -> Vec<Value> {
+pub(super) fn baseline_parameters(
+    bench: &FitContext<'_>,
+    node: &Node,
+    confidence: &Confidence,
+) -> Vec<Value> {
     let mut list = values_of(bench.setup.model.parameters, 0, node, confidence);
     for (k, attached) in node.attached.iter().enumerate().filter(|(_, a)| a.own) {
         let from = offset(bench, &node.attached, k);
@@ -127,7 +131,7 @@ pub(super) fn baseline_parameters(bench: &Bench<'_>, node: &Node, confidence: &C
     list
 }
 
-pub(super) fn candidates(bench: &Bench<'_>, search: &Search) -> Vec<CandidateRow> {
+pub(super) fn candidates(bench: &FitContext<'_>, search: &Search) -> Vec<CandidateRow> {
     let extras = bench.setup.extras.len();
     let base = &search.nodes[0];
     let mut rows: Vec<CandidateRow> = search
@@ -149,7 +153,7 @@ pub(super) fn candidates(bench: &Bench<'_>, search: &Search) -> Vec<CandidateRow
     rows
 }
 
-pub(super) fn not_testable(bench: &Bench<'_>, baseline: &Node) -> Vec<NotTestable> {
+pub(super) fn not_testable(bench: &FitContext<'_>, baseline: &Node) -> Vec<NotTestable> {
     let lists = bench
         .settled(baseline)
         .map_or_else(Vec::new, |(node, tangent)| bench.scores(&node, &tangent));
@@ -216,7 +220,7 @@ pub(super) fn curves(data: &Data, before: &Node, after: &Node) -> Vec<Curve> {
 }
 
 /// Where a group of values begins.
-pub(super) fn offset(bench: &Bench<'_>, attached: &[Attached], place: usize) -> usize {
+pub(super) fn offset(bench: &FitContext<'_>, attached: &[Attached], place: usize) -> usize {
     bench.setup.model.parameters.len()
         + attached[..place]
             .iter()

@@ -2,7 +2,7 @@
 
 use super::condition::range;
 use super::smoothing::median;
-use super::turning::Turn;
+use super::turning::TurningPoint;
 
 /// Half cycle, direction and travel since the reversal of every sample.
 pub(super) struct Travel {
@@ -46,7 +46,7 @@ impl Travel {
     }
 
     /// Turning points on either side of a sample, the lower first; without limit where the recording begins or ends.
-    pub(super) fn reach(&self, i: usize, turned: &[Turn]) -> [f64; 2] {
+    pub(super) fn reach(&self, i: usize, turned: &[TurningPoint]) -> [f64; 2] {
         let half = self.half[i] as usize;
         let before = half.checked_sub(1).and_then(|k| turned.get(k)).map(|t| t.mm);
         let after = turned.get(half).map(|t| t.mm);
@@ -60,7 +60,7 @@ impl Travel {
     }
 
     /// How far the turning point before a sample may be off.
-    pub(super) fn turn_error_mm(&self, i: usize, turned: &[Turn]) -> f64 {
+    pub(super) fn turn_error_mm(&self, i: usize, turned: &[TurningPoint]) -> f64 {
         let before = (self.half[i] as usize).checked_sub(1);
         before.and_then(|k| turned.get(k)).map_or(0.0, |t| t.error_mm)
     }

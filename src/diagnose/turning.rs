@@ -86,7 +86,7 @@ fn rested(values: &[f64], creeping: &[Local], noise: f64) -> Option<Vec<Local>> 
 
 /// A turning point as well as it can be known.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Turn {
+pub(super) struct TurningPoint {
     /// Sample nearest to it.
     pub index: usize,
     /// Displacement reached.
@@ -105,9 +105,9 @@ pub(super) fn turned(
     x: &[f64],
     turns: &[usize],
     noise_mm: f64,
-) -> Vec<Turn> {
+) -> Vec<TurningPoint> {
     let at = |index: usize| {
-        let mut turn = Turn {
+        let mut turn = TurningPoint {
             index,
             mm: x[index],
             error_mm: noise_mm,

@@ -2,13 +2,13 @@
 
 use super::bank;
 use super::choose::without;
-use super::condition::Part;
+use super::condition::Split;
 use super::diagnosis::*;
 use super::fit::profile;
 use super::next_test;
-use super::problem::Structure;
+use super::problem::ModelStructure;
 use super::residual;
-use super::select::{Bench, Node, Search, Worth};
+use super::select::{FitContext, Node, Search, Worth};
 use super::surrogate;
 use super::tables::{baseline_parameters, candidates, curves, errors, not_testable, offset, values_of};
 use crate::effect::Axis;
@@ -53,7 +53,7 @@ struct Named {
 }
 
 pub(super) fn conclude(
-    bench: &Bench<'_>,
+    bench: &FitContext<'_>,
     mut search: Search,
     plain: &Node,
     nominal: Option<Vec<f64>>,
@@ -72,7 +72,7 @@ pub(super) fn conclude(
     let left = bank::left(data, &after.residuals);
     let explained = (before.select - after.select).max(0.0);
     let unexplained_share = (left.sum.max(0.0) / (explained + left.sum.max(1e-9))).clamp(0.0, 1.0);
-    let counted = data.count(Part::Select).max(1) as f64;
+    let counted = data.count(Split::Select).max(1) as f64;
     let repeats = left.power > LEFT_POWER
         && unexplained_share > LEFT_SHARE
         && 0.5 * left.sum / worth.correlation > LEFT_GAIN;
@@ -81,10 +81,11 @@ pub(super) fn conclude(
     let no_fit =
         power > NO_FIT && worth.correlation > 4.0 && power - 1.0 > NO_FIT_SHARE * (power_before - 1.0);
     // What only the reporting cycles show (a specimen that changed late) is beyond a fit, but no reason to call it adequate.
-    let reported = data.sum(&after.residuals, Part::Report) / data.count(Part::Report).max(1) as f64;
+    let reported = data.sum(&after.residuals, Split::Report) / data.count(Split::Report).max(1) as f64;
     let changed = reported > NO_FIT.max(2.0 * power);
     // What is left where nothing was fitted or chosen: above the noise, and no small part of what there was.
-    let reported_before = data.sum(&before.residuals, Part::Report) / data.count(Part::Report).max(1) as f64;
+    let reported_before =
+        data.sum(&before.residuals, Split::Report) / data.count(Split::Report).max(1) as f64;
     let beyond = reported > 1.0 + LEFT_REPORTED && reported - 1.0 > LEFT_SHARE * (reported_before - 1.0);
     let unexplained = repeats || no_fit || changed || beyond || power > FAR_OFF;
     let confidence = intervals(bench, after, worth);
@@ -150,13 +151,13 @@ pub(super) fn conclude(
 }
 
 /// Did freeing the form of the baseline's own friction take most of the difference away?
-fn turns_otherwise(bench: &Bench<'_>, plain: &Node, freed: &Node) -> bool {
+fn turns_otherwise(bench: &FitContext<'_>, plain: &Node, freed: &Node) -> bool {
     let freed_form = plain.attached.len() < bench.setup.extras.len();
     freed_form && freed.select <= NO_FIT_SHARE * plain.select
 }
 
 /// Where it did, the group that acts after a reversal is nearest, though the baseline is said to have it.
-fn turn_round(bench: &Bench<'_>, plain: &Node, freed: &Node) -> Vec<Alternative> {
+fn turn_round(bench: &FitContext<'_>, plain: &Node, freed: &Node) -> Vec<Alternative> {
     let Some(presliding) = crate::effect::find("presliding").ok() else {
         return Vec::new();
     };
@@ -183,7 +184,7 @@ fn turn_round(bench: &Bench<'_>, plain: &Node, freed: &Node) -> Vec<Alternative>
 }
 
 /// Codes of the sets that come nearest where nothing explains, best set first, each with why it was refused.
-fn nearest(bench: &Bench<'_>, search: &Search) -> Vec<Alternative> {
+fn nearest(bench: &FitContext<'_>, search: &Search) -> Vec<Alternative> {
     let rows = candidates(bench, search);
     let best = rows.first().map_or(0.0, |r| r.gain);
     let mut codes: Vec<String> = Vec::new();
@@ -198,7 +199,7 @@ fn nearest(bench: &Bench<'_>, search: &Search) -> Vec<Alternative> {
             }
         }
     }
-    let power = |n: &Node| n.select / bench.data.count(Part::Select).max(1) as f64;
+    let power = |n: &Node| n.select / bench.data.count(Split::Select).max(1) as f64;
     let least = search.nodes.iter().map(power).fold(f64::INFINITY, f64::min);
     codes
         .into_iter()
@@ -232,7 +233,7 @@ fn strained(node: &Node) -> bool {
 }
 
 /// What could stand in the place of one effect of the chosen set.
-fn rivals(bench: &Bench<'_>, search: &mut Search, place: usize) -> Named {
+fn rivals(bench: &FitContext<'_>, search: &mut Search, place: usize) -> Named {
     let extras = bench.setup.extras.len();
     let chosen = search.chosen;
     let code = search.nodes[chosen].attached[place].effect.code;
@@ -280,14 +281,14 @@ fn rivals(bench: &Bench<'_>, search: &mut Search, place: usize) -> Named {
     }
 }
 
-fn intervals(bench: &Bench<'_>, node: &Node, worth: Worth) -> Confidence {
-    let structure = Structure::new(bench.setup, bench.data, node.attached.clone());
+fn intervals(bench: &FitContext<'_>, node: &Node, worth: Worth) -> Confidence {
+    let structure = ModelStructure::new(bench.setup, bench.data, node.attached.clone());
     let mut evaluator = Evaluator::new(&structure, bench.threads);
     let mut residuals = vec![0.0; structure.count()];
     evaluator.residuals(&node.values, &mut residuals);
     let mut found = confidence(&mut evaluator, &node.values, &residuals, 1e-5);
     // Zeros of held-out points pass for a perfect fit there; only what was fitted tells the variance.
-    let wider = (residuals.len() as f64 / bench.data.count(Part::Fit).max(1) as f64).sqrt();
+    let wider = (residuals.len() as f64 / bench.data.count(Split::Fit).max(1) as f64).sqrt();
     for ((interval, sigma), value) in found.ci95.iter_mut().zip(&mut found.sigma).zip(&node.values) {
         *sigma *= wider;
         if let Some(ends) = interval {
@@ -311,7 +312,7 @@ fn intervals(bench: &Bench<'_>, node: &Node, worth: Worth) -> Confidence {
     found
 }
 
-fn alarms(bench: &Bench<'_>, node: &Node, confidence: &Confidence) -> Vec<String> {
+fn alarms(bench: &FitContext<'_>, node: &Node, confidence: &Confidence) -> Vec<String> {
     let own = bench.setup.model.parameters.len();
     let names: Vec<&str> = bench.setup.model.parameters.iter().map(|p| p.name).collect();
     // Held parameters are no finding of the fit; what they are is said below.
@@ -352,7 +353,13 @@ fn alarms(bench: &Bench<'_>, node: &Node, confidence: &Confidence) -> Vec<String
     alarms
 }
 
-fn finding(bench: &Bench<'_>, node: &Node, named: &Named, confidence: &Confidence, left: f64) -> Finding {
+fn finding(
+    bench: &FitContext<'_>,
+    node: &Node,
+    named: &Named,
+    confidence: &Confidence,
+    left: f64,
+) -> Finding {
     let attached = &node.attached[named.place];
     let from = offset(bench, &node.attached, named.place);
     let group = &node.values[from..from + attached.parameters.len()];
@@ -365,7 +372,7 @@ fn finding(bench: &Bench<'_>, node: &Node, named: &Named, confidence: &Confidenc
     }
 }
 
-fn alternative(bench: &Bench<'_>, node: &Node, named: &Named, code: &str, lack: f64) -> Alternative {
+fn alternative(bench: &FitContext<'_>, node: &Node, named: &Named, code: &str, lack: f64) -> Alternative {
     let effect = node.attached[named.place].effect;
     let other = crate::effect::find(code).ok();
     let known = effect
@@ -391,13 +398,13 @@ fn alternative(bench: &Bench<'_>, node: &Node, named: &Named, code: &str, lack: 
 }
 
 fn locations(
-    bench: &Bench<'_>,
+    bench: &FitContext<'_>,
     [plain, before, after]: [&Node; 3],
     named: &[Named],
     unexplained: bool,
 ) -> Vec<Location> {
     let jacobian = |node: &Node| {
-        let structure = Structure::new(bench.setup, bench.data, node.attached.clone());
+        let structure = ModelStructure::new(bench.setup, bench.data, node.attached.clone());
         let residuals = structure.fitted(&node.values);
         residuals.map_or_else(
             || nalgebra::DMatrix::zeros(structure.count(), 0),
@@ -444,7 +451,7 @@ fn locations(
     list
 }
 
-fn improved(bench: &Bench<'_>, node: &Node) -> ImprovedModel {
+fn improved(bench: &FitContext<'_>, node: &Node) -> ImprovedModel {
     let model = bench.setup.model;
     let named = |parameters: &[crate::model::Parameter], from: usize| -> Vec<(String, f64)> {
         parameters

@@ -6,7 +6,7 @@
 //! Source: play operator, M. A. Krasnosel'skii and A. V. Pokrovskii, Systems with Hysteresis (1989). The force stands
 //! still for gap_mm of travel after each reversal.
 
-use super::{Axis, Branch, Effect, Place, Rival, Stage, Wrap, wrapped};
+use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -54,12 +54,12 @@ pub(crate) const EFFECT: Effect = Effect {
         })
     },
     confusable_with: &[
-        Rival {
+        LookAlike {
             code: "presliding",
             why: "both take force away after each reversal",
             test: "reversal nests of 0.2 to 2 mm: play is used up at a fixed travel, friction turns round over a travel that grows with its own strength",
         },
-        Rival {
+        LookAlike {
             code: "coulomb_friction",
             why: "a loop that is wider by rate times play has the shape of friction",
             test: "reversals at two loads: play keeps its travel, friction its force",

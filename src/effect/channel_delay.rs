@@ -7,7 +7,7 @@
 //! damping of tau times rate; only the force step of dry friction at a sharp reversal dates the channels.
 
 use super::motion::Rates;
-use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
+use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -46,12 +46,12 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     place: everywhere,
     confusable_with: &[
-        Rival {
+        LookAlike {
             code: "viscous_damping",
             why: "a lag of the force channel adds a force in proportion to speed times rate",
             test: "a tap on the specimen: it dates both channels; or a sync pulse on both",
         },
-        Rival {
+        LookAlike {
             code: "inertia",
             why: "at one frequency both are a phase",
             test: "a third frequency",

@@ -7,7 +7,7 @@
 //! within a sample. Told from load-proportional friction by the loop's width at a second load; always dissipates.
 
 use super::motion::Drag;
-use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
+use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -54,12 +54,12 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     place: everywhere,
     confusable_with: &[
-        Rival {
+        LookAlike {
             code: "load_dependent_friction",
             why: "at one mean load and a small amplitude both widen the loop by the same force",
             test: "a sine of the same amplitude at half the mean load: only this friction keeps its width",
         },
-        Rival {
+        LookAlike {
             code: "stribeck",
             why: "friction that is higher in a slow ramp adds a nearly constant force there",
             test: "the same ramp ten times faster",

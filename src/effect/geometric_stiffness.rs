@@ -6,7 +6,7 @@
 //! The first two terms that a smooth linkage adds to a straight line (Taylor); the zeroth and first are the model's own.
 //! Source: shackle geometry, Chula thesis, eq. 5-6 (the measured branch softens by a third over the travel, Table 5-1).
 
-use super::{Effect, Rival, Stage, Wrap, everywhere, with_more_load, wrapped};
+use super::{Effect, LookAlike, Stage, Wrap, everywhere, with_more_load, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -54,12 +54,12 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     place: everywhere,
     confusable_with: &[
-        Rival {
+        LookAlike {
             code: "progressive_stiffness",
             why: "within a short range a knee and a smooth bend are alike",
             test: "a slow ramp over the whole travel: a knee stays at its place, a bend goes on",
         },
-        Rival {
+        LookAlike {
             code: "series_compliance",
             why: "a seat that stiffens under load bends the curve as geometry does",
             test: "a second LVDT between board and frame",

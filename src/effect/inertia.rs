@@ -6,7 +6,7 @@
 //! Source: Newton's second law. Grows with the square of the frequency; in one sine it is only a lower rate.
 
 use super::motion::Rates;
-use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
+use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 use crate::units::inertia_force_n;
 
@@ -44,12 +44,12 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     place: everywhere,
     confusable_with: &[
-        Rival {
+        LookAlike {
             code: "relaxation",
             why: "a rate that falls with frequency for the mass rises with it for the arm: with two frequencies and free rates they trade",
             test: "a third frequency",
         },
-        Rival {
+        LookAlike {
             code: "channel_delay",
             why: "at one frequency a mass is a rate",
             test: "a third frequency",

@@ -6,7 +6,7 @@
 //! The plant's zero is where the pusher meets the spring, so its preload is the force at first touch. Source: unilateral
 //! contact (Signorini). The neutral value says that contact is never lost and leaves the plant's own zero.
 
-use super::{Axis, Branch, Effect, Place, Rival, Stage, Wrap, wrapped};
+use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// Stands for a contact that is never lost.
@@ -56,7 +56,7 @@ pub(crate) const EFFECT: Effect = Effect {
             branch: Branch::Both,
         })
     },
-    confusable_with: &[Rival {
+    confusable_with: &[LookAlike {
         code: "geometric_stiffness",
         why: "near zero load a lost contact bends the foot of the curve",
         test: "a slow ramp from 1 mm above free height",

@@ -7,7 +7,7 @@
 //! a friction in proportion to the load gives. Drag: Dahl (1968) with his exponent, see `motion::Drag`.
 
 use super::motion::Drag;
-use super::{Effect, Rival, Stage, Wrap, everywhere, load_n, wrapped};
+use super::{Effect, LookAlike, Stage, Wrap, everywhere, load_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -61,7 +61,7 @@ pub(crate) const EFFECT: Effect = Effect {
         )
     },
     place: everywhere,
-    confusable_with: &[Rival {
+    confusable_with: &[LookAlike {
         code: "coulomb_friction",
         why: "at one mean load and a small amplitude both widen the loop by the same force",
         test: "a sine of the same amplitude at half the mean load: only this friction halves its width",

@@ -130,7 +130,7 @@ impl Span {
 
 /// Another code that gives nearly the same recording.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Rival {
+pub(crate) struct LookAlike {
     /// Its code.
     pub code: &'static str,
     /// Why the two look alike.
@@ -167,7 +167,7 @@ pub(crate) struct Effect {
     /// Where on the loop it acts, for effects that are local.
     pub place: fn(values: &[f64], span: &Span) -> Option<Place>,
     /// Look-alikes.
-    pub confusable_with: &'static [Rival],
+    pub confusable_with: &'static [LookAlike],
 }
 
 /// All effects, by code.
@@ -236,7 +236,11 @@ pub(crate) fn find(code: &str) -> Result<&'static Effect, EffectError> {
 
 impl Effect {
     /// Attaches after checking that there is one finite value a parameter, within its bounds.
-    pub(crate) fn attached(&self, values: &[f64], inside: Box<dyn Plant>) -> Result<Box<dyn Plant>, EffectError> {
+    pub(crate) fn attached(
+        &self,
+        values: &[f64],
+        inside: Box<dyn Plant>,
+    ) -> Result<Box<dyn Plant>, EffectError> {
         if values.len() != self.parameters.len() {
             return Err(EffectError::Count {
                 code: self.code,

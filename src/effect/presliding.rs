@@ -8,7 +8,7 @@
 //! Away from reversals it changes nothing, so that loop area goes but the force far along a branch stays.
 
 use super::motion::Drag;
-use super::{Axis, Branch, Effect, Place, Rival, Stage, Wrap, load_n, wrapped};
+use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, load_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -86,12 +86,12 @@ pub(crate) const EFFECT: Effect = Effect {
         })
     },
     confusable_with: &[
-        Rival {
+        LookAlike {
             code: "backlash",
             why: "both take force away after each reversal",
             test: "reversal nests of 0.2 to 2 mm: play is used up at a fixed travel, friction turns round over a travel that grows with its own strength",
         },
-        Rival {
+        LookAlike {
             code: "channel_delay",
             why: "a lag of one channel rounds the reversals of one frequency",
             test: "the same amplitude at a tenth of the frequency: a lag shrinks with it, presliding does not",

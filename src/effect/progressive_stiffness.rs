@@ -5,7 +5,7 @@
 //! ```
 //! Bilinear with a hyperbolic knee: for w = 0 it is k max(0, u). Source: helper leaves, Kadziela et al. (2015, section 2).
 
-use super::{Axis, Branch, Effect, Place, Rival, Stage, Wrap, with_more_load, wrapped};
+use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, with_more_load, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -72,7 +72,7 @@ pub(crate) const EFFECT: Effect = Effect {
             branch: Branch::Both,
         })
     },
-    confusable_with: &[Rival {
+    confusable_with: &[LookAlike {
         code: "geometric_stiffness",
         why: "within a short range a knee and a smooth bend are alike",
         test: "a slow ramp over the whole travel: a knee stays at its place, a bend goes on",

@@ -7,7 +7,7 @@
 //! and static loop of Kadziela et al. (2015, sections 4 and 5): 0.19 J simulated against 8.91 J measured in the 120 s ramp.
 
 use super::motion::{Drag, Rates};
-use super::{Effect, Rival, Stage, Wrap, everywhere, load_n, wrapped};
+use super::{Effect, LookAlike, Stage, Wrap, everywhere, load_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -70,7 +70,7 @@ pub(crate) const EFFECT: Effect = Effect {
         )
     },
     place: everywhere,
-    confusable_with: &[Rival {
+    confusable_with: &[LookAlike {
         code: "stribeck",
         why: "both add friction in the slow ramp and none at speed",
         test: "ramps of 2 s, 20 s and 120 s: a smoothed friction fades to nothing, one that is higher near rest does not",

@@ -6,7 +6,7 @@
 //! Source: standard linear solid (Zener 1948); GRP leaves, Table 1 of paper 002. Friction cannot do it: it does not
 //! move while nothing moves.
 
-use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
+use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -59,12 +59,12 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     place: everywhere,
     confusable_with: &[
-        Rival {
+        LookAlike {
             code: "sensor_drift",
             why: "within one ramp a decay and a drift are alike",
             test: "a hold of 60 s unloaded, after a hold of 60 s loaded: a zero that drifts goes on",
         },
-        Rival {
+        LookAlike {
             code: "stribeck",
             why: "slow and fast branches differ for both",
             test: "a hold of 60 s after loading and one after unloading",

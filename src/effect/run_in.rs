@@ -9,7 +9,7 @@
 //! Source: running-in of dry contacts, exponential in the number of cycles; the count starts with each recording.
 
 use super::motion::{Drag, Reversals};
-use super::{Effect, Rival, Stage, Wrap, everywhere, load_n, wrapped};
+use super::{Effect, LookAlike, Stage, Wrap, everywhere, load_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// Friction over load below which there is none to follow.
@@ -85,12 +85,12 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     place: everywhere,
     confusable_with: &[
-        Rival {
+        LookAlike {
             code: "sensor_drift",
             why: "a slow change with cycles is also one with time",
             test: "a pause of some minutes between two blocks of cycles",
         },
-        Rival {
+        LookAlike {
             code: "relaxation",
             why: "a slow change with cycles is also one with time",
             test: "a pause of some minutes between two blocks of cycles",

@@ -5,7 +5,7 @@
 //! ```
 //! Source: temperature of the amplifier; first term of any slow drift. Each recording starts from its own zero.
 
-use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
+use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -37,12 +37,12 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     place: everywhere,
     confusable_with: &[
-        Rival {
+        LookAlike {
             code: "relaxation",
             why: "within one ramp a decay and a drift are alike",
             test: "a hold of 60 s unloaded, after a hold of 60 s loaded: a zero that drifts goes on",
         },
-        Rival {
+        LookAlike {
             code: "run_in",
             why: "a slow change with time is also one with cycles",
             test: "a pause of some minutes between two blocks of cycles",

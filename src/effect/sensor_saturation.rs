@@ -6,7 +6,7 @@
 //! Source: any amplifier. A displacement channel that clips cannot be put right behind the recording: conditioning masks
 //! and names it.
 
-use super::{Axis, Branch, Effect, Place, Rival, Stage, Wrap, wrapped};
+use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -45,7 +45,7 @@ pub(crate) const EFFECT: Effect = Effect {
             branch: Branch::Both,
         })
     },
-    confusable_with: &[Rival {
+    confusable_with: &[LookAlike {
         code: "geometric_stiffness",
         why: "a peak cut off looks like a spring that softens",
         test: "the same profile with the amplifier's next range",

@@ -5,7 +5,7 @@
 //! ```
 //! Source: two springs in series. With a linear spring inside it is only a lower rate, and no recording shows it.
 
-use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
+use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -43,7 +43,7 @@ pub(crate) const EFFECT: Effect = Effect {
         )
     },
     place: everywhere,
-    confusable_with: &[Rival {
+    confusable_with: &[LookAlike {
         code: "geometric_stiffness",
         why: "a seat that gives bends the curve as geometry does",
         test: "a second LVDT between board and frame",

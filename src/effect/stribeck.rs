@@ -7,7 +7,7 @@
 //! as the interleaf friction it belongs to. Stick-slip is not in it: it needs the rig's own compliance.
 
 use super::motion::{Drag, Rates};
-use super::{Axis, Branch, Effect, Place, Rival, Stage, Wrap, load_n, wrapped};
+use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, load_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -73,12 +73,12 @@ pub(crate) const EFFECT: Effect = Effect {
         })
     },
     confusable_with: &[
-        Rival {
+        LookAlike {
             code: "rate_independent_friction",
             why: "both add friction in the slow ramp and none at speed",
             test: "ramps of 2 s, 20 s and 120 s",
         },
-        Rival {
+        LookAlike {
             code: "relaxation",
             why: "a slow branch that lies lower and higher than the fast ones looks like decay",
             test: "a hold of 60 s after loading and one after unloading: friction does not move while nothing moves",

@@ -7,7 +7,7 @@
 //! signatures 0.98 for the card's profiles. Steel leaf packs have hardly any (Kadziela 2015: 2.5 Hz and 1 Hz loops alike).
 
 use super::motion::Rates;
-use super::{Effect, Rival, Stage, Wrap, everywhere, wrapped};
+use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -43,7 +43,7 @@ pub(crate) const EFFECT: Effect = Effect {
         )
     },
     place: everywhere,
-    confusable_with: &[Rival {
+    confusable_with: &[LookAlike {
         code: "channel_delay",
         why: "a lag of the force channel adds a force in proportion to speed times rate",
         test: "a tap on the specimen: it dates both channels; or a sync pulse on both",

@@ -327,8 +327,8 @@ pub(crate) fn student_975(degrees: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{Line, ProductLine};
-    use super::super::{Options, Residuals, fit};
+    use super::super::testing::{ProductLine, StraightLine};
+    use super::super::{FitOptions, Residuals, fit};
     use super::*;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
@@ -344,9 +344,9 @@ mod tests {
         let y: Vec<f64> = (0..200)
             .map(|i| 3.0 + 0.5 * f64::from(i) * 0.05 + 0.1 * normal(&mut random))
             .collect();
-        let problem = Line::new(y);
-        let fit = fit(&problem, &Options::default(), &mut |_| {
-            super::super::Control::Continue
+        let problem = StraightLine::new(y);
+        let fit = fit(&problem, &FitOptions::default(), &mut |_| {
+            super::super::FitControl::Continue
         })
         .expect("a fair problem");
         // White residuals: sigma of the slope = 0.1 / sqrt(sum (x - mean)^2) = 0.1 / sqrt(200 * 100 / 12) within the scatter
@@ -376,8 +376,8 @@ mod tests {
                     3.0 + 0.5 * f64::from(i) * 0.05 + noise
                 })
                 .collect();
-            let fit = fit(&Line::new(y), &Options::default(), &mut |_| {
-                super::super::Control::Continue
+            let fit = fit(&StraightLine::new(y), &FitOptions::default(), &mut |_| {
+                super::super::FitControl::Continue
             })
             .expect("a fair problem");
             let [low, high] = fit.ci95[1].expect("seen");
@@ -390,8 +390,8 @@ mod tests {
     #[test]
     fn a_product_is_called_a_product() {
         let problem = ProductLine::new();
-        let fit = fit(&problem, &Options::default(), &mut |_| {
-            super::super::Control::Continue
+        let fit = fit(&problem, &FitOptions::default(), &mut |_| {
+            super::super::FitControl::Continue
         })
         .expect("a fair problem");
         let text: Vec<String> = fit.warnings.iter().map(ToString::to_string).collect();

@@ -82,7 +82,7 @@ impl Default for CurveOptions {
 
 /// One recording, ready to be compared.
 #[derive(Debug, Clone)]
-struct Curve {
+struct PreparedCurve {
     name: String,
     displacement_mm: Vec<f64>,
     dt_s: Vec<f64>,
@@ -99,7 +99,7 @@ struct Curve {
 pub(crate) struct CurveProblem<'a> {
     parameters: Vec<Parameter>,
     factory: Box<Factory<'a>>,
-    curves: Vec<Curve>,
+    curves: Vec<PreparedCurve>,
 }
 
 /// Misfit of a set of values.
@@ -126,7 +126,7 @@ impl<'a> CurveProblem<'a> {
         let curves = recordings
             .iter()
             .enumerate()
-            .map(|(i, recording)| Curve::new(recording, i, options))
+            .map(|(i, recording)| PreparedCurve::new(recording, i, options))
             .collect::<Result<Vec<_>, _>>()?;
         let problem = CurveProblem {
             parameters,
@@ -258,11 +258,11 @@ impl Residuals for CurveProblem<'_> {
     }
 
     fn stretches(&self) -> Vec<usize> {
-        self.curves.iter().map(Curve::fitted).collect()
+        self.curves.iter().map(PreparedCurve::fitted).collect()
     }
 }
 
-impl Curve {
+impl PreparedCurve {
     fn new(recording: &Recording, index: usize, options: &CurveOptions) -> Result<Self, IdentifyError> {
         let n = recording.len();
         let columns = n >= 2 && recording.displacement_mm.len() == n && recording.force_n.len() == n;
@@ -279,7 +279,7 @@ impl Curve {
         dt_s.insert(0, dt_s[0]);
         let displacement_mm = smoothed(&recording.displacement_mm, options.smoothing);
         let reversals = reversals(&displacement_mm, options.reversal_band * range(&displacement_mm));
-        let mut curve = Curve {
+        let mut curve = PreparedCurve {
             name: recording.name.clone(),
             weight: vec![sample_weight(recording, options.weighting); n],
             held_out: held_out(recording, index, &reversals, &options.held_out),

@@ -14,11 +14,11 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::evaluator::Evaluator;
-use super::{Control, Ending, Optimum, Progress};
+use super::{FitControl, FitEnding, FitProgress, Optimum};
 
 /// Table 5, and when to stop before its last generation.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Settings {
+pub(crate) struct EvolutionSettings {
     /// NP.
     pub population: usize,
     /// F.
@@ -31,10 +31,10 @@ pub(crate) struct Settings {
     pub cost_spread: f64,
 }
 
-impl Default for Settings {
+impl Default for EvolutionSettings {
     /// Table 5.
     fn default() -> Self {
-        Settings {
+        EvolutionSettings {
             population: 12,
             weight_factor: 0.7,
             crossover_rate: 0.85,
@@ -49,9 +49,9 @@ pub(crate) fn minimise(
     evaluator: &mut Evaluator<'_>,
     start: &[f64],
     bounds: &[[f64; 2]],
-    settings: &Settings,
+    settings: &EvolutionSettings,
     seed: u64,
-    watch: &mut dyn FnMut(Progress<'_>) -> Control,
+    watch: &mut dyn FnMut(FitProgress<'_>) -> FitControl,
 ) -> Optimum {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     // Three others and the parent: fewer than four cannot be told apart.
@@ -64,7 +64,7 @@ pub(crate) fn minimise(
             .collect()
     });
     let mut costs = evaluator.costs(&population);
-    let mut ending = Ending::Exhausted;
+    let mut ending = FitEnding::Exhausted;
     let mut generation = 1;
     loop {
         let best = best_of(&costs);
@@ -72,10 +72,10 @@ pub(crate) fn minimise(
             (low.min(c), high.max(c))
         });
         if high - low <= settings.cost_spread {
-            ending = Ending::Converged;
+            ending = FitEnding::Converged;
             break;
         }
-        let progress = Progress {
+        let progress = FitProgress {
             stage: "differential evolution",
             iteration: generation,
             evaluations: evaluator.evaluations(),
@@ -83,8 +83,8 @@ pub(crate) fn minimise(
             best_values: &population[best],
             share: generation as f64 / settings.generations.max(1) as f64,
         };
-        if watch(progress) == Control::Stop {
-            ending = Ending::Stopped;
+        if watch(progress) == FitControl::Stop {
+            ending = FitEnding::Stopped;
             break;
         }
         if generation >= settings.generations {
@@ -117,7 +117,7 @@ fn trial(
     population: &[Vec<f64>],
     i: usize,
     bounds: &[[f64; 2]],
-    settings: &Settings,
+    settings: &EvolutionSettings,
     random: &mut ChaCha8Rng,
 ) -> Vec<f64> {
     let mut picked = [i; 4];
@@ -154,28 +154,28 @@ mod tests {
     use super::super::testing::Valley;
     use super::*;
 
-    fn run(threads: usize, seed: u64, settings: &Settings) -> (Optimum, usize) {
+    fn run(threads: usize, seed: u64, settings: &EvolutionSettings) -> (Optimum, usize) {
         let problem = Valley::new();
         let mut evaluator = Evaluator::new(&problem, threads);
         let bounds = [[-2.0, 2.0], [-2.0, 2.0]];
         let optimum = minimise(&mut evaluator, &[-1.2, 1.0], &bounds, settings, seed, &mut |_| {
-            Control::Continue
+            FitControl::Continue
         });
         (optimum, evaluator.evaluations())
     }
 
     #[test]
     fn table_5_is_300_runs() {
-        let (optimum, evaluations) = run(1, 7, &Settings::default());
+        let (optimum, evaluations) = run(1, 7, &EvolutionSettings::default());
         assert_eq!(evaluations, 300);
         // Start of the valley is 24.2; 300 runs come down to its floor.
         assert!(optimum.cost < 0.1, "{optimum:?}");
-        assert_eq!(optimum.ending, Ending::Exhausted);
+        assert_eq!(optimum.ending, FitEnding::Exhausted);
     }
 
     #[test]
     fn same_seed_same_bits_on_any_number_of_threads() {
-        let settings = Settings::default();
+        let settings = EvolutionSettings::default();
         let one = run(1, 11, &settings).0;
         for threads in [2, 3, 5] {
             assert_eq!(run(threads, 11, &settings).0, one);
@@ -185,12 +185,12 @@ mod tests {
 
     #[test]
     fn converges_when_given_time() {
-        let settings = Settings {
+        let settings = EvolutionSettings {
             generations: 500,
-            ..Settings::default()
+            ..EvolutionSettings::default()
         };
         let (optimum, _) = run(2, 3, &settings);
-        assert_eq!(optimum.ending, Ending::Converged);
+        assert_eq!(optimum.ending, FitEnding::Converged);
         // A spread of 1e-9 in cost is 1e-3 in the flat direction of the valley.
         assert!((optimum.values[0] - 1.0).abs() < 5e-3, "{optimum:?}");
     }
@@ -199,21 +199,24 @@ mod tests {
     fn stops_when_told() {
         let problem = Valley::new();
         let mut evaluator = Evaluator::new(&problem, 1);
-        let mut watch = |p: Progress<'_>| {
+        let mut watch = |p: FitProgress<'_>| {
             if p.iteration == 3 {
-                Control::Stop
+                FitControl::Stop
             } else {
-                Control::Continue
+                FitControl::Continue
             }
         };
         let optimum = minimise(
             &mut evaluator,
             &[-1.2, 1.0],
             &[[-2.0, 2.0]; 2],
-            &Settings::default(),
+            &EvolutionSettings::default(),
             1,
             &mut watch,
         );
-        assert_eq!((optimum.ending, evaluator.evaluations()), (Ending::Stopped, 36));
+        assert_eq!(
+            (optimum.ending, evaluator.evaluations()),
+            (FitEnding::Stopped, 36)
+        );
     }
 }

@@ -12,11 +12,11 @@ use rand_chacha::ChaCha8Rng;
 
 use super::evaluator::Evaluator;
 use super::jacobian::{scaled_jacobian, typical};
-use super::{Control, Ending, Optimum, Progress};
+use super::{FitControl, FitEnding, FitProgress, Optimum};
 
 /// When to stop, how to differentiate, where to begin.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Settings {
+pub(crate) struct LeastSquaresSettings {
     /// Most iterations a start (one Jacobian each).
     pub iterations: usize,
     /// Converged when an accepted step lowers the cost by less than this share.
@@ -31,9 +31,9 @@ pub(crate) struct Settings {
     pub starts: usize,
 }
 
-impl Default for Settings {
+impl Default for LeastSquaresSettings {
     fn default() -> Self {
-        Settings {
+        LeastSquaresSettings {
             iterations: 60,
             cost_tolerance: 1e-9,
             step_tolerance: 1e-7,
@@ -49,9 +49,9 @@ pub(crate) fn minimise(
     evaluator: &mut Evaluator<'_>,
     start: &[f64],
     bounds: &[[f64; 2]],
-    settings: &Settings,
+    settings: &LeastSquaresSettings,
     seed: u64,
-    watch: &mut dyn FnMut(Progress<'_>) -> Control,
+    watch: &mut dyn FnMut(FitProgress<'_>) -> FitControl,
 ) -> Optimum {
     let mut points = vec![start.to_vec()];
     if settings.screened > 0 {
@@ -74,14 +74,14 @@ pub(crate) fn minimise(
             .map_or(f64::INFINITY, |optimum: &Optimum| optimum.cost);
         let mut descent = Descent::new(evaluator, point, bounds, settings);
         let optimum = descent.run(known, (i, total), watch);
-        let stopped = optimum.ending == Ending::Stopped;
+        let stopped = optimum.ending == FitEnding::Stopped;
         let better = best
             .as_ref()
             .is_none_or(|so_far| optimum.cost < so_far.cost || (stopped && !so_far.cost.is_finite()));
         if better {
             best = Some(optimum);
         } else if let (true, Some(so_far)) = (stopped, best.as_mut()) {
-            so_far.ending = Ending::Stopped;
+            so_far.ending = FitEnding::Stopped;
         }
         if stopped {
             break;
@@ -117,7 +117,7 @@ fn latin_hypercube(evaluator: &Evaluator<'_>, bounds: &[[f64; 2]], count: usize,
 struct Descent<'e, 'p, 'b> {
     evaluator: &'e mut Evaluator<'p>,
     bounds: &'b [[f64; 2]],
-    settings: Settings,
+    settings: LeastSquaresSettings,
     values: Vec<f64>,
     residuals: Vec<f64>,
     trial: Vec<f64>,
@@ -140,7 +140,7 @@ impl<'e, 'p, 'b> Descent<'e, 'p, 'b> {
         evaluator: &'e mut Evaluator<'p>,
         start: Vec<f64>,
         bounds: &'b [[f64; 2]],
-        settings: &Settings,
+        settings: &LeastSquaresSettings,
     ) -> Self {
         let count = evaluator.problem().count();
         let mut residuals = vec![0.0; count];
@@ -162,14 +162,14 @@ impl<'e, 'p, 'b> Descent<'e, 'p, 'b> {
         &mut self,
         known_cost: f64,
         (turn, turns): (usize, usize),
-        watch: &mut dyn FnMut(Progress<'_>) -> Control,
+        watch: &mut dyn FnMut(FitProgress<'_>) -> FitControl,
     ) -> Optimum {
-        let mut ending = Ending::Exhausted;
+        let mut ending = FitEnding::Exhausted;
         let mut iterations = 0;
         let mut idle = 0;
         while iterations < self.settings.iterations {
             let done = iterations as f64 / self.settings.iterations as f64;
-            let progress = Progress {
+            let progress = FitProgress {
                 stage: "least squares",
                 iteration: iterations,
                 evaluations: self.evaluator.evaluations(),
@@ -177,15 +177,15 @@ impl<'e, 'p, 'b> Descent<'e, 'p, 'b> {
                 best_values: &self.values,
                 share: (turn as f64 + done) / turns as f64,
             };
-            if watch(progress) == Control::Stop {
-                ending = Ending::Stopped;
+            if watch(progress) == FitControl::Stop {
+                ending = FitEnding::Stopped;
                 break;
             }
             if self.cost == 0.0 || !self.cost.is_finite() {
                 ending = if self.cost == 0.0 {
-                    Ending::Converged
+                    FitEnding::Converged
                 } else {
-                    Ending::Exhausted
+                    FitEnding::Exhausted
                 };
                 break;
             }
@@ -195,7 +195,7 @@ impl<'e, 'p, 'b> Descent<'e, 'p, 'b> {
                 // Twice in a row: a single tiny step may be the damping's doing.
                 Attempt::Settled if idle == 0 => idle = 1,
                 Attempt::Settled | Attempt::Stuck => {
-                    ending = Ending::Converged;
+                    ending = FitEnding::Converged;
                     break;
                 }
             }
@@ -355,11 +355,11 @@ mod tests {
         threads: usize,
         start: &[f64],
         bounds: &[[f64; 2]],
-        settings: &Settings,
+        settings: &LeastSquaresSettings,
     ) -> (Optimum, usize) {
         let mut evaluator = Evaluator::new(problem, threads);
         let optimum = minimise(&mut evaluator, start, bounds, settings, 5, &mut |_| {
-            Control::Continue
+            FitControl::Continue
         });
         (optimum, evaluator.evaluations())
     }
@@ -371,9 +371,9 @@ mod tests {
             1,
             &[-1.2, 1.0],
             &[[-5.0, 5.0]; 2],
-            &Settings::default(),
+            &LeastSquaresSettings::default(),
         );
-        assert_eq!(optimum.ending, Ending::Converged);
+        assert_eq!(optimum.ending, FitEnding::Converged);
         // Residuals vanish there: converged quadratically, to the step tolerance or better.
         assert!(
             optimum.values.iter().all(|v| (v - 1.0).abs() < 1e-7),
@@ -386,23 +386,41 @@ mod tests {
     fn constrained_minimum_lies_on_the_bound() {
         // With x <= 0.5 the least of (1 - x)^2 + 100 (y - x^2)^2 is at x = 0.5, y = 0.25.
         let bounds = [[-2.0, 0.5], [-2.0, 2.0]];
-        let (optimum, _) = go(&Valley::new(), 1, &[-1.2, 1.0], &bounds, &Settings::default());
+        let (optimum, _) = go(
+            &Valley::new(),
+            1,
+            &[-1.2, 1.0],
+            &bounds,
+            &LeastSquaresSettings::default(),
+        );
         assert_eq!(optimum.values[0], 0.5);
         assert!((optimum.values[1] - 0.25).abs() < 1e-6, "{optimum:?}");
         // And back from a start on the wrong bound.
-        let (optimum, _) = go(&Valley::new(), 1, &[-2.0, 2.0], &bounds, &Settings::default());
+        let (optimum, _) = go(
+            &Valley::new(),
+            1,
+            &[-2.0, 2.0],
+            &bounds,
+            &LeastSquaresSettings::default(),
+        );
         assert_eq!(optimum.values[0], 0.5);
     }
 
     #[test]
     fn several_starts_find_the_deepest_of_many_minima() {
         let bounds = [[0.0, 20.0]];
-        let (alone, _) = go(&Waves::new(), 1, &[6.9], &bounds, &Settings::default());
+        let (alone, _) = go(
+            &Waves::new(),
+            1,
+            &[6.9],
+            &bounds,
+            &LeastSquaresSettings::default(),
+        );
         assert!((alone.values[0] - 13.0).abs() > 1.0, "a trap that traps nobody");
-        let settings = Settings {
+        let settings = LeastSquaresSettings {
             screened: 30,
             starts: 4,
-            ..Settings::default()
+            ..LeastSquaresSettings::default()
         };
         let (optimum, _) = go(&Waves::new(), 1, &[6.9], &bounds, &settings);
         assert!((optimum.values[0] - 13.0).abs() < 1e-6, "{optimum:?}");

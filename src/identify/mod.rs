@@ -74,7 +74,7 @@ pub(crate) enum IdentifyError {
 
 /// What a watcher of a fit answers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Control {
+pub(crate) enum FitControl {
     /// Go on.
     Continue,
     /// End with the best so far.
@@ -83,7 +83,7 @@ pub(crate) enum Control {
 
 /// Where a search stands.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Progress<'a> {
+pub(crate) struct FitProgress<'a> {
     /// The method, in words.
     pub stage: &'static str,
     /// Iteration or generation.
@@ -100,7 +100,7 @@ pub(crate) struct Progress<'a> {
 
 /// How a search ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Ending {
+pub(crate) enum FitEnding {
     /// Settled.
     Converged,
     /// Its iterations, generations or evaluations are used up.
@@ -119,23 +119,23 @@ pub(crate) struct Optimum {
     /// Iterations or generations done.
     pub iterations: usize,
     /// How it ended.
-    pub ending: Ending,
+    pub ending: FitEnding,
 }
 
 /// Which search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Method {
     /// Bounded Levenberg-Marquardt: the one to use.
-    LeastSquares(least_squares::Settings),
+    LeastSquares(least_squares::LeastSquaresSettings),
     /// The third paper's simplex.
-    NelderMead(nelder_mead::Settings),
+    NelderMead(nelder_mead::SimplexSettings),
     /// The first paper's differential evolution.
-    DifferentialEvolution(differential_evolution::Settings),
+    DifferentialEvolution(differential_evolution::EvolutionSettings),
 }
 
 /// How to fit.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Options {
+pub(crate) struct FitOptions {
     /// Search.
     pub method: Method,
     /// Start, one value a parameter; the parameters' own where `None`.
@@ -150,10 +150,10 @@ pub(crate) struct Options {
     pub intervals: bool,
 }
 
-impl Default for Options {
+impl Default for FitOptions {
     fn default() -> Self {
-        Options {
-            method: Method::LeastSquares(least_squares::Settings::default()),
+        FitOptions {
+            method: Method::LeastSquares(least_squares::LeastSquaresSettings::default()),
             start: None,
             fixed: Vec::new(),
             seed: 1,
@@ -187,7 +187,7 @@ pub(crate) struct Fit {
     /// Iterations or generations.
     pub iterations: usize,
     /// How the search ended.
-    pub ending: Ending,
+    pub ending: FitEnding,
     /// What to know before believing it.
     pub warnings: Vec<Warning>,
 }
@@ -195,7 +195,7 @@ pub(crate) struct Fit {
 impl Fit {
     /// True where the search settled.
     pub(crate) fn converged(&self) -> bool {
-        self.ending == Ending::Converged
+        self.ending == FitEnding::Converged
     }
 
     /// Value of a parameter by name.
@@ -244,8 +244,8 @@ impl Residuals for Restricted<'_> {
 /// Fits the free parameters of `problem`. `watch` is called from this thread, once an iteration.
 pub(crate) fn fit(
     problem: &dyn Residuals,
-    options: &Options,
-    watch: &mut dyn FnMut(Progress<'_>) -> Control,
+    options: &FitOptions,
+    watch: &mut dyn FnMut(FitProgress<'_>) -> FitControl,
 ) -> Result<Fit, IdentifyError> {
     let restricted = restrict(problem, options)?;
     let start: Vec<f64> = restricted.free.iter().map(|&i| restricted.values[i]).collect();
@@ -274,7 +274,7 @@ pub(crate) fn fit(
     let certainty = options.intervals.then(|| {
         let step = match &options.method {
             Method::LeastSquares(settings) => settings.relative_step,
-            _ => least_squares::Settings::default().relative_step,
+            _ => least_squares::LeastSquaresSettings::default().relative_step,
         };
         confidence::confidence(&mut evaluator, &optimum.values, &residuals, step)
     });
@@ -290,7 +290,7 @@ pub(crate) fn fit(
 }
 
 /// Checks the options against the problem.
-fn restrict<'a>(problem: &'a dyn Residuals, options: &Options) -> Result<Restricted<'a>, IdentifyError> {
+fn restrict<'a>(problem: &'a dyn Residuals, options: &FitOptions) -> Result<Restricted<'a>, IdentifyError> {
     let parameters = problem.parameters();
     let values = match &options.start {
         Some(start) => start.clone(),
@@ -367,7 +367,7 @@ fn assemble(
         fit.effective_samples = certainty.effective_samples;
         fit.warnings = certainty.warnings;
     }
-    if optimum.ending == Ending::Exhausted {
+    if optimum.ending == FitEnding::Exhausted {
         fit.warnings.push(Warning::NotConverged);
     }
     fit

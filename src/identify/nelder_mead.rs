@@ -5,11 +5,11 @@
 //! cost infinity, which the simplex walks away from; values outside the bounds count as refused.
 
 use super::evaluator::Evaluator;
-use super::{Control, Ending, Optimum, Progress};
+use super::{FitControl, FitEnding, FitProgress, Optimum};
 
 /// When to stop; the defaults are fminsearch's.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Settings {
+pub(crate) struct SimplexSettings {
     /// The simplex lies within this of its best corner, in relative parameters ...
     pub size_tolerance: f64,
     /// ... and its costs within this of the best.
@@ -18,9 +18,9 @@ pub(crate) struct Settings {
     pub evaluations: usize,
 }
 
-impl Default for Settings {
+impl Default for SimplexSettings {
     fn default() -> Self {
-        Settings {
+        SimplexSettings {
             size_tolerance: 1e-4,
             cost_tolerance: 1e-4,
             evaluations: 0,
@@ -106,7 +106,7 @@ impl Simplex<'_, '_> {
         }
     }
 
-    fn converged(&self, settings: &Settings) -> bool {
+    fn converged(&self, settings: &SimplexSettings) -> bool {
         let (best, best_cost) = &self.corners[0];
         self.corners[1..].iter().all(|(corner, cost)| {
             (cost - best_cost).abs() <= settings.cost_tolerance
@@ -123,8 +123,8 @@ pub(crate) fn minimise(
     evaluator: &mut Evaluator<'_>,
     start: &[f64],
     bounds: &[[f64; 2]],
-    settings: &Settings,
-    watch: &mut dyn FnMut(Progress<'_>) -> Control,
+    settings: &SimplexSettings,
+    watch: &mut dyn FnMut(FitProgress<'_>) -> FitControl,
 ) -> Optimum {
     let n = start.len();
     let most = evaluator.evaluations()
@@ -160,14 +160,14 @@ pub(crate) fn minimise(
     let mut iterations = 0;
     let ending = loop {
         if simplex.converged(settings) {
-            break Ending::Converged;
+            break FitEnding::Converged;
         }
         let evaluations = simplex.evaluator.evaluations();
         if evaluations >= most || n == 0 {
-            break Ending::Exhausted;
+            break FitEnding::Exhausted;
         }
         let best_values = simplex.values(&simplex.corners[0].0);
-        let progress = Progress {
+        let progress = FitProgress {
             stage: "Nelder-Mead",
             iteration: iterations,
             evaluations,
@@ -175,8 +175,8 @@ pub(crate) fn minimise(
             best_values: &best_values,
             share: (evaluations - begun) as f64 / (most - begun).max(1) as f64,
         };
-        if watch(progress) == Control::Stop {
-            break Ending::Stopped;
+        if watch(progress) == FitControl::Stop {
+            break FitEnding::Stopped;
         }
         simplex.improve();
         iterations += 1;
@@ -194,19 +194,19 @@ mod tests {
     use super::super::testing::Valley;
     use super::*;
 
-    fn run(settings: &Settings, bounds: &[[f64; 2]; 2]) -> (Optimum, usize) {
+    fn run(settings: &SimplexSettings, bounds: &[[f64; 2]; 2]) -> (Optimum, usize) {
         let problem = Valley::new();
         let mut evaluator = Evaluator::new(&problem, 1);
         let optimum = minimise(&mut evaluator, &[-1.2, 1.0], bounds, settings, &mut |_| {
-            Control::Continue
+            FitControl::Continue
         });
         (optimum, evaluator.evaluations())
     }
 
     #[test]
     fn finds_the_end_of_the_valley_like_fminsearch() {
-        let (optimum, evaluations) = run(&Settings::default(), &[[-5.0, 5.0]; 2]);
-        assert_eq!(optimum.ending, Ending::Converged);
+        let (optimum, evaluations) = run(&SimplexSettings::default(), &[[-5.0, 5.0]; 2]);
+        assert_eq!(optimum.ending, FitEnding::Converged);
         // fminsearch's tolerance of 1e-4 a coordinate; its own documentation reports 159 evaluations for this start.
         assert!(
             optimum.values.iter().all(|v| (v - 1.0).abs() < 2e-4),
@@ -217,14 +217,14 @@ mod tests {
 
     #[test]
     fn stays_within_bounds_and_evaluations() {
-        let settings = Settings {
+        let settings = SimplexSettings {
             evaluations: 60,
-            ..Settings::default()
+            ..SimplexSettings::default()
         };
         let (optimum, evaluations) = run(&settings, &[[-2.0, 0.5], [-2.0, 2.0]]);
         assert!(optimum.values[0] <= 0.5);
         // A shrink may overrun by one evaluation a parameter.
         assert!(evaluations <= 62, "{evaluations}");
-        assert_eq!(optimum.ending, Ending::Exhausted);
+        assert_eq!(optimum.ending, FitEnding::Exhausted);
     }
 }

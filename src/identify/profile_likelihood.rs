@@ -3,7 +3,7 @@
 
 use super::evaluator::Evaluator;
 use super::objective::Residuals;
-use super::{Control, Fit, IdentifyError, Method, Options, fit, least_squares};
+use super::{Fit, FitControl, FitOptions, IdentifyError, Method, fit, least_squares};
 
 /// 95 % point of chi-square with one degree of freedom.
 const CHI2_95: f64 = 3.841;
@@ -24,7 +24,7 @@ pub(crate) fn profile(
     problem: &dyn Residuals,
     best: &Fit,
     index: usize,
-    options: &Options,
+    options: &FitOptions,
 ) -> Result<ProfileInterval, IdentifyError> {
     let parameter = *best
         .parameters
@@ -48,14 +48,14 @@ pub(crate) fn profile(
 
     let mut search = Search {
         problem,
-        options: Options {
+        options: FitOptions {
             method: match options.method {
-                Method::LeastSquares(settings) => Method::LeastSquares(least_squares::Settings {
+                Method::LeastSquares(settings) => Method::LeastSquares(least_squares::LeastSquaresSettings {
                     screened: 0,
                     starts: 1,
                     ..settings
                 }),
-                _ => Method::LeastSquares(least_squares::Settings::default()),
+                _ => Method::LeastSquares(least_squares::LeastSquaresSettings::default()),
             },
             fixed: best
                 .parameters
@@ -87,7 +87,7 @@ pub(crate) fn profile(
 
 struct Search<'a> {
     problem: &'a dyn Residuals,
-    options: Options,
+    options: FitOptions,
     index: usize,
     limit: f64,
     evaluations: usize,
@@ -98,7 +98,7 @@ impl Search<'_> {
     fn excess(&mut self, start: &mut Vec<f64>, value: f64) -> Result<f64, IdentifyError> {
         start[self.index] = value;
         self.options.start = Some(start.clone());
-        let held = match fit(self.problem, &self.options, &mut |_| Control::Continue) {
+        let held = match fit(self.problem, &self.options, &mut |_| FitControl::Continue) {
             Ok(held) => held,
             // The model does not go there: as good as infinitely unlikely.
             Err(IdentifyError::Build(_) | IdentifyError::Start { .. }) => return Ok(f64::INFINITY),
@@ -145,7 +145,7 @@ impl Search<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{Line, ProductLine};
+    use super::super::testing::{ProductLine, StraightLine};
     use super::*;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
@@ -156,9 +156,9 @@ mod tests {
         let y = (0..300)
             .map(|i| 1.0 + 0.1 * f64::from(i) + random.random::<f64>() - 0.5)
             .collect();
-        let problem = Line::new(y);
-        let best = fit(&problem, &Options::default(), &mut |_| Control::Continue).expect("fair");
-        let profile = profile(&problem, &best, 1, &Options::default()).expect("fair");
+        let problem = StraightLine::new(y);
+        let best = fit(&problem, &FitOptions::default(), &mut |_| FitControl::Continue).expect("fair");
+        let profile = profile(&problem, &best, 1, &FitOptions::default()).expect("fair");
         let [low, high] = best.ci95[1].expect("seen");
         let (half, centre) = (0.5 * (high - low), best.values[1]);
         // Same quadratic; Student's 1.97 against chi-square's 1.96, and 1 % of the search.
@@ -169,8 +169,8 @@ mod tests {
     #[test]
     fn a_factor_of_a_product_is_open() {
         let problem = ProductLine::new();
-        let best = fit(&problem, &Options::default(), &mut |_| Control::Continue).expect("fair");
-        let interval = profile(&problem, &best, 0, &Options::default()).expect("fair");
+        let best = fit(&problem, &FitOptions::default(), &mut |_| FitControl::Continue).expect("fair");
+        let interval = profile(&problem, &best, 0, &FitOptions::default()).expect("fair");
         // second = 6 / first stays within its bounds of 0.1 to 10 for first from 0.6 to its own upper bound.
         assert_eq!(interval.high, None);
         assert!(

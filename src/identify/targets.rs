@@ -16,7 +16,7 @@ const PATIENCE: usize = 8;
 
 /// What the rig did.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Motion {
+pub(crate) enum TargetMotion {
     /// From rest to a force and back to the start, straight in displacement; the peak force is met by construction.
     ForceRamp {
         /// Force to reach in N.
@@ -44,11 +44,11 @@ pub(crate) enum Motion {
 
 /// One row of a table.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Target {
+pub(crate) struct LoopTarget {
     /// Mount or profile, for messages and for whoever builds the plant.
     pub profile: String,
     /// What the rig did.
-    pub motion: Motion,
+    pub motion: TargetMotion,
     /// Measured peak force in N.
     pub peak_force_n: f64,
     /// Measured loop energy in J.
@@ -105,13 +105,13 @@ impl<'a> Meter<'a> {
     }
 }
 
-impl Motion {
+impl TargetMotion {
     /// Leads `plant` from rest through the motion.
     pub(crate) fn measure(&self, plant: &mut Box<dyn Plant>) -> Aggregate {
         plant.reset();
         match *self {
-            Motion::ForceRamp { force_n, duration_s } => force_ramp(plant, force_n, duration_s),
-            Motion::Ramp {
+            TargetMotion::ForceRamp { force_n, duration_s } => force_ramp(plant, force_n, duration_s),
+            TargetMotion::Ramp {
                 stroke_mm,
                 duration_s,
             } => {
@@ -124,7 +124,7 @@ impl Motion {
                 }
                 meter.aggregate()
             }
-            Motion::Sine {
+            TargetMotion::Sine {
                 stroke_mm,
                 frequency_hz,
                 valley_mm,
@@ -181,20 +181,25 @@ fn force_ramp(plant: &mut Box<dyn Plant>, force_n: f64, duration_s: f64) -> Aggr
 }
 
 /// Builds the plant for a row: the mount may differ from row to row, the values are shared.
-pub(crate) type TargetFactory<'a> = dyn Fn(&[f64], &Target) -> Result<Box<dyn Plant>, BuildError> + Sync + 'a;
+pub(crate) type TargetFactory<'a> =
+    dyn Fn(&[f64], &LoopTarget) -> Result<Box<dyn Plant>, BuildError> + Sync + 'a;
 
 /// Rows as residuals of objective (9): peak force in kN and loop energy in J, each over its scale, weighted.
 pub(crate) struct TargetProblem<'a> {
     parameters: Vec<Parameter>,
     factory: Box<TargetFactory<'a>>,
-    targets: Vec<Target>,
+    targets: Vec<LoopTarget>,
     peak_weight: f64,
     energy_weight: f64,
 }
 
 impl<'a> TargetProblem<'a> {
     /// With the paper's weights (Table 4): 1 for the peak force, 0.6 for the loop energy.
-    pub(crate) fn new(parameters: Vec<Parameter>, factory: Box<TargetFactory<'a>>, targets: Vec<Target>) -> Self {
+    pub(crate) fn new(
+        parameters: Vec<Parameter>,
+        factory: Box<TargetFactory<'a>>,
+        targets: Vec<LoopTarget>,
+    ) -> Self {
         TargetProblem {
             parameters,
             factory,
@@ -213,7 +218,7 @@ impl<'a> TargetProblem<'a> {
     }
 
     /// The rows.
-    pub(crate) fn targets(&self) -> &[Target] {
+    pub(crate) fn targets(&self) -> &[LoopTarget] {
         &self.targets
     }
 }
@@ -247,7 +252,7 @@ impl Residuals for TargetProblem<'_> {
 
 /// Reads rows from CSV: `profile, motion (force-ramp | ramp | sine), stroke_mm, duration_s, frequency_hz, valley_mm,
 /// peak_force_n, loop_energy_j`, by name, in any order; cells that the motion does not need stay empty.
-pub(crate) fn read_targets(reader: impl Read) -> Result<Vec<Target>, IdentifyError> {
+pub(crate) fn read_targets(reader: impl Read) -> Result<Vec<LoopTarget>, IdentifyError> {
     let mut csv = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(reader);
     let refused = |row: usize, column: &str, reason: String| IdentifyError::Targets {
         row,
@@ -288,15 +293,15 @@ pub(crate) fn read_targets(reader: impl Read) -> Result<Vec<Target>, IdentifyErr
         };
         let peak_force_n = number("peak_force_n", f64::MIN_POSITIVE)?;
         let motion = match cell("motion") {
-            "force-ramp" => Motion::ForceRamp {
+            "force-ramp" => TargetMotion::ForceRamp {
                 force_n: peak_force_n,
                 duration_s: number("duration_s", 1e-3)?,
             },
-            "ramp" => Motion::Ramp {
+            "ramp" => TargetMotion::Ramp {
                 stroke_mm: number("stroke_mm", 1e-6)?,
                 duration_s: number("duration_s", 1e-3)?,
             },
-            "sine" => Motion::Sine {
+            "sine" => TargetMotion::Sine {
                 stroke_mm: number("stroke_mm", 1e-6)?,
                 frequency_hz: number("frequency_hz", 1e-6)?,
                 valley_mm: number("valley_mm", f64::MIN)?,
@@ -306,7 +311,7 @@ pub(crate) fn read_targets(reader: impl Read) -> Result<Vec<Target>, IdentifyErr
                 return Err(refused(row, "motion", reason));
             }
         };
-        targets.push(Target {
+        targets.push(LoopTarget {
             profile: cell("profile").to_owned(),
             motion,
             peak_force_n,
@@ -318,7 +323,7 @@ pub(crate) fn read_targets(reader: impl Read) -> Result<Vec<Target>, IdentifyErr
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Control, Options, fit};
+    use super::super::{FitControl, FitOptions, fit};
     use super::*;
     use crate::model;
 
@@ -330,7 +335,7 @@ mod tests {
 
     #[test]
     fn sine_gives_the_closed_form_of_the_equivalent_spring() {
-        let motion = Motion::Sine {
+        let motion = TargetMotion::Sine {
             stroke_mm: 6.0,
             frequency_hz: 1.0,
             valley_mm: 2.0,
@@ -344,7 +349,7 @@ mod tests {
 
     #[test]
     fn force_ramp_meets_its_force_and_closes() {
-        let motion = Motion::ForceRamp {
+        let motion = TargetMotion::ForceRamp {
             force_n: 2000.0,
             duration_s: 120.0,
         };
@@ -352,7 +357,7 @@ mod tests {
         // One secant inside a stride of 0.1 mm; the presliding is over there, so it is straight.
         assert!((reached.peak_force_n - 2000.0).abs() < 0.01, "{reached:?}");
         let peak_mm = 2000.0 / (80.0 * 1.15);
-        let ramp = Motion::Ramp {
+        let ramp = TargetMotion::Ramp {
             stroke_mm: peak_mm,
             duration_s: 120.0,
         };
@@ -373,12 +378,12 @@ mod tests {
         }
         let parameters = model::find("equivalent").expect("listed").parameters.to_vec();
         let problem = TargetProblem::new(parameters, Box::new(|values, _| spring(values)), targets);
-        let options = Options {
+        let options = FitOptions {
             start: Some(vec![0.0, 60.0, 0.05, 0.2]),
             fixed: vec!["preload_n".to_owned()],
-            ..Options::default()
+            ..FitOptions::default()
         };
-        let fit = fit(&problem, &options, &mut |_| Control::Continue).expect("fair");
+        let fit = fit(&problem, &options, &mut |_| FitControl::Continue).expect("fair");
         for (value, truth) in fit.values.iter().zip(TRUTH).skip(1) {
             assert!((value / truth - 1.0).abs() < 1e-3, "{:?}", fit.values);
         }

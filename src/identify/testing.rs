@@ -65,22 +65,22 @@ impl Residuals for Waves {
 }
 
 /// `y = offset + slope * 0.05 i`.
-pub struct Line {
+pub struct StraightLine {
     parameters: [Parameter; 2],
     y: Vec<f64>,
 }
 
-impl Line {
+impl StraightLine {
     pub fn new(y: Vec<f64>) -> Self {
         let parameters = [
             parameter("offset", 0.0, [-100.0, 100.0]),
             parameter("slope", 1.0, [-100.0, 100.0]),
         ];
-        Line { parameters, y }
+        StraightLine { parameters, y }
     }
 }
 
-impl Residuals for Line {
+impl Residuals for StraightLine {
     fn parameters(&self) -> &[Parameter] {
         &self.parameters
     }

@@ -8,9 +8,9 @@
 //! any with pressure --doubtful displacement, limit of travel, emergency stop--> Tripped;   Tripped --Reset--> Off
 //! ```
 
-use super::guard::{Following, Guard, Reaction, Reading};
+use super::guard::{Following, Reaction, SafetyGuard, SensorReading};
 use super::queue::{CommandQueue, SetPoint};
-use super::servo::{Servo, ServoConfig, Target};
+use super::servo::{Servo, ServoConfig, ServoTarget};
 use crate::protocol::message::{
     Cause, DISPLACEMENT_MM_PER_COUNT, FORCE_N_PER_COUNT, FromRig, Limits, NmtState, RequestResult, RigState,
     WireMode, next_counter,
@@ -90,7 +90,7 @@ pub(crate) struct Firmware {
     pub(super) queue: CommandQueue,
     /// Mode of the commands since the queue was last based on the feedback.
     pub(super) queue_mode: Option<WireMode>,
-    pub(super) guard: Guard,
+    pub(super) guard: SafetyGuard,
     servo_config: ServoConfig,
     servo: Servo,
     /// Set point of this tick.
@@ -100,7 +100,7 @@ pub(crate) struct Firmware {
     state_since: u64,
     pressure_since: u64,
     unloaded: u32,
-    last_reading: Option<Reading>,
+    last_reading: Option<SensorReading>,
     pub(super) status_due: bool,
     sample_counter: u8,
     status_counter: u8,
@@ -124,7 +124,7 @@ impl Firmware {
             host: super::requests::HostSide::default(),
             queue: CommandQueue::default(),
             queue_mode: None,
-            guard: Guard::default(),
+            guard: SafetyGuard::default(),
             servo_config: servo.clone(),
             servo: Servo::new(servo),
             point: SetPoint {
@@ -179,7 +179,7 @@ impl Firmware {
     }
 
     /// One sample period: reads, judges, moves, and leaves the messages in the outbox.
-    pub(crate) fn tick(&mut self, reading: &Reading) -> Drive {
+    pub(crate) fn tick(&mut self, reading: &SensorReading) -> Drive {
         self.tick += 1;
         self.guard.observe(reading);
         self.last_reading = Some(*reading);
@@ -337,7 +337,7 @@ impl Firmware {
             WireMode::Displacement => (Mode::Displacement, DISPLACEMENT_MM_PER_COUNT),
             WireMode::Force => (Mode::Force, FORCE_N_PER_COUNT),
         };
-        let target = Target {
+        let target = ServoTarget {
             mode,
             value: self.point.counts * scale,
             rate: self.rate_counts_ms * 1e3 * scale,
@@ -429,7 +429,7 @@ impl Firmware {
     }
 
     /// Sample each tick, status each 10 ms and at once on a change, heartbeat each 100 ms.
-    fn report(&mut self, reading: &Reading) {
+    fn report(&mut self, reading: &SensorReading) {
         if matches!(self.nmt, NmtState::Operational | NmtState::Stopped) {
             self.outbox.push(FromRig::Sample {
                 counter: self.sample_counter,

@@ -18,7 +18,7 @@ pub(crate) enum Reaction {
 
 /// What the firmware reads in one tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Reading {
+pub(crate) struct SensorReading {
     /// Load cell, or `COUNTS_INVALID`.
     pub force_counts: i32,
     /// LVDT, or `COUNTS_INVALID`.
@@ -71,7 +71,7 @@ const BREAK_RATE_N_PER_MM: f64 = 1000.0;
 
 /// The detectors with what they remember.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Guard {
+pub(crate) struct SafetyGuard {
     force_bad: u32,
     displacement_bad: u32,
     force_over: u32,
@@ -88,13 +88,13 @@ pub(crate) struct Guard {
     ticks: usize,
 }
 
-impl Guard {
+impl SafetyGuard {
     /// Pressure comes on: counts start anew, the last readings stay.
     pub(crate) fn restart(&mut self) {
-        *self = Guard {
+        *self = SafetyGuard {
             last_force: self.last_force,
             last_displacement: self.last_displacement,
-            ..Guard::default()
+            ..SafetyGuard::default()
         };
     }
 
@@ -124,7 +124,7 @@ impl Guard {
     }
 
     /// Takes the reading in, pressure on or not.
-    pub(crate) fn observe(&mut self, reading: &Reading) {
+    pub(crate) fn observe(&mut self, reading: &SensorReading) {
         count(&mut self.force_bad, reading.force_counts == COUNTS_INVALID);
         count(
             &mut self.displacement_bad,
@@ -153,7 +153,7 @@ impl Guard {
     /// The worst thing there is in the reading just observed; called while the pressure is on.
     pub(crate) fn check(
         &mut self,
-        reading: &Reading,
+        reading: &SensorReading,
         limits: &Limits,
         following: &Following,
     ) -> Option<(Cause, Reaction)> {
@@ -175,7 +175,7 @@ impl Guard {
         verdicts.into_iter().flatten().next()
     }
 
-    fn supply(&mut self, reading: &Reading, following: &Following) -> Option<(Cause, Reaction)> {
+    fn supply(&mut self, reading: &SensorReading, following: &Following) -> Option<(Cause, Reaction)> {
         let built_up = following.pressure_ticks > SUPPLY_GRACE_TICKS;
         count(
             &mut self.supply_low,

@@ -22,10 +22,9 @@ pub(crate) mod servo;
 #[cfg(test)]
 mod tests;
 
-
 use actuator::{Actuator, ActuatorConfig, STEP_S, STEPS_PER_MS};
 use firmware::{Drive, Firmware, Identity};
-use guard::{Reaction, Reading};
+use guard::{Reaction, SensorReading};
 use sensors::{Sensor, SensorConfig};
 use servo::ServoConfig;
 
@@ -284,7 +283,7 @@ impl MockRig {
             if std::mem::take(&mut self.hung_ms) >= WATCHDOG_MS {
                 self.firmware.trip(Cause::Watchdog, Reaction::Off);
             }
-            let reading = Reading {
+            let reading = SensorReading {
                 force_counts: self.load_cell.read(),
                 displacement_counts: self.lvdt.read(),
                 supply_ratio: self.actuator.supply_ratio(),

@@ -18,7 +18,7 @@ pub(crate) struct SetPoint {
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Slot {
+struct QueueSlot {
     tick: u64,
     point: SetPoint,
 }
@@ -35,7 +35,7 @@ pub(crate) enum Rejected {
 /// The queue.
 #[derive(Debug, Clone)]
 pub(crate) struct CommandQueue {
-    slots: Box<[Option<Slot>]>,
+    slots: Box<[Option<QueueSlot>]>,
     newest: Option<u64>,
 }
 
@@ -67,7 +67,7 @@ impl CommandQueue {
         }
         let tick = now + ahead as u64;
         if let Some(slot) = self.slots.get_mut((tick % QUEUE_SLOTS) as usize) {
-            *slot = Some(Slot { tick, point });
+            *slot = Some(QueueSlot { tick, point });
         }
         self.newest = Some(self.newest.map_or(tick, |newest| newest.max(tick)));
         Ok(())

@@ -90,7 +90,13 @@ pub(crate) struct Sensor {
 impl Sensor {
     /// A channel with `units_per_count` whose filter is stepped every `step_s`. `stream` keeps two channels of one
     /// seed apart.
-    pub(crate) fn new(config: &SensorConfig, units_per_count: f64, step_s: f64, seed: u64, stream: u64) -> Self {
+    pub(crate) fn new(
+        config: &SensorConfig,
+        units_per_count: f64,
+        step_s: f64,
+        seed: u64,
+        stream: u64,
+    ) -> Self {
         let mut noise = ChaCha8Rng::seed_from_u64(seed);
         noise.set_stream(stream);
         Sensor {

@@ -108,7 +108,7 @@ const TOUCH_N: f64 = 5.0;
 
 /// What the loop is to follow in one tick, in mm or N and their rates a second.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Target {
+pub(crate) struct ServoTarget {
     /// Which channel.
     pub mode: Mode,
     /// Set point at this tick.
@@ -159,7 +159,7 @@ impl Servo {
     }
 
     /// One tick: feedback in, valve command (-1 to 1) out.
-    pub(crate) fn step(&mut self, target: Target, displacement_mm: f64, force_n: f64) -> f64 {
+    pub(crate) fn step(&mut self, target: ServoTarget, displacement_mm: f64, force_n: f64) -> f64 {
         self.specimen.observe(displacement_mm, force_n);
         if target.mode != self.mode {
             // Bumpless: the integral keeps the speed offset that it has learnt, whichever channel taught it.
@@ -183,7 +183,7 @@ impl Servo {
         valve.clamp(-1.0, 1.0)
     }
 
-    fn force_speed(&mut self, target: Target, error_n: f64, force_n: f64) -> f64 {
+    fn force_speed(&mut self, target: ServoTarget, error_n: f64, force_n: f64) -> f64 {
         if target.rate_ahead != 0.0 && target.rate_ahead.signum() != self.force_rate_sign {
             // After a reversal a friction-laden spring is several times as stiff until it slides again.
             if self.force_rate_sign != 0.0 {
@@ -270,7 +270,7 @@ mod tests {
             displacement_integral_per_s2: 0.0,
             ..ServoConfig::default()
         });
-        let target = Target {
+        let target = ServoTarget {
             mode: Mode::Displacement,
             value: 1.0,
             rate: 20.0,

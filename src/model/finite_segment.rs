@@ -124,7 +124,7 @@ pub(crate) const MODEL: Model = Model {
 
 /// Segments and links: centre displacement over joint angle.
 #[derive(Debug, Clone, PartialEq)]
-struct Geometry {
+struct SegmentGeometry {
     segment_mm: f64,
     camber: f64,
     sin_camber: f64,
@@ -136,7 +136,7 @@ struct Geometry {
     range: [f64; 2],
 }
 
-impl Geometry {
+impl SegmentGeometry {
     /// Widens `range` from the unloaded spring until the lever gets short.
     fn find_range(&mut self) {
         let works = |q: f64| self.centre(q).1 > LEAST_SLOPE * self.segment_mm;
@@ -188,7 +188,7 @@ impl Geometry {
 /// The model ready to step.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct FiniteSegment {
-    geometry: Geometry,
+    geometry: SegmentGeometry,
     k1: f64,
     k2: f64,
     q1: f64,
@@ -237,7 +237,7 @@ impl FiniteSegment {
             ));
         }
         let mut plant = FiniteSegment {
-            geometry: Geometry {
+            geometry: SegmentGeometry {
                 segment_mm,
                 camber,
                 sin_camber: camber.sin(),

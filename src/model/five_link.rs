@@ -112,7 +112,7 @@ pub(crate) const MODEL: Model = Model {
 
 /// Lengths in mm and angles in rad of the mechanism in the frame of 5-6: A at the origin, E at (AE, 0), y upwards.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Geometry {
+struct LinkGeometry {
     ae: f64,
     de: f64,
     /// AB = CD.
@@ -132,7 +132,7 @@ struct Pose {
     slope: [f64; 2],
 }
 
-impl Geometry {
+impl LinkGeometry {
     /// Eqs. 5-5 and 5-6 at installation, with L from the leaf's length where it is not given.
     fn new(structure: &toml::Table) -> Result<Self, BuildError> {
         let [ae, de, height, theta1_deg, theta4_deg, half_length] = structure_numbers(
@@ -180,7 +180,7 @@ impl Geometry {
                 ),
             });
         }
-        Ok(Geometry {
+        Ok(LinkGeometry {
             ae,
             de,
             ab,
@@ -235,7 +235,7 @@ struct Joint {
 /// The model ready to step.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct FiveLink {
-    geometry: Geometry,
+    geometry: LinkGeometry,
     /// a, b of half the upper and d, e of half the lower envelope, N/mm and N.
     envelopes: [[f64; 2]; 2],
     beta_per_rad: f64,
@@ -260,7 +260,7 @@ impl FiveLink {
                 reason: format!("{} values given for 7 parameters: give one each", values.len()),
             });
         };
-        let geometry = Geometry::new(structure)?;
+        let geometry = LinkGeometry::new(structure)?;
         let installed = geometry.pose(0.0).ok_or_else(|| BuildError::Structure {
             model: "five-link",
             reason: "the links are at a dead centre as installed: check theta4_deg and de_mm".to_owned(),

@@ -115,7 +115,8 @@ pub(crate) enum BuildError {
 }
 
 /// How a [`Model`] is built.
-pub(crate) type Build = fn(values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, BuildError>;
+pub(crate) type BuildPlant =
+    fn(values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, BuildError>;
 
 /// One entry of [`MODELS`].
 pub(crate) struct Model {
@@ -128,7 +129,7 @@ pub(crate) struct Model {
     /// Codes of physics (contracts.md) that the model already has.
     pub physics: &'static [&'static str],
     /// Builds a plant from one value a parameter and the model's own structure table (geometry, options; may be empty).
-    pub build: Build,
+    pub build: BuildPlant,
 }
 
 /// All models, by name.
@@ -174,7 +175,11 @@ impl Model {
     }
 
     /// Builds after checking that every value is finite and within bounds.
-    pub(crate) fn plant(&self, values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, BuildError> {
+    pub(crate) fn plant(
+        &self,
+        values: &[f64],
+        structure: &toml::Table,
+    ) -> Result<Box<dyn Plant>, BuildError> {
         for (p, &value) in self.parameters.iter().zip(values) {
             let [low, high] = p.bounds;
             if !(value >= low && value <= high) {

@@ -7,7 +7,7 @@
 //! before the zero, `preload_mm`. Without it every fit spends its parameters on that point; both fits are shown.
 
 use crate::identify::objective::Residuals;
-use crate::identify::{Control, Fit, IdentifyError, Method, Options, fit, least_squares};
+use crate::identify::{Fit, FitControl, FitOptions, IdentifyError, Method, fit, least_squares};
 use crate::model::{BuildError, Model, Parameter, five_link};
 
 /// Table 5-1 in mm and N (kgf and cm printed), in the order of the test: six points up, five down.
@@ -31,7 +31,7 @@ const STEPS: usize = 40;
 
 /// One model against the table.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Row {
+pub(crate) struct LoadDeflectionRow {
     /// Which.
     pub model: &'static str,
     /// Force in N at each point.
@@ -44,19 +44,19 @@ pub(crate) struct Row {
 
 /// The table run again.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Rerun {
+pub(crate) struct FiveLinkRerun {
     /// Envelope lines as printed, model as printed, model fitted, model with preload fitted.
-    pub rows: Vec<Row>,
+    pub rows: Vec<LoadDeflectionRow>,
     /// The last fit with intervals and warnings.
     pub fit: Fit,
 }
 
 /// The five-link spring along the table's points.
-struct Table<'a> {
+struct PrintedTable<'a> {
     points: &'a [(f64, f64)],
 }
 
-impl Table<'_> {
+impl PrintedTable<'_> {
     fn force_n(&self, values: &[f64]) -> Result<Vec<f64>, BuildError> {
         let mut plant = Model::plant(&five_link::MODEL, values, &toml::Table::new())?;
         let mut at = 0.0;
@@ -73,7 +73,7 @@ impl Table<'_> {
     }
 }
 
-impl Residuals for Table<'_> {
+impl Residuals for PrintedTable<'_> {
     fn parameters(&self) -> &[Parameter] {
         five_link::MODEL.parameters
     }
@@ -98,32 +98,36 @@ fn envelope_n(points: &[(f64, f64)], loading: usize) -> Vec<f64> {
 }
 
 /// The four rows; the exponent mu stays at the printed 1.
-pub(crate) fn rerun(threads: usize) -> Result<Rerun, IdentifyError> {
+pub(crate) fn rerun(threads: usize) -> Result<FiveLinkRerun, IdentifyError> {
     rerun_over(&TABLE_5_1, LOADING, threads)
 }
 
 /// The same over other points of one loop, the first `loading` of them on the way up.
-pub(crate) fn rerun_over(points: &[(f64, f64)], loading: usize, threads: usize) -> Result<Rerun, IdentifyError> {
-    let table = Table { points };
-    let options = |fixed: &[&str]| Options {
-        method: Method::LeastSquares(least_squares::Settings {
+pub(crate) fn rerun_over(
+    points: &[(f64, f64)],
+    loading: usize,
+    threads: usize,
+) -> Result<FiveLinkRerun, IdentifyError> {
+    let table = PrintedTable { points };
+    let options = |fixed: &[&str]| FitOptions {
+        method: Method::LeastSquares(least_squares::LeastSquaresSettings {
             screened: 100,
             starts: 5,
-            ..least_squares::Settings::default()
+            ..least_squares::LeastSquaresSettings::default()
         }),
         fixed: fixed.iter().map(|&name| name.to_owned()).collect(),
         threads,
-        ..Options::default()
+        ..FitOptions::default()
     };
     let bare = fit(&table, &options(&["mu", "preload_mm"]), &mut |_| {
-        Control::Continue
+        FitControl::Continue
     })?;
-    let fit = fit(&table, &options(&["mu"]), &mut |_| Control::Continue)?;
+    let fit = fit(&table, &options(&["mu"]), &mut |_| FitControl::Continue)?;
     let printed: Vec<f64> = table.parameters().iter().map(|p| p.start).collect();
     let envelope = envelope_n(points, loading);
     let rms_n = |force_n: &[f64]| rms_n(force_n, points);
     let unit = rms_n(&envelope);
-    let row = |model, force_n: Vec<f64>| Row {
+    let row = |model, force_n: Vec<f64>| LoadDeflectionRow {
         model,
         rms_n: rms_n(&force_n),
         share_of_envelope: rms_n(&force_n) / unit,
@@ -135,7 +139,7 @@ pub(crate) fn rerun_over(points: &[(f64, f64)], loading: usize, threads: usize) 
         row("five-link fitted", table.force_n(&bare.values)?),
         row("five-link with preload fitted", table.force_n(&fit.values)?),
     ];
-    Ok(Rerun { rows, fit })
+    Ok(FiveLinkRerun { rows, fit })
 }
 
 fn rms_n(force_n: &[f64], points: &[(f64, f64)]) -> f64 {

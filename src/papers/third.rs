@@ -7,7 +7,7 @@
 
 use crate::identify::objective::{DeformationProblem, ForceProgramme};
 use crate::identify::{
-    Control, Fit, IdentifyError, Method, Options, fit, least_squares, nelder_mead, objective,
+    Fit, FitControl, FitOptions, IdentifyError, Method, fit, least_squares, nelder_mead, objective,
 };
 use crate::model::{Model, finite_segment as model};
 
@@ -48,7 +48,7 @@ pub(crate) const SPRINGS: [Spring; 2] = [
 
 /// One parameter of a row.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Figure {
+pub(crate) struct PrintedFigure {
     /// Name; `f * r_f_mm` for the product.
     pub name: &'static str,
     /// Published start.
@@ -63,7 +63,7 @@ pub(crate) struct Figure {
 
 /// One identification.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Row {
+pub(crate) struct WagonRow {
     /// Spring.
     pub spring: &'static str,
     /// Method.
@@ -75,7 +75,7 @@ pub(crate) struct Row {
     /// ... and in the end.
     pub misfit_mm: f64,
     /// k1, k2, q1, the product, v_eps.
-    pub figures: Vec<Figure>,
+    pub figures: Vec<PrintedFigure>,
     /// Largest error of the figures, without sign.
     pub worst: f64,
     /// The fit with its warnings.
@@ -83,15 +83,15 @@ pub(crate) struct Row {
 }
 
 /// Both springs by both methods.
-pub(crate) fn rerun(threads: usize) -> Result<Vec<Row>, IdentifyError> {
+pub(crate) fn rerun(threads: usize) -> Result<Vec<WagonRow>, IdentifyError> {
     let methods = [
         (
             "least squares",
-            Method::LeastSquares(least_squares::Settings::default()),
+            Method::LeastSquares(least_squares::LeastSquaresSettings::default()),
         ),
         (
             "Nelder-Mead",
-            Method::NelderMead(nelder_mead::Settings::default()),
+            Method::NelderMead(nelder_mead::SimplexSettings::default()),
         ),
     ];
     let mut rows = Vec::new();
@@ -109,21 +109,21 @@ pub(crate) fn identify(
     name: &'static str,
     method: Method,
     threads: usize,
-) -> Result<Row, IdentifyError> {
+) -> Result<WagonRow, IdentifyError> {
     let problem = problem(spring)?;
-    let options = Options {
+    let options = FitOptions {
         method,
         start: Some(spring.start.to_vec()),
         // Vector (2) of the paper: neither material damping nor preload is identified.
         fixed: vec!["b_nmm_s_per_rad".to_owned(), "preload_n".to_owned()],
         threads,
-        ..Options::default()
+        ..FitOptions::default()
     };
-    let fit = fit(&problem, &options, &mut |_| Control::Continue)?;
+    let fit = fit(&problem, &options, &mut |_| FitControl::Continue)?;
     let mut residuals = vec![0.0; POINTS];
     objective::Residuals::evaluate(&problem, &spring.start, &mut residuals)?;
     let figures = figures(spring, &fit.values);
-    Ok(Row {
+    Ok(WagonRow {
         spring: spring.name,
         method: name,
         evaluations: fit.evaluations,
@@ -156,7 +156,7 @@ pub(crate) fn problem(spring: &Spring) -> Result<DeformationProblem<'static>, Id
     )
 }
 
-fn figures(spring: &Spring, identified: &[f64]) -> Vec<Figure> {
+fn figures(spring: &Spring, identified: &[f64]) -> Vec<PrintedFigure> {
     let pick = |values: &[f64]| [values[0], values[1], values[2], values[3] * values[4], values[5]];
     let names = [
         "k1_nmm_per_rad",
@@ -167,7 +167,7 @@ fn figures(spring: &Spring, identified: &[f64]) -> Vec<Figure> {
     ];
     let (start, published, identified) = (pick(&spring.start), pick(&spring.optimum), pick(identified));
     (0..names.len())
-        .map(|i| Figure {
+        .map(|i| PrintedFigure {
             name: names[i],
             start: start[i],
             published: published[i],

@@ -87,7 +87,7 @@ impl Extreme {
 
 /// Follows force and displacement, commanded or predicted, against the limits.
 #[derive(Debug, Clone)]
-pub(crate) struct Watch {
+pub(crate) struct LimitWatch {
     force: [Extreme; 2],
     displacement: [Extreme; 2],
     speed: Extreme,
@@ -99,11 +99,11 @@ pub(crate) struct Watch {
     before_mm: f64,
 }
 
-impl Watch {
+impl LimitWatch {
     /// From a rig at rest at `start_mm`.
     pub(crate) fn new(limits: &ProfileLimits, start_mm: f64, sample_rate_hz: f64) -> Self {
         let window = ((ACCELERATION_WINDOW_S * sample_rate_hz).round() as usize).max(1);
-        Watch {
+        LimitWatch {
             force: [
                 Extreme::new("force_min_n", limits.force_min_n, -1.0),
                 Extreme::new("force_max_n", limits.force_max_n, 1.0),
@@ -175,7 +175,7 @@ pub(crate) fn violations(
     sample_rate_hz: f64,
 ) -> Result<Vec<Violation>, ProfileError> {
     let mut player = Player::new(profile, start_level, sample_rate_hz)?;
-    let mut watch = Watch::new(limits, start_level, sample_rate_hz);
+    let mut watch = LimitWatch::new(limits, start_level, sample_rate_hz);
     while let Some(slot) = player.next() {
         match slot.command {
             // Displacement and speed of a force profile are the specimen's answer.

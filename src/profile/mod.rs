@@ -13,9 +13,9 @@ mod shape;
 pub(crate) mod stop;
 mod write;
 
-pub(crate) use check::{Extreme, ProfileLimits, Violation, Watch};
 #[cfg(test)]
 pub(crate) use check::violations;
+pub(crate) use check::{Extreme, LimitWatch, ProfileLimits, Violation};
 pub(crate) use correction::{Correction, CycleController, CycleMeasurement};
 pub(crate) use player::{CycleTarget, Player, Slot};
 

@@ -37,7 +37,7 @@ impl Cyclic {
 }
 
 #[derive(Debug, Clone)]
-pub(super) enum Motion {
+pub(super) enum PieceMotion {
     Line,
     /// S-curve: at rest at both ends.
     Approach,
@@ -56,7 +56,7 @@ pub(super) struct Piece {
     pub(super) from: f64,
     pub(super) to: f64,
     pub(super) ticks: u64,
-    pub(super) motion: Motion,
+    pub(super) motion: PieceMotion,
 }
 
 /// Every segment in order, and how many cycles they count.
@@ -76,7 +76,7 @@ pub(super) fn resolve(
                 limit: MAX_SEGMENTS,
             });
         }
-        let build = Build {
+        let build = PieceBuilder {
             name: &profile.name,
             segment: pieces.len() as u32 + 1,
             level,
@@ -98,7 +98,7 @@ pub(super) fn resolve(
 impl Piece {
     pub(super) fn target(&self) -> Option<CycleTarget> {
         match &self.motion {
-            Motion::Cycles(c) => Some(c.target),
+            PieceMotion::Cycles(c) => Some(c.target),
             _ => None,
         }
     }
@@ -117,24 +117,26 @@ pub(super) fn within_longest(name: &str, pieces: &[Piece], sample_rate_hz: f64) 
 }
 
 /// Resolves one segment of the expanded profile.
-struct Build<'a> {
+struct PieceBuilder<'a> {
     name: &'a str,
     segment: u32,
     level: f64,
     sample_rate_hz: f64,
 }
 
-impl Build<'_> {
+impl PieceBuilder<'_> {
     fn piece(&self, segment: &Segment, total_cycles: &mut u32) -> Result<Piece, ProfileError> {
         let (to, ticks, motion) = match segment {
             Segment::Ramp { to, duration_s } => (
                 self.resolve(*to, "to")?,
                 self.ticks(*duration_s, "duration_s")?,
-                Motion::Line,
+                PieceMotion::Line,
             ),
-            Segment::Hold { duration_s } => {
-                (self.level, self.ticks(*duration_s, "duration_s")?, Motion::Line)
-            }
+            Segment::Hold { duration_s } => (
+                self.level,
+                self.ticks(*duration_s, "duration_s")?,
+                PieceMotion::Line,
+            ),
             &Segment::Sine {
                 mean,
                 amplitude,
@@ -194,7 +196,7 @@ impl Build<'_> {
         [cycles, taper]: [u32; 2],
         corrected: bool,
         total_cycles: &mut u32,
-    ) -> Result<(f64, u64, Motion), ProfileError> {
+    ) -> Result<(f64, u64, PieceMotion), ProfileError> {
         let mean = self.resolve(mean, "mean")?;
         self.begins_at(mean)?;
         self.positive(amplitude, "amplitude")?;
@@ -234,7 +236,7 @@ impl Build<'_> {
                 "leaves fewer than four samples a cycle: lower it",
             ));
         }
-        Ok((mean, ticks, Motion::Cycles(motion)))
+        Ok((mean, ticks, PieceMotion::Cycles(motion)))
     }
 
     fn table(
@@ -242,7 +244,7 @@ impl Build<'_> {
         time_s: &[f64],
         level: &[f64],
         relative: bool,
-    ) -> Result<(f64, u64, Motion), ProfileError> {
+    ) -> Result<(f64, u64, PieceMotion), ProfileError> {
         let base = if relative { self.level } else { 0.0 };
         let (Some(&first), Some(&last), Some(&end_s)) = (level.first(), level.last(), time_s.last()) else {
             return Err(self.refuse("time_s", 0.0, "points are too few: give at least two"));
@@ -268,7 +270,7 @@ impl Build<'_> {
             return Err(self.refuse("level", bad, "is not a number: enter a finite one"));
         }
         self.begins_at(base + first)?;
-        let motion = Motion::Table {
+        let motion = PieceMotion::Table {
             time_s: time_s.into(),
             level: level.into(),
             base,

@@ -5,7 +5,7 @@
 use std::f64::consts::TAU;
 
 use super::correction::Correction;
-use super::pieces::{self, Cyclic, Motion, Piece};
+use super::pieces::{self, Cyclic, Piece, PieceMotion};
 use super::shape::{self, interpolate, smoother};
 use super::stop::StopMotion;
 use super::{Profile, ProfileError};
@@ -68,7 +68,11 @@ pub(crate) struct Player {
 
 impl Player {
     /// Resolves levels, repeats and ticks. `start_level` is where the rig stands, in the unit of the profile's mode.
-    pub(crate) fn new(profile: &Profile, start_level: f64, sample_rate_hz: f64) -> Result<Player, ProfileError> {
+    pub(crate) fn new(
+        profile: &Profile,
+        start_level: f64,
+        sample_rate_hz: f64,
+    ) -> Result<Player, ProfileError> {
         let (pieces, total_cycles) = pieces::resolve(profile, start_level, sample_rate_hz)?;
         Ok(Player {
             name: profile.name.clone(),
@@ -99,7 +103,7 @@ impl Player {
             total: self.total_cycles,
         };
         let holds = |p: &Piece| match &p.motion {
-            Motion::Cycles(c) => {
+            PieceMotion::Cycles(c) => {
                 (u64::from(c.first_cycle)..u64::from(c.first_cycle) + c.counted).contains(&u64::from(cycle))
             }
             _ => false,
@@ -110,7 +114,7 @@ impl Player {
         self.pieces.drain(..index);
         let rate = self.sample_rate_hz;
         let Some(Piece {
-            motion: Motion::Cycles(cyclic),
+            motion: PieceMotion::Cycles(cyclic),
             ticks,
             ..
         }) = self.pieces.first_mut()
@@ -132,7 +136,7 @@ impl Player {
             from: self.start_level,
             to: mean,
             ticks: (duration_s * rate).round() as u64,
-            motion: Motion::Approach,
+            motion: PieceMotion::Approach,
         };
         self.pieces.insert(0, approach);
         self.total_ticks = self.pieces.iter().map(|p| p.ticks).sum();
@@ -169,15 +173,15 @@ impl Player {
         let ends = self.tick_in_piece == piece.ticks;
         let share = self.tick_in_piece as f64 / piece.ticks as f64;
         let value = match &piece.motion {
-            Motion::Cycles(cyclic) => {
+            PieceMotion::Cycles(cyclic) => {
                 let (cyclic, ticks, to) = (*cyclic, piece.ticks, piece.to);
                 let value = self.cyclic_value(&cyclic, ticks, &mut slot);
                 if ends { to } else { value }
             }
             _ if ends => piece.to,
-            Motion::Line => piece.from + (piece.to - piece.from) * share,
-            Motion::Approach => piece.from + (piece.to - piece.from) * smoother(share),
-            Motion::Table { time_s, level, base } => {
+            PieceMotion::Line => piece.from + (piece.to - piece.from) * share,
+            PieceMotion::Approach => piece.from + (piece.to - piece.from) * smoother(share),
+            PieceMotion::Table { time_s, level, base } => {
                 base + interpolate(time_s, level, self.tick_in_piece as f64 / self.sample_rate_hz)
             }
         };

@@ -198,7 +198,9 @@ impl<R> RecorderThread<R> {
 
 /// Starts a thread that takes one run from control and passes it through `chain`, flushing it about every 10 ms.
 /// It ends after the run's end, or when the input is dropped.
-pub(crate) fn spawn<R: Recorder + Send + 'static>(chain: R) -> io::Result<(RecorderInput, RecorderThread<R>)> {
+pub(crate) fn spawn<R: Recorder + Send + 'static>(
+    chain: R,
+) -> io::Result<(RecorderInput, RecorderThread<R>)> {
     spawn_with_ring(chain, RING_SAMPLES)
 }
 

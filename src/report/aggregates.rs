@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::diagnosis::{STYLE, figure, spaced, verdict_word};
 use super::html::escape;
-use super::svg::{Curve as Line, HALF, Ink, Plot};
+use super::svg::{HALF, Ink, Plot, PlotCurve};
 use crate::diagnose::aggregates::{AggregateDiagnosis, Compared};
 use crate::diagnose::diagnosis::{Finding, Value};
 
@@ -137,7 +137,7 @@ fn at_a_glance(page: &mut String, d: &AggregateDiagnosis) -> std::fmt::Result {
 fn rows(page: &mut String, d: &AggregateDiagnosis) -> std::fmt::Result {
     writeln!(
         page,
-        "<h2>Row by row</h2>\n<p>Each pair: {}, {}.</p>\n<table><tr><th></th><th class=\"n\">measured</th><th class=\"n\">{}</th>\
+        "<h2>TableRow by row</h2>\n<p>Each pair: {}, {}.</p>\n<table><tr><th></th><th class=\"n\">measured</th><th class=\"n\">{}</th>\
          <th class=\"n\">{}</th><th class=\"n\">{}</th></tr>",
         escape(&d.columns[0]),
         escape(&d.columns[1]),
@@ -190,7 +190,7 @@ fn plot(d: &AggregateDiagnosis) -> String {
             if tests {
                 points.sort_by(|a, b| a.0.total_cmp(&b.0));
             }
-            curves.push(Line {
+            curves.push(PlotCurve {
                 name: String::new(),
                 points,
                 ink,

@@ -359,14 +359,14 @@ pub(super) fn spaced(code: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::{Baseline, Options, diagnose};
+    use crate::diagnose::{Baseline, DiagnoseOptions, diagnose};
     use crate::model::equivalent;
     use crate::truth::Case;
 
     #[test]
     fn the_page_holds_everything_itself() {
         let case = Case::single("progressive_stiffness", 1, 10.0).expect("visible");
-        let options = Options {
+        let options = DiagnoseOptions {
             points: 400,
             threads: 1,
             limits: None,

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::diagnosis::file_name;
 use super::html::escape;
-use super::svg::{Curve as Line, HALF, Ink, Plot};
+use super::svg::{HALF, Ink, Plot, PlotCurve};
 use crate::diagnose::diagnosis::{Axis, Curve, Diagnosis, Map};
 
 /// For the first screen: the loop that the baseline misses most, and the map on which the difference was located.
@@ -102,8 +102,8 @@ fn loop_plot(curve: &Curve, model_n: &[f64], ink: Ink) -> String {
     .render()
 }
 
-fn line(points: Vec<(f64, f64)>, ink: Ink) -> Line {
-    Line {
+fn line(points: Vec<(f64, f64)>, ink: Ink) -> PlotCurve {
+    PlotCurve {
         name: String::new(),
         points,
         ink,

@@ -309,12 +309,12 @@ fn legend(svg: &mut String, shapes: &[PackShape], [left, top, width, height]: [f
 mod tests {
     use super::*;
     use crate::model::Plant;
-    use crate::model::leaf_pack::{LeafPack, Mounting, Structure, Values};
+    use crate::model::leaf_pack::{LeafPack, Mounting, PackStructure, Values};
 
     fn shapes(mounting: Mounting) -> Vec<PackShape> {
-        let structure = Structure {
+        let structure = PackStructure {
             mounting,
-            ..Structure::default()
+            ..PackStructure::default()
         };
         let values = Values {
             interleaf_mu: 0.2,

@@ -4,7 +4,7 @@ use plotters::prelude::*;
 
 /// One line of a plot.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Curve {
+pub(crate) struct PlotCurve {
     /// For the legend.
     pub name: String,
     /// Points in order.
@@ -56,10 +56,10 @@ impl Ink {
     }
 }
 
-impl Curve {
+impl PlotCurve {
     /// A measured curve.
-    pub(crate) fn measured(name: &str, points: Vec<(f64, f64)>) -> Curve {
-        Curve {
+    pub(crate) fn measured(name: &str, points: Vec<(f64, f64)>) -> PlotCurve {
+        PlotCurve {
             name: name.to_owned(),
             points,
             ink: Ink::Measured,
@@ -67,8 +67,8 @@ impl Curve {
     }
 
     /// The twin's curve.
-    pub(crate) fn twin(name: &str, points: Vec<(f64, f64)>) -> Curve {
-        Curve {
+    pub(crate) fn twin(name: &str, points: Vec<(f64, f64)>) -> PlotCurve {
+        PlotCurve {
             name: name.to_owned(),
             points,
             ink: Ink::Twin,
@@ -88,7 +88,7 @@ const MARK: RGBColor = RGBColor(232, 180, 20);
 const ROOM: f64 = 0.04;
 
 /// Curves over one pair of axes. Points that are not finite are left out.
-pub(crate) fn xy_plot(x_label: &str, y_label: &str, curves: &[Curve]) -> String {
+pub(crate) fn xy_plot(x_label: &str, y_label: &str, curves: &[PlotCurve]) -> String {
     let plot = Plot {
         x_label,
         y_label,
@@ -107,7 +107,7 @@ pub(crate) struct Plot<'a> {
     /// Beside the ordinate.
     pub y_label: &'a str,
     /// What is drawn.
-    pub curves: &'a [Curve],
+    pub curves: &'a [PlotCurve],
     /// Regions to mark, from and to.
     pub bands: &'a [(f64, f64)],
     /// [`LARGE`] or [`HALF`].
@@ -200,8 +200,8 @@ mod tests {
             "x in mm",
             "y in N",
             &[
-                Curve::measured("a", vec![(0.0, 1.0), (1.0, f64::NAN), (2.0, 3.0)]),
-                Curve::twin("b", vec![(0.0, 1.0), (2.0, 2.0)]),
+                PlotCurve::measured("a", vec![(0.0, 1.0), (1.0, f64::NAN), (2.0, 3.0)]),
+                PlotCurve::twin("b", vec![(0.0, 1.0), (2.0, 2.0)]),
             ],
         );
         assert!(svg.starts_with("<svg") && svg.contains("x in mm"));

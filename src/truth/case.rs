@@ -4,10 +4,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::hidden::{self, PHYSICS};
-use super::limit::Meter;
-use super::rig::Rig;
+use super::limit::VisibilityMeter;
+use super::rig::TruthRig;
 use super::sensors::Sensors;
-use super::{Family, Form, Hidden, Motion, Specimen, between, one_of};
+use super::{Family, Form, Hidden, Programme, TruthSpecimen, between, one_of};
 use crate::recording::Recording;
 
 /// Strengths in detection limits that are drawn from.
@@ -67,7 +67,7 @@ pub(crate) struct Case {
     /// What is measured.
     pub recordings: Vec<Recording>,
     /// Who could be asked for more.
-    pub(super) rig: Rig,
+    pub(super) rig: TruthRig,
 }
 
 impl Case {
@@ -152,9 +152,9 @@ const REDUCED: [&str; 3] = [
 #[derive(Clone)]
 struct Draft {
     family: Family,
-    specimen: Specimen,
+    specimen: TruthSpecimen,
     sensors: Sensors,
-    motions: Vec<Motion>,
+    motions: Vec<Programme>,
     hidden: Vec<Hidden>,
     strength: f64,
     start: Start,
@@ -174,11 +174,11 @@ impl Draft {
         }
         let sensors = Sensors::draw(random, specimen.range_n, family == Family::NoneNoisy);
         let motions = motions(random, &specimen, &sensors, family == Family::Confounded);
-        let programme: Vec<(Motion, Vec<f64>)> = motions
+        let programme: Vec<(Programme, Vec<f64>)> = motions
             .iter()
             .map(|m| (m.clone(), sensors.times_s(random, m)))
             .collect();
-        let meter = Meter::new(&specimen, &programme, sensors.sigma_n(specimen.rate_n_per_mm));
+        let meter = VisibilityMeter::new(&specimen, &programme, sensors.sigma_n(specimen.rate_n_per_mm));
         let hidden: Vec<Hidden> = units
             .iter()
             .map(|(physics, unit)| meter.sized(physics, unit, strength))
@@ -238,7 +238,7 @@ impl Draft {
             label,
             start: self.start,
             recordings,
-            rig: Rig {
+            rig: TruthRig {
                 specimen: self.specimen,
                 sensors: self.sensors,
             },
@@ -246,9 +246,9 @@ impl Draft {
     }
 }
 
-fn specimen(random: &mut ChaCha8Rng) -> Specimen {
+fn specimen(random: &mut ChaCha8Rng) -> TruthSpecimen {
     let rate_n_per_mm = between(random, 40.0, 140.0);
-    Specimen {
+    TruthSpecimen {
         preload_n: between(random, 0.0, 150.0),
         rate_n_per_mm,
         friction_ratio: between(random, 0.04, 0.14),
@@ -261,7 +261,7 @@ fn specimen(random: &mut ChaCha8Rng) -> Specimen {
 }
 
 /// Takes out of the baseline what is to be found missing.
-fn reduce(code: &str, unit: &Hidden, specimen: &mut Specimen, start: &mut Start) {
+fn reduce(code: &str, unit: &Hidden, specimen: &mut TruthSpecimen, start: &mut Start) {
     match code {
         // Nothing below first touch: a preload there would be a jump.
         "lift_off" => specimen.preload_n = 0.0,
@@ -293,14 +293,19 @@ fn reduce(code: &str, unit: &Hidden, specimen: &mut Specimen, start: &mut Start)
 }
 
 /// A slow ramp, and four (a poor programme: one) of sine, triangle and multi-sine.
-fn motions(random: &mut ChaCha8Rng, specimen: &Specimen, sensors: &Sensors, poor: bool) -> Vec<Motion> {
+fn motions(
+    random: &mut ChaCha8Rng,
+    specimen: &TruthSpecimen,
+    sensors: &Sensors,
+    poor: bool,
+) -> Vec<Programme> {
     let top_mm = specimen.top_mm();
     let hold_s = if random.random_bool(0.6) {
         between(random, 3.0, 15.0)
     } else {
         0.0
     };
-    let mut list = vec![Motion::Ramp {
+    let mut list = vec![Programme::Ramp {
         top_mm,
         branch_s: between(random, 25.0, 60.0),
         hold_s,
@@ -323,16 +328,16 @@ fn motions(random: &mut ChaCha8Rng, specimen: &Specimen, sensors: &Sensors, poor
         let length_s = (3000.0 / sensors.rate_hz).min(25.0);
         let cycles = (length_s * frequency_hz).clamp(4.0, 25.0).floor();
         list.push(match one_of(random, &[0, 0, 0, 1, 2]) {
-            1 if i > 0 => Motion::Triangle {
+            1 if i > 0 => Programme::Triangle {
                 mean_mm,
                 amplitude_mm,
                 frequency_hz,
                 cycles,
             },
             2 if i > 0 && sensors.rate_hz >= 50.0 && sensors.rate_hz <= 500.0 => {
-                Motion::random(random, mean_mm, amplitude_mm, length_s.max(8.0))
+                Programme::random(random, mean_mm, amplitude_mm, length_s.max(8.0))
             }
-            _ => Motion::Sine {
+            _ => Programme::Sine {
                 mean_mm,
                 amplitude_mm,
                 frequency_hz,
@@ -345,13 +350,13 @@ fn motions(random: &mut ChaCha8Rng, specimen: &Specimen, sensors: &Sensors, poor
 
 /// Preload, rate, friction ratio and presliding of a spring without the effect whose peak force and loop energy over the
 /// largest cyclic motion are those of the truth, to 1e-9.
-fn tuned(specimen: &Specimen, hidden: &[Hidden], motions: &[Motion]) -> Option<[f64; 4]> {
+fn tuned(specimen: &TruthSpecimen, hidden: &[Hidden], motions: &[Programme]) -> Option<[f64; 4]> {
     let motion = motions.get(1)?;
     let from_s = motion.duration_s() * 0.5;
     let times: Vec<f64> = (0..4000)
         .map(|k| from_s + (motion.duration_s() - from_s) * f64::from(k) / 4000.0)
         .collect();
-    let measure = |s: &Specimen, h: &[Hidden]| {
+    let measure = |s: &TruthSpecimen, h: &[Hidden]| {
         let forces = s.forces(h, motion, &times);
         let peak = forces.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let energy: f64 = (1..forces.len())
@@ -368,7 +373,7 @@ fn tuned(specimen: &Specimen, hidden: &[Hidden], motions: &[Motion]) -> Option<[
         spring.rate_n_per_mm += (peak - p) / specimen.top_mm();
         let (p, e) = measure(&spring, &[]);
         // Half cycles leave elastic work in the sum: only the part that friction changes is scaled.
-        let more = Specimen {
+        let more = TruthSpecimen {
             friction_ratio: spring.friction_ratio + 0.01,
             ..spring.clone()
         };
@@ -423,7 +428,7 @@ mod tests {
             .find_map(|_| Draft::new(&mut random, Family::Concealed, &["viscous_damping"], 10.0))
             .expect("drawn");
         let [preload_n, rate_n_per_mm, friction_ratio, presliding_mm] = draft.start.tuned.expect("tuned");
-        let spring = Specimen {
+        let spring = TruthSpecimen {
             preload_n,
             rate_n_per_mm,
             friction_ratio,
@@ -435,7 +440,8 @@ mod tests {
         let times: Vec<f64> = (0..4000)
             .map(|k| half_s * (1.0 + f64::from(k) / 4000.0))
             .collect();
-        let peak = |s: &Specimen, h: &[Hidden]| s.forces(h, motion, &times).into_iter().fold(0.0, f64::max);
+        let peak =
+            |s: &TruthSpecimen, h: &[Hidden]| s.forces(h, motion, &times).into_iter().fold(0.0, f64::max);
         let (p, q) = (peak(&spring, &[]), peak(&draft.specimen, &draft.hidden));
         assert!((p / q - 1.0).abs() < 1e-6, "{p} against {q}");
         assert!(

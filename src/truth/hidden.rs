@@ -2,7 +2,7 @@
 
 use rand_chacha::ChaCha8Rng;
 
-use super::{Specimen, between, one_of};
+use super::{TruthSpecimen, between, one_of};
 
 /// One hidden effect.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -29,14 +29,14 @@ pub(crate) struct Physics {
     /// What its place means; empty where it has none.
     pub place: &'static str,
     /// Largest size that is still believable.
-    pub largest: fn(&Specimen) -> f64,
+    pub largest: fn(&TruthSpecimen) -> f64,
     /// May the size be negative?
     pub signed: bool,
     /// Names in contracts' result that the size and the place can be compared with.
     pub compared: [Option<&'static str>; 2],
 }
 
-const fn physics(code: &'static str, size: &'static str, largest: fn(&Specimen) -> f64) -> Physics {
+const fn physics(code: &'static str, size: &'static str, largest: fn(&TruthSpecimen) -> f64) -> Physics {
     Physics {
         code,
         in_library: true,
@@ -148,7 +148,7 @@ pub(crate) fn find(code: &str) -> Option<&'static Physics> {
 
 impl Physics {
     /// Draws sign, place and width; the size is a unit for `limit` to scale.
-    pub(crate) fn draw(&self, random: &mut ChaCha8Rng, specimen: &Specimen) -> Hidden {
+    pub(crate) fn draw(&self, random: &mut ChaCha8Rng, specimen: &TruthSpecimen) -> Hidden {
         let top = specimen.top_mm();
         let u = between(random, 0.0, 1.0);
         let place = match self.code {

@@ -10,7 +10,7 @@
 //! rate. In other words: at the limit, the part that no refit can absorb has an RMS of MULTIPLE times sigma / sqrt(n).
 
 use super::hidden::Physics;
-use super::{Form, Hidden, Motion, Specimen};
+use super::{Form, Hidden, Programme, TruthSpecimen};
 
 /// Standard deviations that make a detection: a chance of 1 in 3 million for one look.
 pub(crate) const MULTIPLE: f64 = 5.0;
@@ -20,9 +20,9 @@ pub(crate) const SAMPLES_PER_BRANCH: f64 = 5.0;
 const PRECISION: f64 = 0.02;
 
 /// Measures effects in one programme.
-pub(crate) struct Meter<'a> {
-    specimen: &'a Specimen,
-    programme: &'a [(Motion, Vec<f64>)],
+pub(crate) struct VisibilityMeter<'a> {
+    specimen: &'a TruthSpecimen,
+    programme: &'a [(Programme, Vec<f64>)],
     /// Square root of the weight of each sample.
     weight: Vec<f64>,
     /// Orthonormal: what a refit absorbs.
@@ -30,9 +30,13 @@ pub(crate) struct Meter<'a> {
     plain: Vec<f64>,
 }
 
-impl<'a> Meter<'a> {
+impl<'a> VisibilityMeter<'a> {
     /// `programme`: motions and their sampling times.
-    pub(crate) fn new(specimen: &'a Specimen, programme: &'a [(Motion, Vec<f64>)], sigma_n: f64) -> Meter<'a> {
+    pub(crate) fn new(
+        specimen: &'a TruthSpecimen,
+        programme: &'a [(Programme, Vec<f64>)],
+        sigma_n: f64,
+    ) -> VisibilityMeter<'a> {
         let weight = programme
             .iter()
             .flat_map(|(motion, times)| {
@@ -40,7 +44,7 @@ impl<'a> Meter<'a> {
                 std::iter::repeat_n((effective / times.len() as f64).sqrt() / sigma_n, times.len())
             })
             .collect();
-        let mut meter = Meter {
+        let mut meter = VisibilityMeter {
             specimen,
             programme,
             weight,
@@ -60,7 +64,7 @@ impl<'a> Meter<'a> {
         meter
     }
 
-    fn forces(&self, specimen: &Specimen, hidden: &[Hidden]) -> Vec<f64> {
+    fn forces(&self, specimen: &TruthSpecimen, hidden: &[Hidden]) -> Vec<f64> {
         self.programme
             .iter()
             .flat_map(|(motion, times)| specimen.forces(hidden, motion, times))
@@ -98,7 +102,7 @@ impl<'a> Meter<'a> {
         change
     }
 
-    /// Length of [`Meter::signature`].
+    /// Length of [`VisibilityMeter::signature`].
     pub(crate) fn level(&self, hidden: &Hidden) -> f64 {
         norm(&self.signature(hidden))
     }
@@ -140,18 +144,18 @@ fn norm(v: &[f64]) -> f64 {
 }
 
 /// The specimen with each thing moved that the baseline may refit, and by how much.
-fn moves(specimen: &Specimen) -> Vec<(Specimen, f64)> {
+fn moves(specimen: &TruthSpecimen) -> Vec<(TruthSpecimen, f64)> {
     let s = specimen;
     let mut moves = vec![
         (
-            Specimen {
+            TruthSpecimen {
                 preload_n: s.preload_n + 1.0,
                 ..s.clone()
             },
             1.0,
         ),
         (
-            Specimen {
+            TruthSpecimen {
                 rate_n_per_mm: s.rate_n_per_mm + 0.1,
                 ..s.clone()
             },
@@ -160,7 +164,7 @@ fn moves(specimen: &Specimen) -> Vec<(Specimen, f64)> {
     ];
     if s.bushing_n > 0.0 {
         moves.push((
-            Specimen {
+            TruthSpecimen {
                 bushing_n: s.bushing_n + 1.0,
                 ..s.clone()
             },
@@ -169,7 +173,7 @@ fn moves(specimen: &Specimen) -> Vec<(Specimen, f64)> {
         return moves;
     }
     moves.push((
-        Specimen {
+        TruthSpecimen {
             friction_ratio: s.friction_ratio + 0.005,
             ..s.clone()
         },
@@ -178,14 +182,14 @@ fn moves(specimen: &Specimen) -> Vec<(Specimen, f64)> {
     if s.form == Form::Gradual {
         let step = 0.05 * s.presliding_mm;
         moves.push((
-            Specimen {
+            TruthSpecimen {
                 presliding_mm: s.presliding_mm + step,
                 ..s.clone()
             },
             step,
         ));
         moves.push((
-            Specimen {
+            TruthSpecimen {
                 power: s.power + 0.05,
                 ..s.clone()
             },
@@ -217,7 +221,7 @@ mod tests {
     #[test]
     fn twice_the_size_is_twice_the_level_where_the_effect_is_linear() {
         let (specimen, programme) = (plain(), programme());
-        let meter = Meter::new(&specimen, &programme, 1.0);
+        let meter = VisibilityMeter::new(&specimen, &programme, 1.0);
         for code in [
             "viscous_damping",
             "inertia",
@@ -242,7 +246,7 @@ mod tests {
         let (specimen, programme) = (plain(), programme());
         let (physics, unit) = unit("viscous_damping");
         let size = |sigma: f64| {
-            Meter::new(&specimen, &programme, sigma)
+            VisibilityMeter::new(&specimen, &programme, sigma)
                 .sized(physics, &unit, 1.0)
                 .expect("testable")
                 .size
@@ -253,7 +257,7 @@ mod tests {
     #[test]
     fn what_a_refit_absorbs_has_no_level() {
         let (specimen, programme) = (plain(), programme());
-        let meter = Meter::new(&specimen, &programme, 1.0);
+        let meter = VisibilityMeter::new(&specimen, &programme, 1.0);
         // More rate over the whole travel is the baseline's own parameter, up to friction in proportion to it.
         let everywhere = Hidden {
             code: "progressive_stiffness",
@@ -271,7 +275,7 @@ mod tests {
     #[test]
     fn delay_and_damping_leave_nearly_the_same() {
         let (specimen, programme) = (plain(), programme());
-        let meter = Meter::new(&specimen, &programme, 1.0);
+        let meter = VisibilityMeter::new(&specimen, &programme, 1.0);
         let delay = Hidden {
             code: "channel_delay",
             size: 1.0,

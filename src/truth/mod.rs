@@ -18,8 +18,8 @@ pub(crate) mod specimen;
 pub(crate) use case::{Case, Label, Start};
 pub(crate) use family::Family;
 pub(crate) use hidden::Hidden;
-pub(crate) use motion::Motion;
-pub(crate) use specimen::{Form, Specimen};
+pub(crate) use motion::Programme;
+pub(crate) use specimen::{Form, TruthSpecimen};
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;

@@ -14,7 +14,7 @@ const CORNER: f64 = 0.99;
 
 /// A displacement in mm over time in s; every motion begins at rest at zero.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Motion {
+pub(crate) enum Programme {
     /// Up to `top_mm`, a hold, and down again, at constant speed with rounded corners.
     Ramp {
         /// Displacement of the hold.
@@ -59,13 +59,15 @@ pub(crate) enum Motion {
     Path(Path),
 }
 
-impl Motion {
+impl Programme {
     /// Time taken to go from zero to the motion's start.
     pub(crate) fn approach_s(&self) -> f64 {
         match *self {
-            Motion::Ramp { .. } | Motion::Path(_) => 0.0,
-            Motion::Sine { frequency_hz, .. } | Motion::Triangle { frequency_hz, .. } => 0.5 / frequency_hz,
-            Motion::MultiSine { .. } => 1.0,
+            Programme::Ramp { .. } | Programme::Path(_) => 0.0,
+            Programme::Sine { frequency_hz, .. } | Programme::Triangle { frequency_hz, .. } => {
+                0.5 / frequency_hz
+            }
+            Programme::MultiSine { .. } => 1.0,
         }
     }
 
@@ -73,25 +75,25 @@ impl Motion {
     pub(crate) fn duration_s(&self) -> f64 {
         self.approach_s()
             + match *self {
-                Motion::Ramp { branch_s, hold_s, .. } => 2.0 * branch_s + hold_s,
-                Motion::Sine {
+                Programme::Ramp { branch_s, hold_s, .. } => 2.0 * branch_s + hold_s,
+                Programme::Sine {
                     frequency_hz, cycles, ..
                 }
-                | Motion::Triangle {
+                | Programme::Triangle {
                     frequency_hz, cycles, ..
                 } => cycles / frequency_hz,
-                Motion::MultiSine { duration_s, .. } => duration_s,
-                Motion::Path(ref path) => path.duration_s(),
+                Programme::MultiSine { duration_s, .. } => duration_s,
+                Programme::Path(ref path) => path.duration_s(),
             }
     }
 
     /// Branches from turning point to turning point, about.
     pub(crate) fn branches(&self) -> f64 {
         match *self {
-            Motion::Ramp { .. } => 2.0,
-            Motion::Path(ref path) => 1.0 + path.turns() as f64,
-            Motion::Sine { cycles, .. } | Motion::Triangle { cycles, .. } => 2.0 * cycles,
-            Motion::MultiSine {
+            Programme::Ramp { .. } => 2.0,
+            Programme::Path(ref path) => 1.0 + path.turns() as f64,
+            Programme::Sine { cycles, .. } | Programme::Triangle { cycles, .. } => 2.0 * cycles,
+            Programme::MultiSine {
                 ref lines,
                 duration_s,
                 ..
@@ -110,7 +112,7 @@ impl Motion {
         let after = t - lead;
         let approached = |level: f64| level * smooth(t / lead);
         match *self {
-            Motion::Ramp {
+            Programme::Ramp {
                 top_mm,
                 branch_s,
                 hold_s,
@@ -124,7 +126,7 @@ impl Motion {
                         rounded((2.0 * branch_s + hold_s - t) / branch_s)
                     }
             }
-            Motion::Sine {
+            Programme::Sine {
                 mean_mm,
                 amplitude_mm,
                 frequency_hz,
@@ -136,7 +138,7 @@ impl Motion {
                     mean_mm - amplitude_mm * (TAU * frequency_hz * after).cos()
                 }
             }
-            Motion::Triangle {
+            Programme::Triangle {
                 mean_mm,
                 amplitude_mm,
                 frequency_hz,
@@ -149,7 +151,7 @@ impl Motion {
                     mean_mm - amplitude_mm * wave
                 }
             }
-            Motion::MultiSine {
+            Programme::MultiSine {
                 mean_mm, ref lines, ..
             } => {
                 let sum: f64 = lines
@@ -158,7 +160,7 @@ impl Motion {
                     .sum();
                 approached(mean_mm) + sum * smooth(after)
             }
-            Motion::Path(ref path) => path.at_mm(t),
+            Programme::Path(ref path) => path.at_mm(t),
         }
     }
 
@@ -174,7 +176,7 @@ impl Motion {
     }
 
     /// Five to nine lines between 0.3 and 3 Hz that stay within `reach_mm` of the mean.
-    pub(crate) fn random(random: &mut ChaCha8Rng, mean_mm: f64, reach_mm: f64, duration_s: f64) -> Motion {
+    pub(crate) fn random(random: &mut ChaCha8Rng, mean_mm: f64, reach_mm: f64, duration_s: f64) -> Programme {
         let count = 5 + (between(random, 0.0, 4.99) as usize);
         let mut lines: Vec<[f64; 3]> = (0..count)
             .map(|_| {
@@ -187,7 +189,7 @@ impl Motion {
             .collect();
         let sum: f64 = lines.iter().map(|l| l[0]).sum();
         lines.iter_mut().for_each(|l| l[0] *= reach_mm / sum);
-        Motion::MultiSine {
+        Programme::MultiSine {
             mean_mm,
             lines,
             duration_s,
@@ -223,27 +225,27 @@ mod tests {
     use super::*;
     use rand::SeedableRng;
 
-    fn all() -> Vec<Motion> {
+    fn all() -> Vec<Programme> {
         let mut random = ChaCha8Rng::seed_from_u64(1);
         vec![
-            Motion::Ramp {
+            Programme::Ramp {
                 top_mm: 20.0,
                 branch_s: 30.0,
                 hold_s: 5.0,
             },
-            Motion::Sine {
+            Programme::Sine {
                 mean_mm: 9.0,
                 amplitude_mm: 6.0,
                 frequency_hz: 2.5,
                 cycles: 8.0,
             },
-            Motion::Triangle {
+            Programme::Triangle {
                 mean_mm: 9.0,
                 amplitude_mm: 6.0,
                 frequency_hz: 1.0,
                 cycles: 5.0,
             },
-            Motion::random(&mut random, 10.0, 8.0, 12.0),
+            Programme::random(&mut random, 10.0, 8.0, 12.0),
         ]
     }
 
@@ -266,7 +268,7 @@ mod tests {
 
     #[test]
     fn rates_of_a_sine_by_hand() {
-        let sine = Motion::Sine {
+        let sine = Programme::Sine {
             mean_mm: 9.0,
             amplitude_mm: 6.0,
             frequency_hz: 1.0,
@@ -280,7 +282,7 @@ mod tests {
 
     #[test]
     fn a_ramp_reaches_its_top_at_constant_speed() {
-        let ramp = Motion::Ramp {
+        let ramp = Programme::Ramp {
             top_mm: 20.0,
             branch_s: 50.0,
             hold_s: 2.0,

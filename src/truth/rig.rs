@@ -4,13 +4,13 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::sensors::Sensors;
-use super::{Case, Motion, Specimen, path::Path};
+use super::{Case, Programme, TruthSpecimen, path::Path};
 use crate::recording::Recording;
 
 /// What is tested and what it is measured with.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Rig {
-    pub specimen: Specimen,
+pub(super) struct TruthRig {
+    pub specimen: TruthSpecimen,
     pub sensors: Sensors,
 }
 
@@ -22,7 +22,7 @@ impl Case {
         // Streams that neither a case nor a seal uses.
         random.set_stream(self.label.number | u64::from(number) << 40);
         let name = format!("case-{:04}-next-{number}.csv", self.label.number);
-        let motion = Motion::Path(Path::new(points));
+        let motion = Programme::Path(Path::new(points));
         self.rig.sensors.record(
             &mut random,
             &self.rig.specimen,

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use super::{Hidden, Motion, Specimen, between, normal, one_of};
+use super::{Hidden, Programme, TruthSpecimen, between, normal, one_of};
 use crate::recording::Recording;
 
 /// Step of a 16-bit converter over 10 kN, and over 50 mm.
@@ -62,12 +62,12 @@ impl Sensors {
     }
 
     /// When a motion is sampled, in s.
-    pub(crate) fn times_s(&self, random: &mut ChaCha8Rng, motion: &Motion) -> Vec<f64> {
+    pub(crate) fn times_s(&self, random: &mut ChaCha8Rng, motion: &Programme) -> Vec<f64> {
         let duration_s = motion.duration_s();
         let rate_hz = match motion {
-            Motion::Ramp { .. } => self.rate_hz.min((WANTED_SAMPLES / duration_s).max(20.0)),
+            Programme::Ramp { .. } => self.rate_hz.min((WANTED_SAMPLES / duration_s).max(20.0)),
             // Fast and slow parts in one file, at most as many samples as a bench of 1 kHz takes.
-            Motion::Path(_) => self.rate_hz.min(1000.0),
+            Programme::Path(_) => self.rate_hz.min(1000.0),
             _ => self.rate_hz,
         };
         let count = (duration_s * rate_hz) as usize;
@@ -87,9 +87,9 @@ impl Sensors {
     pub(crate) fn record(
         &self,
         random: &mut ChaCha8Rng,
-        specimen: &Specimen,
+        specimen: &TruthSpecimen,
         hidden: &[Hidden],
-        motion: &Motion,
+        motion: &Programme,
         name: &str,
     ) -> Recording {
         let times_s = self.times_s(random, motion);

@@ -7,7 +7,7 @@
 //! loop turns round exponentially (the second derivative of the branch is the density of the lengths; Iwan 1966), so that a
 //! one-parameter presliding law can represent it. Other powers are a little off it, as a real pack is.
 
-use super::{Hidden, Motion};
+use super::{Hidden, Programme};
 use crate::units::inertia_force_n;
 
 /// Jenkins elements in a contact.
@@ -39,7 +39,7 @@ pub(crate) enum Form {
 
 /// A leaf spring.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Specimen {
+pub(crate) struct TruthSpecimen {
     /// Force at zero displacement, N.
     pub preload_n: f64,
     /// Spring rate, N/mm.
@@ -58,7 +58,7 @@ pub(crate) struct Specimen {
     pub range_n: f64,
 }
 
-impl Specimen {
+impl TruthSpecimen {
     /// Largest displacement, mm.
     pub(crate) fn top_mm(&self) -> f64 {
         (self.range_n - self.preload_n) / self.rate_n_per_mm
@@ -70,8 +70,8 @@ impl Specimen {
     }
 
     /// True force in N at `times_s` (rising) of a motion, before the sensors.
-    pub(crate) fn forces(&self, hidden: &[Hidden], motion: &Motion, times_s: &[f64]) -> Vec<f64> {
-        let mut contact = Contact::new(self, hidden, motion);
+    pub(crate) fn forces(&self, hidden: &[Hidden], motion: &Programme, times_s: &[f64]) -> Vec<f64> {
+        let mut contact = SlidingContact::new(self, hidden, motion);
         let delay_s = 1e-3 * get(hidden, "channel_delay").map_or(0.0, |h| h.size);
         times_s
             .iter()
@@ -91,11 +91,11 @@ fn get<'a>(hidden: &'a [Hidden], code: &str) -> Option<&'a Hidden> {
 }
 
 /// Everything that moves.
-struct Contact<'a> {
+struct SlidingContact<'a> {
     form: Form,
-    specimen: &'a Specimen,
+    specimen: &'a TruthSpecimen,
     hidden: &'a [Hidden],
-    motion: &'a Motion,
+    motion: &'a Programme,
     /// 1 / length and drag of each element.
     elements: Vec<[f64; 2]>,
     bushings: [Vec<[f64; 2]>; 3],
@@ -109,8 +109,8 @@ struct Contact<'a> {
     half_cycles: f64,
 }
 
-impl<'a> Contact<'a> {
-    fn new(specimen: &'a Specimen, hidden: &'a [Hidden], motion: &'a Motion) -> Contact<'a> {
+impl<'a> SlidingContact<'a> {
+    fn new(specimen: &'a TruthSpecimen, hidden: &'a [Hidden], motion: &'a Programme) -> SlidingContact<'a> {
         let slow = get(hidden, "presliding").map_or(specimen.presliding_mm, |h| h.size);
         let form = match specimen.form {
             _ if get(hidden, "presliding").is_some() => Form::Gradual,
@@ -124,7 +124,7 @@ impl<'a> Contact<'a> {
             }
             Form::Sharp | Form::Smoothed { .. } => vec![SHARP_MM],
         };
-        Contact {
+        SlidingContact {
             form,
             specimen,
             hidden,

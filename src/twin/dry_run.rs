@@ -4,7 +4,7 @@
 use serde::Serialize;
 
 use crate::model::Plant;
-use crate::profile::{Extreme, Player, Profile, ProfileError, ProfileLimits, Slot, Violation, Watch};
+use crate::profile::{Extreme, LimitWatch, Player, Profile, ProfileError, ProfileLimits, Slot, Violation};
 use crate::units::{Command, joules_from_nmm};
 
 /// What a profile is predicted to do.
@@ -77,9 +77,9 @@ pub(crate) fn dry_run_with(
 ) -> Result<DryRun, ProfileError> {
     let mut player = Player::new(profile, 0.0, sample_rate_hz)?;
     let mut specimen = Inverse::new(plant.boxed_clone(), limits, sample_rate_hz);
-    let mut watch = Watch::new(limits, 0.0, sample_rate_hz);
+    let mut watch = LimitWatch::new(limits, 0.0, sample_rate_hz);
     let (mut energy_nmm, mut force_error_n) = (0.0, 0.0_f64);
-    let (mut force, mut displacement) = (Range::EMPTY, Range::EMPTY);
+    let (mut force, mut displacement) = (PredictedRange::EMPTY, PredictedRange::EMPTY);
     let mut peak_velocity_mm_s = 0.0_f64;
     while let Some(slot) = player.next() {
         let (from_mm, from_n) = (specimen.displacement_mm, specimen.force_n);
@@ -128,13 +128,13 @@ pub(crate) fn dry_run_with(
     })
 }
 
-struct Range {
+struct PredictedRange {
     low: f64,
     high: f64,
 }
 
-impl Range {
-    const EMPTY: Range = Range {
+impl PredictedRange {
+    const EMPTY: PredictedRange = PredictedRange {
         low: f64::INFINITY,
         high: f64::NEG_INFINITY,
     };

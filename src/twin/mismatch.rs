@@ -112,7 +112,7 @@ struct Leg {
 
 /// Watches one run.
 #[derive(Debug, Clone)]
-pub(crate) struct Watch {
+pub(crate) struct MismatchWatch {
     noise: Noise,
     rate_hz: f64,
     band_mm: f64,
@@ -134,10 +134,10 @@ pub(crate) struct Watch {
     told: bool,
 }
 
-impl Watch {
+impl MismatchWatch {
     /// Nothing seen yet.
     pub(crate) fn new(noise: Noise) -> Self {
-        Watch {
+        MismatchWatch {
             noise,
             rate_hz: 1.0,
             band_mm: (BAND * noise.displacement_mm).max(LEAST_BAND),
@@ -158,9 +158,9 @@ impl Watch {
 
     /// A run begins.
     pub(crate) fn begin(&mut self, rate_hz: f64) {
-        *self = Watch {
+        *self = MismatchWatch {
             rate_hz,
-            ..Watch::new(self.noise)
+            ..MismatchWatch::new(self.noise)
         };
     }
 
@@ -337,7 +337,7 @@ mod tests {
 
     /// Reports over 1 Hz sines of 6 mm at 1 kHz; `residual` of displacement, branch, cycle.
     fn reports(cycles: u32, residual: impl Fn(f64, bool, u32) -> f64) -> Vec<(f64, Mismatch)> {
-        let mut watch = Watch::new(NOISE);
+        let mut watch = MismatchWatch::new(NOISE);
         watch.begin(1000.0);
         let mut out = Vec::new();
         let mut state = 1u32;

@@ -5,7 +5,7 @@ mod dry_run;
 mod mismatch;
 
 pub(crate) use dry_run::{Margin, Predicted, dry_run, dry_run_with};
-pub(crate) use mismatch::{Mismatch, Noise, Watch};
+pub(crate) use mismatch::{Mismatch, MismatchWatch, Noise};
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -66,7 +66,7 @@ pub(crate) struct Twin {
     sums: Sums,
     sample_rate_hz: f64,
     last_tick: Option<u64>,
-    watch: Option<Watch>,
+    watch: Option<MismatchWatch>,
     mismatch: Option<Mismatch>,
 }
 
@@ -95,7 +95,7 @@ impl Twin {
 
     /// Watches the residual against this noise and tells of a mismatch as an event of the run.
     pub(crate) fn watching(mut self, noise: Noise) -> Self {
-        self.watch = Some(Watch::new(noise));
+        self.watch = Some(MismatchWatch::new(noise));
         self
     }
 

@@ -1,7 +1,7 @@
 //! The duty that the leaf pack's tests share: Table 1 geometry, clamp 100 mm, no eye offset, interleaf mu 0.3, nothing else.
 
 use crate::model::Plant;
-use crate::model::leaf_pack::{LeafPack, Mounting, Structure, Values, graded_path};
+use crate::model::leaf_pack::{LeafPack, Mounting, PackStructure, Values, graded_path};
 
 pub const REFERENCE_MU: f64 = 0.3;
 
@@ -12,10 +12,10 @@ pub fn values() -> Values {
     }
 }
 
-pub fn shackle(angle_deg: f64) -> (Structure, Values) {
-    let structure = Structure {
+pub fn shackle(angle_deg: f64) -> (PackStructure, Values) {
+    let structure = PackStructure {
         mounting: Mounting::Shackle,
-        ..Structure::default()
+        ..PackStructure::default()
     };
     (
         structure,
@@ -26,7 +26,7 @@ pub fn shackle(angle_deg: f64) -> (Structure, Values) {
     )
 }
 
-pub fn pack(structure: &Structure, values: &Values) -> LeafPack {
+pub fn pack(structure: &PackStructure, values: &Values) -> LeafPack {
     LeafPack::new(structure, values).expect("valid pack")
 }
 

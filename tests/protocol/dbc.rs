@@ -3,11 +3,11 @@
 
 use std::collections::BTreeMap;
 
+use crate::protocol::cob;
+use crate::protocol::message::*;
 use can_dbc::{
     ByteOrder, Dbc, MessageId, MultiplexIndicator, NumericValue, Signal, ValueDescription, ValueType,
 };
-use crate::protocol::cob;
-use crate::protocol::message::*;
 use proptest::prelude::*;
 use proptest::strategy::ValueTree;
 use proptest::test_runner::TestRunner;

@@ -10,9 +10,9 @@
 //! from the scatter of the rows about these laws; rows that follow none of them are refused as evidence.
 
 use super::AggregateDiagnosis;
-use super::regression::{Estimate, Line, line};
+use super::regression::{Estimate, RegressionLine, line};
 use super::rows::mounts;
-use super::table::Row;
+use super::table::TableRow;
 use crate::diagnose::diagnosis::{Alternative, Finding, Value};
 use crate::papers::first::Two;
 
@@ -24,7 +24,7 @@ const SMALL: f64 = 0.1;
 const SURE: f64 = 0.95;
 
 /// `ln E = a_mount + p_mount ln F + q ln f`; the last column is q, where the frequencies differ.
-pub(super) fn power_law(rows: &[Row], of: impl Fn(&Row) -> Option<Two>) -> Option<Line> {
+pub(super) fn power_law(rows: &[TableRow], of: impl Fn(&TableRow) -> Option<Two>) -> Option<RegressionLine> {
     let mounts = mounts(rows);
     let frequencies = rows.iter().any(|r| r.frequency_hz != rows[0].frequency_hz);
     let (mut design, mut y) = (Vec::new(), Vec::new());
@@ -44,7 +44,7 @@ pub(super) fn power_law(rows: &[Row], of: impl Fn(&Row) -> Option<Two>) -> Optio
 }
 
 /// The exponent over the rate; none where all rows have the same.
-fn rate_exponent(law: &Line) -> Option<&Estimate> {
+fn rate_exponent(law: &RegressionLine) -> Option<&Estimate> {
     law.columns.last().filter(|_| law.columns.len() % 2 == 1)
 }
 
@@ -54,9 +54,9 @@ fn is_flat(q: &Estimate) -> bool {
 
 /// Friction that does not vanish at low speed. True where the measured loss does not know the rate.
 pub(super) fn rate(
-    rows: &[Row],
-    measured: &Line,
-    model: Option<&Line>,
+    rows: &[TableRow],
+    measured: &RegressionLine,
+    model: Option<&RegressionLine>,
     out: &mut AggregateDiagnosis,
 ) -> bool {
     let (Some(q), Some(qm)) = (rate_exponent(measured), model.and_then(rate_exponent)) else {
@@ -110,7 +110,7 @@ pub(super) fn rate(
 }
 
 /// Viscous damping, from tests of one stroke at two rates. True where it is small.
-pub(super) fn viscous(rows: &[Row], measured: &Line, out: &mut AggregateDiagnosis) -> bool {
+pub(super) fn viscous(rows: &[TableRow], measured: &RegressionLine, out: &mut AggregateDiagnosis) -> bool {
     let mut shares: Vec<f64> = Vec::new();
     let mut changes: Vec<String> = Vec::new();
     let mut gain = 0.0;
@@ -181,7 +181,7 @@ pub(super) struct Strokes<'a> {
 }
 
 impl<'a> Strokes<'a> {
-    pub(super) fn new(rows: &[Row], mount: &'a str) -> Self {
+    pub(super) fn new(rows: &[TableRow], mount: &'a str) -> Self {
         let sines: Vec<(f64, Two, Option<Two>)> = rows
             .iter()
             .filter(|r| r.mount == mount)
@@ -213,7 +213,7 @@ impl<'a> Strokes<'a> {
     }
 }
 
-fn over_load(sines: &[(f64, Two, Option<Two>)], a_mm: &[f64]) -> Option<Line> {
+fn over_load(sines: &[(f64, Two, Option<Two>)], a_mm: &[f64]) -> Option<RegressionLine> {
     let strokes: Vec<_> = sines.iter().map(|(s, _, _)| vec![1.0, *s]).collect();
     let peaks: Vec<f64> = sines.iter().map(|(_, m, _)| m.peak_n).collect();
     let start_n = line(&strokes, &peaks)?.columns[0].value;

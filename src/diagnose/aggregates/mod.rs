@@ -13,7 +13,7 @@ mod table;
 
 use serde::Serialize;
 
-pub(crate) use table::{Row, Table, TableError, TableReader};
+pub(crate) use table::{TableError, TableReader, TableRow, TargetsTable};
 
 use super::diagnosis::{
     Alternative, Finding, ImprovedModel, Location, NextTest, NotTestable, Value, Verdict,
@@ -85,7 +85,7 @@ pub(crate) struct AggregateDiagnosis {
 pub(crate) enum AggregateError {
     /// A file cannot be read.
     #[error(transparent)]
-    Table(#[from] TableError),
+    TargetsTable(#[from] TableError),
     /// Nothing in it.
     #[error("no file holds a test or a point: {0}")]
     Empty(String),
@@ -104,11 +104,11 @@ pub(crate) enum AggregateError {
 }
 
 /// Runs the baseline over tests of which all the motion is told: one pair a row.
-pub(crate) type Simulate<'a> = dyn FnMut(&[Row]) -> Result<Vec<Two>, IdentifyError> + 'a;
+pub(crate) type Simulate<'a> = dyn FnMut(&[TableRow]) -> Result<Vec<Two>, IdentifyError> + 'a;
 
 /// Diagnoses a table. `simulate` is asked where the table has no model of its own.
 pub(crate) fn diagnose_table(
-    mut table: Table,
+    mut table: TargetsTable,
     simulate: &mut Simulate<'_>,
     threads: usize,
     progress: &mut dyn FnMut(f64),

@@ -7,15 +7,15 @@
 //! `A`, `B` and `L` are the transitions at the two ends; `c` the stiffness that changes with deflection, left out where the
 //! points do not show it. `L` is searched on a grid, its interval is where the fit is not worse than Fisher's F allows.
 
-use super::regression::{Estimate, Line, line};
-use super::table::{Points, Table};
+use super::regression::{Estimate, RegressionLine, line};
+use super::table::{Points, TargetsTable};
 use super::{AggregateDiagnosis, Compared, Errors, FitErrors, not_testable};
 use crate::diagnose::diagnosis::{
     Alternative, Axis, Branch, Finding, ImprovedModel, Location, Value, Verdict,
 };
-use crate::papers::second::{Rerun, rerun_over};
 use crate::identify::{Fit, IdentifyError, confidence::student_975};
 use crate::model::five_link;
+use crate::papers::second::{FiveLinkRerun, rerun_over};
 
 /// Fewer points on a branch have no chords to compare.
 const LEAST: usize = 4;
@@ -28,7 +28,7 @@ const TRIED: usize = 120;
 const END: f64 = 0.17;
 const SURE: f64 = 0.95;
 
-pub(super) fn diagnose(table: &Table, threads: usize) -> Result<AggregateDiagnosis, IdentifyError> {
+pub(super) fn diagnose(table: &TargetsTable, threads: usize) -> Result<AggregateDiagnosis, IdentifyError> {
     let Points { loading, unloading } = &table.points;
     let all: Vec<(f64, f64)> = loading.iter().chain(unloading).copied().collect();
     let rerun = rerun_over(&all, loading.len(), threads)?;
@@ -61,7 +61,12 @@ fn span(values: impl Iterator<Item = f64>) -> (f64, f64) {
     (low, high - low)
 }
 
-fn blank(table: &Table, all: &[(f64, f64)], rerun: &Rerun, range_n: f64) -> AggregateDiagnosis {
+fn blank(
+    table: &TargetsTable,
+    all: &[(f64, f64)],
+    rerun: &FiveLinkRerun,
+    range_n: f64,
+) -> AggregateDiagnosis {
     let error = |i: usize| Errors {
         nrmse_train: Some(rerun.rows[i].rms_n / range_n),
         ..Errors::default()
@@ -151,7 +156,7 @@ fn chords(branch: &[(f64, f64)]) -> Vec<Chord> {
 
 struct Transition {
     /// Columns: a, b, k, A, B, and c where it was asked for.
-    fit: Line,
+    fit: RegressionLine,
     travel_mm: f64,
     length_mm: f64,
     length_ci_mm: [f64; 2],
@@ -203,7 +208,7 @@ fn search(points: &Points, bent: bool) -> Option<Transition> {
     };
     let [short, long] = LENGTHS.map(|share| share * travel_mm);
     let tried = (0..=TRIED).map(|i| short * (long / short).powf(i as f64 / TRIED as f64));
-    let fits: Vec<(f64, Line)> = tried.filter_map(at).collect();
+    let fits: Vec<(f64, RegressionLine)> = tried.filter_map(at).collect();
     let (length_mm, fit) = fits
         .iter()
         .min_by(|a, b| a.1.scatter.total_cmp(&b.1.scatter))?

@@ -79,7 +79,7 @@ fn within(spare: f64, t: f64) -> f64 {
 
 /// A fit of `y` on the columns of `design`.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Line {
+pub(crate) struct RegressionLine {
     /// One a column.
     pub columns: Vec<Estimate>,
     /// Standard deviation of what is left.
@@ -87,7 +87,7 @@ pub(crate) struct Line {
 }
 
 /// Least squares; none where no point is spare or the columns are alike.
-pub(crate) fn line(design: &[Vec<f64>], y: &[f64]) -> Option<Line> {
+pub(crate) fn line(design: &[Vec<f64>], y: &[f64]) -> Option<RegressionLine> {
     let (rows, columns) = (y.len(), design.first()?.len());
     if rows <= columns || y.iter().any(|v| !v.is_finite()) {
         return None;
@@ -112,7 +112,7 @@ pub(crate) fn line(design: &[Vec<f64>], y: &[f64]) -> Option<Line> {
         error: scatter * inverse[(j, j)].sqrt(),
         spare,
     });
-    Some(Line {
+    Some(RegressionLine {
         columns: columns.collect(),
         scatter,
     })

@@ -2,14 +2,14 @@
 //! The laws that say it are in `laws`.
 
 use super::laws::{Strokes, constant, load, power_law, rate, viscous};
-use super::table::{Fitted, Row, Table, belief};
+use super::table::{Fitted, TableRow, TargetsTable, belief};
 use super::{AggregateDiagnosis, Compared, Errors, FitErrors, not_testable, worst};
 use crate::diagnose::diagnosis::{ImprovedModel, Value, Verdict};
 use crate::identify::IdentifyError;
-use crate::papers::first::{
-    self, Choice, MOUNTS, PhysicsFit, Printed, ROWS, Reading, Two, believable, column, mount_name,
-};
 use crate::model::leaf_pack::{self, Mounting};
+use crate::papers::first::{
+    self, AmplitudeReading, Choice, MOUNTS, PhysicsFit, Printed, ROWS, Two, believable, column, mount_name,
+};
 
 /// What a model may miss of a row (peak force, loop energy) and still be adequate.
 const ADEQUATE: [f64; 2] = first::ALLOWED;
@@ -19,7 +19,7 @@ const MOST_SCATTER: f64 = 0.1;
 const MATCHED: f64 = 0.01;
 
 pub(super) fn diagnose(
-    table: &Table,
+    table: &TargetsTable,
     threads: usize,
     progress: &mut dyn FnMut(f64),
 ) -> Result<AggregateDiagnosis, IdentifyError> {
@@ -67,11 +67,11 @@ pub(super) fn diagnose(
     out.not_testable = not_testable(&out.effects, &out.excluded, why);
     if let Some(printed) = like_the_paper(rows) {
         let choice = Choice {
-            readings: vec![Reading::Whole],
+            readings: vec![AmplitudeReading::Whole],
             threads,
             ..Choice::default()
         };
-        let fits = believable(&printed, Reading::Whole, &choice, &mut |_, share| {
+        let fits = believable(&printed, AmplitudeReading::Whole, &choice, &mut |_, share| {
             progress(share);
             true
         })?;
@@ -83,14 +83,14 @@ pub(super) fn diagnose(
     Ok(out)
 }
 
-fn blank(table: &Table) -> AggregateDiagnosis {
+fn blank(table: &TargetsTable) -> AggregateDiagnosis {
     let pair = |t: Two| [t.peak_n, t.loop_j];
     let of = |rows: &[[f64; 2]]| Errors {
         peak_force_error: worst(rows.iter().map(|e| e[0])),
         loop_energy_error: worst(rows.iter().map(|e| e[1])),
         ..Errors::default()
     };
-    let optimum = |row: &Row| table.fitted.iter().find(|f| meant(f, row)).map(|f| pair(f.reach));
+    let optimum = |row: &TableRow| table.fitted.iter().find(|f| meant(f, row)).map(|f| pair(f.reach));
     AggregateDiagnosis {
         verdict: Verdict::Unexplained,
         summary: String::new(),
@@ -126,15 +126,15 @@ fn blank(table: &Table) -> AggregateDiagnosis {
 }
 
 /// An optimum is of a mounting's row if it was fitted to it: it hits both numbers.
-fn meant(fitted: &Fitted, row: &Row) -> bool {
+fn meant(fitted: &Fitted, row: &TableRow) -> bool {
     let near = |a: f64, b: f64| (a / b - 1.0).abs() < MATCHED;
     fitted.mount == row.mount
         && near(fitted.reach.peak_n, row.measured.peak_n)
         && near(fitted.reach.loop_j, row.measured.loop_j)
 }
 
-fn errors(rows: &[Row], of: impl Fn(&Row) -> Option<Two>) -> Vec<[f64; 2]> {
-    let error = |r: &Row| {
+fn errors(rows: &[TableRow], of: impl Fn(&TableRow) -> Option<Two>) -> Vec<[f64; 2]> {
+    let error = |r: &TableRow| {
         let m = of(r)?;
         Some([
             m.peak_n / r.measured.peak_n - 1.0,
@@ -148,7 +148,7 @@ fn within(errors: &[f64; 2]) -> bool {
     errors.iter().zip(ADEQUATE).all(|(e, most)| e.abs() <= most)
 }
 
-pub(super) fn mounts(rows: &[Row]) -> Vec<&str> {
+pub(super) fn mounts(rows: &[TableRow]) -> Vec<&str> {
     let mut names: Vec<&str> = Vec::new();
     for row in rows {
         if !names.contains(&row.mount.as_str()) {
@@ -159,7 +159,7 @@ pub(super) fn mounts(rows: &[Row]) -> Vec<&str> {
 }
 
 /// A reported optimum that hits its two numbers with a value that nothing can have.
-fn impossible(table: &Table, out: &mut AggregateDiagnosis) {
+fn impossible(table: &TargetsTable, out: &mut AggregateDiagnosis) {
     let hit = |f: &&Fitted| table.rows.iter().any(|r| meant(f, r));
     for fitted in table.fitted.iter().filter(hit) {
         for &(name, value) in &fitted.parameters {
@@ -221,9 +221,9 @@ fn why(code: &str) -> &'static str {
 }
 
 /// The rows as Tables 2 and 3 of the first paper have them, in their order, if these are such rows.
-fn like_the_paper(rows: &[Row]) -> Option<[Printed; 5]> {
+fn like_the_paper(rows: &[TableRow]) -> Option<[Printed; 5]> {
     let find = |mount: &str, printed: &Printed| {
-        let same = |r: &&Row| {
+        let same = |r: &&TableRow| {
             r.mount == mount
                 && r.stroke_mm == printed.amplitude_mm
                 && (r.frequency_hz / printed.frequency_hz - 1.0).abs() < 1e-6

@@ -2,9 +2,9 @@
 
 use std::io::Read;
 
-use crate::papers::first::Two;
-use crate::identify::targets::Motion;
+use crate::identify::targets::TargetMotion;
 use crate::model::leaf_pack;
+use crate::papers::first::Two;
 
 /// A ramp of which no duration is told takes as long as the first paper's static test.
 const RAMP_S: f64 = crate::papers::first::STATIC_S;
@@ -16,7 +16,7 @@ const ALIASES: [(&str, &str); 2] = [
 
 /// One test: what was measured, and what a model gave where the table says it.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Row {
+pub(crate) struct TableRow {
     /// Mounting; rows of one mounting are compared with one another.
     pub mount: String,
     /// In words.
@@ -26,7 +26,7 @@ pub(crate) struct Row {
     /// Cycles a second.
     pub frequency_hz: f64,
     /// The motion, where the table tells all of it.
-    pub motion: Option<Motion>,
+    pub motion: Option<TargetMotion>,
     /// Measured.
     pub measured: Two,
     /// The model's.
@@ -55,9 +55,9 @@ pub(crate) struct Points {
 
 /// What the files hold.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(crate) struct Table {
+pub(crate) struct TargetsTable {
     /// Tests.
-    pub rows: Vec<Row>,
+    pub rows: Vec<TableRow>,
     /// Reported optima.
     pub fitted: Vec<Fitted>,
     /// One loop's points.
@@ -83,9 +83,9 @@ pub(crate) struct TableError {
 /// Reads files one after the other; rows of measurement and model find each other at the end.
 #[derive(Default)]
 pub(crate) struct TableReader {
-    table: Table,
+    table: TargetsTable,
     /// Rows said to be simulated.
-    simulated: Vec<Row>,
+    simulated: Vec<TableRow>,
 }
 
 struct Cells<'a> {
@@ -261,15 +261,15 @@ impl TableReader {
         };
         let motion = match (cells.text("motion"), stroke_mm, frequency, valley_mm) {
             ("", _, _, _) => None,
-            ("force-ramp", _, _, _) => Some(Motion::ForceRamp {
+            ("force-ramp", _, _, _) => Some(TargetMotion::ForceRamp {
                 force_n: measured.peak_n,
                 duration_s,
             }),
-            ("ramp", Some(stroke_mm), _, _) => Some(Motion::Ramp {
+            ("ramp", Some(stroke_mm), _, _) => Some(TargetMotion::Ramp {
                 stroke_mm,
                 duration_s,
             }),
-            ("sine", Some(stroke_mm), Some(frequency_hz), Some(valley_mm)) => Some(Motion::Sine {
+            ("sine", Some(stroke_mm), Some(frequency_hz), Some(valley_mm)) => Some(TargetMotion::Sine {
                 stroke_mm,
                 frequency_hz,
                 valley_mm,
@@ -291,7 +291,7 @@ impl TableReader {
             ("", None, _) => "static".to_owned(),
             (profile, _, _) => profile.to_owned(),
         };
-        let row = Row {
+        let row = TableRow {
             mount: mount(cells),
             name,
             stroke_mm,
@@ -312,9 +312,9 @@ impl TableReader {
     }
 
     /// All of it, the model's rows beside the measured ones.
-    pub(crate) fn finish(mut self) -> Table {
+    pub(crate) fn finish(mut self) -> TargetsTable {
         for row in &mut self.table.rows {
-            let same = |s: &&Row| {
+            let same = |s: &&TableRow| {
                 s.mount == row.mount && s.stroke_mm == row.stroke_mm && s.frequency_hz == row.frequency_hz
             };
             row.model = self.simulated.iter().find(same).map(|s| s.measured);

@@ -145,7 +145,7 @@ fn whole_cycles_are_held_out() {
     for i in 1..track.len() {
         assert!(track.part[i] == track.part[i - 1] || track.cycle[i] != track.cycle[i - 1]);
     }
-    for part in [Part::Fit, Part::Select, Part::Report] {
+    for part in [Split::Fit, Split::Select, Split::Report] {
         assert!(track.part.contains(&part));
     }
 }

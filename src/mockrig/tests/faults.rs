@@ -54,7 +54,7 @@ fn lease_of_a_stuck_control_loop_lapses() {
 #[test]
 fn force_limit_trips_within_two_milliseconds() {
     let config = MockRigConfig::default();
-    let mut bench = Bench::new(&config);
+    let mut bench = TestRig::new(&config);
     bench.send(ToRig::ConfigWrite {
         index: object::LIMITS,
         sub: 1,

@@ -4,7 +4,7 @@ use super::*;
 
 #[test]
 fn boots_into_off_and_talks_once_started() {
-    let mut bench = Bench::new(&MockRigConfig::default());
+    let mut bench = TestRig::new(&MockRigConfig::default());
     bench.run(250);
     let beats: Vec<_> = bench.received.clone();
     assert_eq!(
@@ -28,7 +28,7 @@ fn boots_into_off_and_talks_once_started() {
 
 #[test]
 fn arm_needs_a_session_and_the_right_configuration() {
-    let mut bench = Bench::new(&MockRigConfig::default());
+    let mut bench = TestRig::new(&MockRigConfig::default());
     bench.send(ToRig::Nmt {
         command: NmtCommand::Start,
         node: 0,
@@ -49,7 +49,7 @@ fn arm_needs_a_session_and_the_right_configuration() {
 
 #[test]
 fn configuration_is_read_checked_and_guarded() {
-    let mut bench = Bench::new(&MockRigConfig::default());
+    let mut bench = TestRig::new(&MockRigConfig::default());
     let (limits, sub) = (object::LIMITS, 1);
     bench.send(ToRig::ConfigWrite {
         index: limits,

@@ -15,7 +15,7 @@ mod lifecycle;
 mod tracking;
 
 /// A bench with a host that keeps its lease and its queue, as long as it is told to.
-struct Bench {
+struct TestRig {
     rig: MockRig,
     host: Link,
     rig_link: Link,
@@ -37,11 +37,11 @@ struct Bench {
 
 const KEEP_AHEAD: u64 = 100;
 
-impl Bench {
+impl TestRig {
     fn new(config: &MockRigConfig) -> Self {
         let plant = Equivalent::new(&[0.0, 80.0, 0.1, 0.5], 0.0).expect("four values");
         let (host, rig_link) = loopback::pair();
-        Bench {
+        TestRig {
             rig: MockRig::new(config, Box::new(plant)).expect("defaults are possible"),
             host,
             rig_link,
@@ -166,7 +166,7 @@ impl Bench {
     }
 
     fn armed(config: &MockRigConfig) -> Self {
-        let mut bench = Bench::new(config);
+        let mut bench = TestRig::new(config);
         bench.run(3);
         bench.send(ToRig::Nmt {
             command: NmtCommand::Start,
@@ -218,6 +218,6 @@ impl Bench {
     }
 }
 
-fn default_bench() -> Bench {
-    Bench::armed(&MockRigConfig::default())
+fn default_bench() -> TestRig {
+    TestRig::armed(&MockRigConfig::default())
 }

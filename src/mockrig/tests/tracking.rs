@@ -5,7 +5,7 @@ use super::*;
 #[test]
 fn same_seed_same_bits() {
     let run = |seed| {
-        let mut bench = Bench::armed(&MockRigConfig {
+        let mut bench = TestRig::armed(&MockRigConfig {
             seed,
             ..MockRigConfig::default()
         });

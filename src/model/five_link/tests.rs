@@ -30,7 +30,7 @@ fn a_preloaded_spring_is_one_that_was_pushed_there_before() {
 
 #[test]
 fn installed_pose_is_the_printed_one() {
-    let geometry = Geometry::new(&toml::Table::new()).expect("the printed geometry closes");
+    let geometry = LinkGeometry::new(&toml::Table::new()).expect("the printed geometry closes");
     let pose = geometry.pose(0.0).expect("within reach");
     assert!((pose.phi[0] - (-20f64).to_radians()).abs() < 1e-9);
     // Half the leaf by BC = 0.5 L; level within a degree, as a symmetrical spring should be.

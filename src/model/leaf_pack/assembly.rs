@@ -7,9 +7,9 @@ use super::band::V3;
 use super::beam::Beam;
 use super::contact::{Contact, NormalLaw};
 use super::friction::SlipLaw;
-use super::geometry::{FrictionChoice, Leaf, Mesh, NormalChoice, Structure};
+use super::geometry::{FrictionChoice, Leaf, Mesh, NormalChoice, PackStructure};
 use super::parameters::Values;
-use super::side::{Side, StepInfo};
+use super::side::{HalfPack, StepInfo};
 
 /// Steps from parallel arcs to the leaves' own curvatures.
 const NIP_STEPS: f64 = 4.0;
@@ -24,8 +24,8 @@ const LINEAR_N: f64 = 1e-2;
 /// Residual at which the assembly counts as in equilibrium, N.
 const NIP_TOLERANCE_N: f64 = 1e-6;
 
-/// The parts of one side, ready for [`Side::new`].
-pub(super) struct Build {
+/// The parts of one side, ready for [`HalfPack::new`].
+pub(super) struct Assembly {
     pub nodes: Vec<V3>,
     pub fixed: usize,
     pub beams: Vec<Beam>,
@@ -40,7 +40,7 @@ pub(super) struct Build {
 }
 
 /// A clamped side at rest, its eye free, before friction is switched on.
-pub(super) fn clamped_side(structure: &Structure, values: &Values) -> Result<Side, String> {
+pub(super) fn clamped_side(structure: &PackStructure, values: &Values) -> Result<HalfPack, String> {
     let leaves: Vec<Leaf> = structure
         .leaves
         .iter()
@@ -58,9 +58,9 @@ pub(super) fn clamped_side(structure: &Structure, values: &Values) -> Result<Sid
     }
     let halves: Vec<f64> = leaves.iter().map(|l| 0.5 * l.length_mm).collect();
     let mesh = Mesh::new(&halves, 0.5 * values.clamp_length_mm, structure.segments)?;
-    let mut side = Side::new(parts(structure, values, &leaves, &mesh));
+    let mut side = HalfPack::new(parts(structure, values, &leaves, &mesh));
     let depth = depths(&leaves);
-    let bend = |side: &mut Side, share: f64| {
+    let bend = |side: &mut HalfPack, share: f64| {
         for b in 0..side.beams.len() {
             let leaf = side.leaf_of[b];
             let (own, start) = (
@@ -104,7 +104,7 @@ pub(super) fn clamped_side(structure: &Structure, values: &Values) -> Result<Sid
 
 /// Newton's method to equilibrium with the eye free. Without friction there is an energy to descend: where whole
 /// corrections go to and fro between contacts, one that runs past the energy's minimum is shortened to it.
-fn settle(side: &mut Side) -> bool {
+fn settle(side: &mut HalfPack) -> bool {
     let still = StepInfo {
         dt_s: 1.0,
         viscosity: 0.0,
@@ -142,7 +142,7 @@ fn settle(side: &mut Side) -> bool {
 }
 
 /// How steeply the energy falls along the correction at hand.
-fn descent(side: &Side) -> f64 {
+fn descent(side: &HalfPack) -> f64 {
     let rest = &side.residual[side.fixed..];
     rest.iter()
         .zip(&side.scratch)
@@ -151,7 +151,7 @@ fn descent(side: &Side) -> f64 {
 }
 
 /// Takes a share of the correction at hand.
-fn go(side: &mut Side, share: f64) {
+fn go(side: &mut HalfPack, share: f64) {
     let fixed = side.fixed;
     for (node, d) in side.nodes[fixed..].iter_mut().zip(&side.scratch) {
         for i in 0..3 {
@@ -160,7 +160,7 @@ fn go(side: &mut Side, share: f64) {
     }
 }
 
-fn parts(structure: &Structure, values: &Values, leaves: &[Leaf], mesh: &Mesh) -> Build {
+fn parts(structure: &PackStructure, values: &Values, leaves: &[Leaf], mesh: &Mesh) -> Assembly {
     let start_mm = 0.5 * values.clamp_length_mm;
     let depth = depths(leaves);
     let fixed = leaves.len();
@@ -217,7 +217,7 @@ fn parts(structure: &Structure, values: &Values, leaves: &[Leaf], mesh: &Mesh) -
         NormalChoice::Penalty => NormalLaw::Penalty(structure.contact_stiffness_n_per_mm),
         NormalChoice::Hertz => NormalLaw::hertz(values.e_mpa, structure.sphere_radius_mm),
     };
-    Build {
+    Assembly {
         fixed,
         mass: masses(structure, leaves, &beams, &leaf_of),
         contact_count: contacts.len(),
@@ -267,7 +267,7 @@ fn envelope(mut reach: Vec<usize>) -> Vec<usize> {
 }
 
 /// Each body has half the mass of the beam before and of the one after it.
-fn masses(structure: &Structure, leaves: &[Leaf], beams: &[Beam], leaf_of: &[usize]) -> Vec<[f64; 2]> {
+fn masses(structure: &PackStructure, leaves: &[Leaf], beams: &[Beam], leaf_of: &[usize]) -> Vec<[f64; 2]> {
     let mut mass = vec![[0.0; 2]; beams.len()];
     let mut before: Vec<Option<usize>> = vec![None; leaves.len()];
     for (b, beam) in beams.iter().enumerate() {

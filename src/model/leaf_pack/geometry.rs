@@ -63,7 +63,7 @@ pub(crate) enum Dynamics {
 /// The structure table of a leaf pack. Missing keys take the first paper's spring.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub(crate) struct Structure {
+pub(crate) struct PackStructure {
     /// Leaves from the one with the eyes down.
     pub leaves: Vec<Leaf>,
     /// Rigid segments of the whole pack, both sides (the nearest number that the stations allow is taken).
@@ -104,7 +104,7 @@ pub(crate) struct Structure {
     pub clamp_mass_kg: f64,
 }
 
-impl Default for Structure {
+impl Default for PackStructure {
     fn default() -> Self {
         let leaf = |length_mm, radius_mm| Leaf {
             length_mm,
@@ -141,10 +141,10 @@ impl Default for Structure {
     }
 }
 
-impl Structure {
+impl PackStructure {
     /// Reads and checks a structure table.
     pub(crate) fn from_table(table: &toml::Table) -> Result<Self, String> {
-        let structure: Structure = table
+        let structure: PackStructure = table
             .clone()
             .try_into()
             .map_err(|e: toml::de::Error| format!("{}: correct that key", e.message()))?;
@@ -307,11 +307,11 @@ mod tests {
         assert!(Mesh::new(&HALVES, 220.0, 84).is_err());
         let table: toml::Table = "segmnts = 3".parse().expect("toml");
         assert!(
-            Structure::from_table(&table)
+            PackStructure::from_table(&table)
                 .expect_err("unknown key")
                 .contains("segmnts")
         );
         let table: toml::Table = "leaves = []".parse().expect("toml");
-        assert!(Structure::from_table(&table).is_err());
+        assert!(PackStructure::from_table(&table).is_err());
     }
 }

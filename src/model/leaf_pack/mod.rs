@@ -25,12 +25,12 @@ mod shape;
 mod side;
 
 pub(crate) use friction::Grip;
-pub(crate) use geometry::{FrictionChoice, Mounting, Structure};
+#[cfg(any(test, feature = "benchmarks"))]
+pub(crate) use geometry::Dynamics;
+pub(crate) use geometry::{FrictionChoice, Mounting, PackStructure};
 pub(crate) use pack::LeafPack;
 pub(crate) use parameters::{MODEL, Values};
 pub(crate) use path::graded_path;
 pub(crate) use shape::{ContactShape, LeafShape, PackShape};
-#[cfg(any(test, feature = "benchmarks"))]
-pub(crate) use geometry::Dynamics;
 #[cfg(test)]
 pub(crate) use {energy::Source, geometry::NormalChoice, parameters::PARAMETERS};

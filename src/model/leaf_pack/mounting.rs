@@ -114,7 +114,7 @@ impl Mount {
                 out.stored_nmm = 0.5 * k * gap * gap;
                 self.rail_friction(eye, dt_s, &mut out);
                 let carried = out;
-                self.pin_friction(EYE_PIN, eye[2], &Turn::default(), &carried, dt_s, &mut out);
+                self.pin_friction(EYE_PIN, eye[2], &PinTurn::default(), &carried, dt_s, &mut out);
             }
             Support::Pin { at } => {
                 let off = [eye[0] - at[0], eye[1] - at[1]];
@@ -124,7 +124,7 @@ impl Mount {
                 out.tangent[4] = k;
                 out.stored_nmm = 0.5 * k * (off[0] * off[0] + off[1] * off[1]);
                 let carried = out;
-                self.pin_friction(EYE_PIN, eye[2], &Turn::default(), &carried, dt_s, &mut out);
+                self.pin_friction(EYE_PIN, eye[2], &PinTurn::default(), &carried, dt_s, &mut out);
             }
             Support::Shackle { pivot, length } => self.link(eye, pivot, length, dt_s, &mut out),
         }
@@ -163,7 +163,7 @@ impl Mount {
         &self,
         place: usize,
         slip: f64,
-        turn: &Turn,
+        turn: &PinTurn,
         carried: &MountForce,
         dt_s: f64,
         out: &mut MountForce,
@@ -216,7 +216,7 @@ impl Mount {
         out.tangent[3] = out.tangent[1];
         out.tangent[4] = k * along[1] * along[1] + side * (1.0 - along[1] * along[1]);
         let twist = 2.0 * dx * dy / (square * square);
-        let turn = Turn {
+        let turn = PinTurn {
             by: [-dy / square, dx / square],
             hess: [-twist, (dx * dx - dy * dy) / (square * square), twist],
         };
@@ -230,7 +230,7 @@ impl Mount {
 
 /// Derivatives of the link's angle by (X, Y): zero where there is no link.
 #[derive(Default)]
-struct Turn {
+struct PinTurn {
     by: [f64; 2],
     hess: [f64; 3],
 }

@@ -9,7 +9,7 @@ use super::band::V3;
 use super::friction::{Grip, Response};
 use super::geometry::{Dynamics, FrictionChoice, Mounting};
 use super::mounting::PLACES;
-use super::side::{Side, StepInfo, add};
+use super::side::{HalfPack, StepInfo, add};
 use crate::units::inertia_force_n;
 
 /// Iterations before a step is given up.
@@ -50,7 +50,7 @@ pub(super) struct OuterGrip {
 
 /// Position of the eye's pin (X, Y) and angle of the segment that carries it, with the clamp at (w, v).
 #[inline]
-pub(super) fn eye_of(side: &Side, offset: [f64; 2], sense: f64, frame: [f64; 2]) -> V3 {
+pub(super) fn eye_of(side: &HalfPack, offset: [f64; 2], sense: f64, frame: [f64; 2]) -> V3 {
     let tip = &side.nodes[side.tip()];
     let arm = arm_of(side, offset);
     [
@@ -62,7 +62,7 @@ pub(super) fn eye_of(side: &Side, offset: [f64; 2], sense: f64, frame: [f64; 2])
 
 /// From the last body to the eye's centre.
 #[inline]
-fn arm_of(side: &Side, offset: [f64; 2]) -> [f64; 2] {
+fn arm_of(side: &HalfPack, offset: [f64; 2]) -> [f64; 2] {
     let (s, c) = side.nodes[side.tip()][2].sin_cos();
     [c * offset[0] - s * offset[1], s * offset[0] + c * offset[1]]
 }

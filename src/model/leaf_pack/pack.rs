@@ -4,11 +4,11 @@ use super::assembly::clamped_side;
 use super::band::V3;
 use super::energy::{Energy, Source};
 use super::friction::{Slider, SlipLaw};
-use super::geometry::{FrictionChoice, Mounting, Structure};
+use super::geometry::{FrictionChoice, Mounting, PackStructure};
 use super::mounting::{Mount, MountForce, MountValues, Support};
 use super::newton::{Frame, OuterGrip, eye_of};
 use super::parameters::Values;
-use super::side::{Side, StepInfo};
+use super::side::{HalfPack, StepInfo};
 use crate::model::Plant;
 
 /// Residual at which a step has converged, N: some 1e-6 of the forces at work.
@@ -25,9 +25,9 @@ const MOST_PARTS: f64 = 300.0;
 /// The leaf pack, ready to step.
 #[derive(Debug, Clone)]
 pub(crate) struct LeafPack {
-    pub(super) structure: Structure,
+    pub(super) structure: PackStructure,
     pub(super) values: Values,
-    pub(super) sides: Vec<Side>,
+    pub(super) sides: Vec<HalfPack>,
     pub(super) mounts: Vec<Mount>,
     /// Centre of the eye's pin in the frame of the last body, mm.
     pub(super) eye: [f64; 2],
@@ -50,7 +50,7 @@ pub(crate) struct LeafPack {
     pub(super) factorisations: u64,
     pub(super) tolerance_n: f64,
     pub(super) unconverged: u64,
-    virgin: Box<(Vec<Side>, Vec<Mount>)>,
+    virgin: Box<(Vec<HalfPack>, Vec<Mount>)>,
     /// Pusher's travel from first touch of the unloaded pack, mm.
     travel_mm: f64,
     force_n: f64,
@@ -58,7 +58,7 @@ pub(crate) struct LeafPack {
 
 impl LeafPack {
     /// Assembles and clamps the pack and sets it on its mounting, at displacement 0.
-    pub(crate) fn new(structure: &Structure, values: &Values) -> Result<Self, String> {
+    pub(crate) fn new(structure: &PackStructure, values: &Values) -> Result<Self, String> {
         structure.check()?;
         let side = clamped_side(structure, values)?;
         let eye = [0.0, structure.eye_offset_mm];
@@ -124,7 +124,7 @@ impl LeafPack {
     }
 
     /// What it was built from.
-    pub(crate) fn structure(&self) -> &Structure {
+    pub(crate) fn structure(&self) -> &PackStructure {
         &self.structure
     }
 
@@ -152,7 +152,7 @@ impl LeafPack {
 
     /// Sets the residual at which a step counts as converged, N (5e-4 unless set; never below what rounding leaves).
     pub(crate) fn set_tolerance_n(&mut self, tolerance_n: f64) {
-        let rounding = self.sides.iter().map(Side::rounding_n).fold(1e-9, f64::max);
+        let rounding = self.sides.iter().map(HalfPack::rounding_n).fold(1e-9, f64::max);
         self.tolerance_n = tolerance_n.max(rounding);
     }
 
@@ -288,7 +288,7 @@ impl Plant for LeafPack {
     }
 }
 
-fn mount_values(structure: &Structure, values: &Values) -> MountValues {
+fn mount_values(structure: &PackStructure, values: &Values) -> MountValues {
     let velocity = structure.transition_velocity_mm_s;
     let (slide_law, turn_law) = match structure.friction_law {
         FrictionChoice::Presliding => (

@@ -1,7 +1,7 @@
 //! What a fit may move in a leaf pack, and the entry in the list of models.
 
 use super::LeafPack;
-use super::geometry::Structure;
+use super::geometry::PackStructure;
 use crate::model::{BuildError, Model, Parameter, Plant};
 
 /// One value a parameter, in the order of [`PARAMETERS`].
@@ -232,7 +232,7 @@ fn build(values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, Buil
         model: MODEL.name,
         reason,
     };
-    let structure = Structure::from_table(structure).map_err(refuse)?;
+    let structure = PackStructure::from_table(structure).map_err(refuse)?;
     let values = Values::from_slice(values).ok_or_else(|| {
         refuse(format!(
             "{} values for {} parameters: give one for each",

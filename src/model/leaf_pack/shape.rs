@@ -6,7 +6,7 @@
 use super::LeafPack;
 use super::friction::Grip;
 use super::newton::eye_of;
-use super::side::Side;
+use super::side::HalfPack;
 
 /// A station of a leaf's middle line.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -127,7 +127,7 @@ impl LeafPack {
     }
 
     fn half_contacts(&self, side: usize, sense: f64) -> Vec<ContactShape> {
-        let side: &Side = &self.sides[side];
+        let side: &HalfPack = &self.sides[side];
         side.contacts
             .iter()
             .zip(&side.grip)

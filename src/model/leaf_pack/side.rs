@@ -3,7 +3,7 @@
 //! Coordinates are those of the clamp: x outward along the pack, y towards the eyes, the clamp's edge at rest. So a side
 //! knows nothing of how the clamp moves; only its last body, which carries the eye, meets the outside (see `mounting`).
 
-use super::assembly::Build;
+use super::assembly::Assembly;
 use super::band::{BlockBand, M3, V3};
 use super::beam::{Beam, BeamForce, Strain};
 use super::contact::{Contact, Measure, NormalLaw};
@@ -41,7 +41,7 @@ pub(super) struct Touch {
 
 /// One side of the pack.
 #[derive(Debug, Clone)]
-pub(super) struct Side {
+pub(super) struct HalfPack {
     /// Nodes: first the clamp's (fixed, one a leaf), then the bodies in the order of elimination.
     pub nodes: Vec<V3>,
     /// Leaves = fixed nodes.
@@ -80,8 +80,8 @@ pub(super) struct Side {
     trig: Vec<[f64; 2]>,
 }
 
-impl Side {
-    pub(super) fn new(build: Build) -> Self {
+impl HalfPack {
+    pub(super) fn new(build: Assembly) -> Self {
         let bodies = build.beams.len();
         let nodes = build.nodes;
         Self {
@@ -353,7 +353,7 @@ fn transpose(m: &M3) -> M3 {
 #[cfg(test)]
 mod tests {
     use super::super::assembly::clamped_side;
-    use super::super::geometry::Structure;
+    use super::super::geometry::PackStructure;
     use super::super::parameters::Values;
     use super::*;
 
@@ -361,10 +361,10 @@ mod tests {
     const EI: f64 = 207_000.0 * 50.0 * 6.15 * 6.15 * 6.15 / 12.0;
 
     /// A single flat leaf clamped in the middle, `segments` a side.
-    fn cantilever(segments: usize) -> Side {
-        let mut structure = Structure {
+    fn cantilever(segments: usize) -> HalfPack {
+        let mut structure = PackStructure {
             segments: 2 * segments,
-            ..Structure::default()
+            ..PackStructure::default()
         };
         structure.leaves.truncate(1);
         structure.leaves[0].length_mm = 2.0 * LENGTH;
@@ -380,7 +380,7 @@ mod tests {
     }
 
     /// Equilibrium of the free end's node under a force and a moment, brought up in steps.
-    fn load(side: &mut Side, force: [f64; 2], moment: f64, steps: usize) -> V3 {
+    fn load(side: &mut HalfPack, force: [f64; 2], moment: f64, steps: usize) -> V3 {
         let still = StepInfo {
             dt_s: 1.0,
             viscosity: 0.0,

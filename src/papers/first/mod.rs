@@ -4,7 +4,7 @@
 //!   optimisation (Tables 6 and 7) · `physics` presliding friction and the rig's own, one set for all rows
 //!
 //! The paper leaves open whether "amplitude" is half of the stroke or the whole of it, where the troughs lie, and how far the
-//! static test travels. [`Reading`] is a switch, the trough a parameter (or fixed), and the static travel is the one that meets
+//! static test travels. [`AmplitudeReading`] is a switch, the trough a parameter (or fixed), and the static travel is the one that meets
 //! the printed peak force.
 
 mod own_model;
@@ -17,7 +17,7 @@ pub(crate) use physics::{ALLOWED, PhysicsFit, believable, physics};
 pub(crate) use walk::{Pass, walk};
 
 use crate::identify::IdentifyError;
-use crate::model::leaf_pack::{Mounting, Structure};
+use crate::model::leaf_pack::{Mounting, PackStructure};
 
 /// Peak force and loop energy of a row.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -115,27 +115,27 @@ pub(crate) fn mount_name(mounting: Mounting) -> &'static str {
 
 /// What "amplitude" means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Reading {
+pub(crate) enum AmplitudeReading {
     /// Half of the stroke.
     Half,
     /// The whole stroke, peak to peak.
     Whole,
 }
 
-impl Reading {
+impl AmplitudeReading {
     /// Stroke of a printed amplitude, mm.
     pub(crate) fn stroke_mm(self, amplitude_mm: f64) -> f64 {
         match self {
-            Reading::Half => 2.0 * amplitude_mm,
-            Reading::Whole => amplitude_mm,
+            AmplitudeReading::Half => 2.0 * amplitude_mm,
+            AmplitudeReading::Whole => amplitude_mm,
         }
     }
 
     /// In words.
     pub(crate) fn name(self) -> &'static str {
         match self {
-            Reading::Half => "amplitude = half the stroke",
-            Reading::Whole => "amplitude = the whole stroke",
+            AmplitudeReading::Half => "amplitude = half the stroke",
+            AmplitudeReading::Whole => "amplitude = the whole stroke",
         }
     }
 }
@@ -144,7 +144,7 @@ impl Reading {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Choice {
     /// Readings to run.
-    pub readings: Vec<Reading>,
+    pub readings: Vec<AmplitudeReading>,
     /// Lowest displacement of the sines in mm, the same for both mountings; fitted where `None`.
     pub trough_mm: Option<f64>,
     /// Cores; 0 for all.
@@ -156,7 +156,7 @@ pub(crate) struct Choice {
 impl Default for Choice {
     fn default() -> Self {
         Choice {
-            readings: vec![Reading::Whole, Reading::Half],
+            readings: vec![AmplitudeReading::Whole, AmplitudeReading::Half],
             trough_mm: None,
             threads: 0,
             seed: 1,
@@ -166,7 +166,7 @@ impl Default for Choice {
 
 /// Everything of the first paper.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Rerun {
+pub(crate) struct LeafPackRerun {
     /// What the paper's kind of model runs with.
     pub statics: OwnStatics,
     /// Tables 6 and 7.
@@ -179,7 +179,7 @@ pub(crate) struct Rerun {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct ReadingRerun {
     /// Which.
-    pub reading: Reading,
+    pub reading: AmplitudeReading,
     /// Tables 2 and 3 with the paper's kind of model.
     pub own: OwnModel,
     /// One set a mounting, one for both.
@@ -196,10 +196,13 @@ impl ReadingRerun {
 }
 
 /// Runs it all. `watch` is told what is done and the share of the way; false stops with what there is.
-pub(crate) fn rerun(choice: &Choice, watch: &mut dyn FnMut(&str, f64) -> bool) -> Result<Rerun, IdentifyError> {
+pub(crate) fn rerun(
+    choice: &Choice,
+    watch: &mut dyn FnMut(&str, f64) -> bool,
+) -> Result<LeafPackRerun, IdentifyError> {
     watch("the paper's kind of model", 0.0);
     let statics = own_statics()?;
-    let mut out = Rerun {
+    let mut out = LeafPackRerun {
         statics,
         two_numbers: Vec::new(),
         readings: Vec::new(),
@@ -226,9 +229,9 @@ pub(crate) fn rerun(choice: &Choice, watch: &mut dyn FnMut(&str, f64) -> bool) -
 }
 
 /// The paper's spring on a mounting.
-fn structure(mounting: Mounting) -> Structure {
-    Structure {
+fn structure(mounting: Mounting) -> PackStructure {
+    PackStructure {
         mounting,
-        ..Structure::default()
+        ..PackStructure::default()
     }
 }

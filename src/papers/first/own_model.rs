@@ -9,11 +9,11 @@
 //! At such coefficients leaves lock and let go, and a row costs a hundred times an ordinary one. So the rows are computed on a
 //! grid of coefficient and thickness, the evolution runs on the polynomial through them, and its optimum is computed for real.
 
-use super::{Choice, Printed, ROWS, Reading, STATIC_S, Two, column, structure, two, walk};
+use super::{AmplitudeReading, Choice, Printed, ROWS, STATIC_S, Two, column, structure, two, walk};
 use crate::identify::objective::{Residuals, scaled_difference};
-use crate::identify::targets::Motion;
-use crate::identify::{Control, Fit, IdentifyError, Method, Options, differential_evolution, fit};
-use crate::model::leaf_pack::{FrictionChoice, LeafPack, Mounting, Structure, Values, graded_path};
+use crate::identify::targets::TargetMotion;
+use crate::identify::{Fit, FitControl, FitOptions, IdentifyError, Method, differential_evolution, fit};
+use crate::model::leaf_pack::{FrictionChoice, LeafPack, Mounting, PackStructure, Values, graded_path};
 use crate::model::{BuildError, Parameter, Plant};
 use crate::units::joules_from_nmm;
 
@@ -81,8 +81,8 @@ fn values(mu: f64, thickness_correction_mm: f64) -> Values {
     }
 }
 
-fn tanh(mounting: Mounting, velocity_mm_s: f64) -> Structure {
-    Structure {
+fn tanh(mounting: Mounting, velocity_mm_s: f64) -> PackStructure {
+    PackStructure {
         friction_law: FrictionChoice::Tanh,
         transition_velocity_mm_s: velocity_mm_s,
         contact_stiffness_n_per_mm: CONTACT_N_PER_MM,
@@ -90,7 +90,7 @@ fn tanh(mounting: Mounting, velocity_mm_s: f64) -> Structure {
     }
 }
 
-fn pack(structure: &Structure, values: &Values) -> Result<LeafPack, BuildError> {
+fn pack(structure: &PackStructure, values: &Values) -> Result<LeafPack, BuildError> {
     let mut pack = LeafPack::new(structure, values).map_err(|reason| BuildError::Structure {
         model: crate::model::leaf_pack::MODEL.name,
         reason,
@@ -100,7 +100,7 @@ fn pack(structure: &Structure, values: &Values) -> Result<LeafPack, BuildError> 
 }
 
 /// Up to `travel_mm` and back in 120 s.
-fn static_row(structure: &Structure, values: &Values, travel_mm: f64) -> Result<Two, BuildError> {
+fn static_row(structure: &PackStructure, values: &Values, travel_mm: f64) -> Result<Two, BuildError> {
     let mut pack = pack(structure, values)?;
     let points = pack.static_path(&graded_path(&[0.0, travel_mm, 0.0], STEP_MM), STATIC_S);
     let energy_nmm: f64 = points
@@ -114,7 +114,7 @@ fn static_row(structure: &Structure, values: &Values, travel_mm: f64) -> Result<
 }
 
 /// Where a slowly rising load reaches `force_n`, mm.
-fn reach_mm(structure: &Structure, values: &Values, force_n: f64) -> Result<f64, BuildError> {
+fn reach_mm(structure: &PackStructure, values: &Values, force_n: f64) -> Result<f64, BuildError> {
     let mut pack = pack(structure, values)?;
     let (mut at_mm, mut rate) = (0.0, 60.0);
     for _ in 0..200 {
@@ -130,8 +130,8 @@ fn reach_mm(structure: &Structure, values: &Values, force_n: f64) -> Result<f64,
     Ok(at_mm)
 }
 
-fn sine(row: &Printed, reading: Reading, trough_mm: f64) -> Option<Motion> {
-    row.amplitude_mm.map(|amplitude_mm| Motion::Sine {
+fn sine(row: &Printed, reading: AmplitudeReading, trough_mm: f64) -> Option<TargetMotion> {
+    row.amplitude_mm.map(|amplitude_mm| TargetMotion::Sine {
         stroke_mm: reading.stroke_mm(amplitude_mm),
         frequency_hz: row.frequency_hz,
         valley_mm: trough_mm,
@@ -139,9 +139,9 @@ fn sine(row: &Printed, reading: Reading, trough_mm: f64) -> Option<Motion> {
 }
 
 fn rows(
-    structure: &Structure,
+    structure: &PackStructure,
     values: &Values,
-    reading: Reading,
+    reading: AmplitudeReading,
     travel_mm: f64,
     trough_mm: f64,
 ) -> Result<Vec<OwnRow>, BuildError> {
@@ -207,7 +207,7 @@ pub(crate) fn own_statics() -> Result<OwnStatics, IdentifyError> {
 }
 
 /// Tables 2 and 3 with interleaf friction 0.1 of the tanh law.
-pub(crate) fn own_model(reading: Reading, statics: &OwnStatics) -> Result<OwnModel, IdentifyError> {
+pub(crate) fn own_model(reading: AmplitudeReading, statics: &OwnStatics) -> Result<OwnModel, IdentifyError> {
     let nominal = values(MU, 0.0);
     let mut trough_mm = [0.0; 2];
     let mut all = Vec::new();
@@ -278,7 +278,7 @@ struct Surface {
 }
 
 impl Surface {
-    fn new(structure: &Structure, travel_mm: f64, target: Two) -> Result<Self, BuildError> {
+    fn new(structure: &PackStructure, travel_mm: f64, target: Two) -> Result<Self, BuildError> {
         // One thread a thickness: the evolution itself costs nothing then.
         let columns: Vec<Result<Vec<Two>, BuildError>> = std::thread::scope(|scope| {
             let column = |mm: f64| {
@@ -346,14 +346,14 @@ pub(crate) fn two_numbers(
     let structure = tanh(mounting, statics.transition_velocity_mm_s);
     let travel_mm = statics.travel_mm[mount];
     let surface = Surface::new(&structure, travel_mm, TARGETS[mount])?;
-    let options = Options {
-        method: Method::DifferentialEvolution(differential_evolution::Settings::default()),
+    let options = FitOptions {
+        method: Method::DifferentialEvolution(differential_evolution::EvolutionSettings::default()),
         seed: choice.seed,
         threads: choice.threads,
         intervals: false,
-        ..Options::default()
+        ..FitOptions::default()
     };
-    let fit = fit(&surface, &options, &mut |_| Control::Continue)?;
+    let fit = fit(&surface, &options, &mut |_| FitControl::Continue)?;
     let found = [fit.values[0], fit.values[1]];
     let reach = static_row(&structure, &values(found[0].abs(), found[1]), travel_mm)?;
     Ok(TwoNumbers {

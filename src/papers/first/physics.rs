@@ -7,12 +7,12 @@
 
 pub(crate) use super::parameters::PARAMETERS;
 use super::{
-    AMPLITUDES_MM, Choice, MOUNTS, Pass, Printed, ROWS, Reading, SINE_OF_ROW, Two, column, mount_name,
-    structure, walk,
+    AMPLITUDES_MM, AmplitudeReading, Choice, MOUNTS, Pass, Printed, ROWS, SINE_OF_ROW, Two, column,
+    mount_name, structure, walk,
 };
 use crate::identify::objective::Residuals;
-use crate::identify::{Control, Fit, IdentifyError, Method, Options, fit, least_squares};
-use crate::model::leaf_pack::{LeafPack, MODEL, Mounting, Structure, Values};
+use crate::identify::{Fit, FitControl, FitOptions, IdentifyError, Method, fit, least_squares};
+use crate::model::leaf_pack::{LeafPack, MODEL, Mounting, PackStructure, Values};
 use crate::model::{BuildError, Parameter};
 
 /// What a row of one mounting may miss: peak force and loop energy.
@@ -40,7 +40,7 @@ const ENOUGH: f64 = 0.17;
 
 /// What is fitted to what.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Case {
+pub(crate) struct FitCase {
     /// In words.
     pub name: &'static str,
     /// Mountings whose rows count.
@@ -49,7 +49,7 @@ pub(crate) struct Case {
     pub lifted: Option<(&'static str, [f64; 2])>,
 }
 
-impl Case {
+impl FitCase {
     /// What a row may miss: peak force and loop energy.
     pub(crate) fn allowed(&self) -> [f64; 2] {
         if self.mounts.len() > 1 {
@@ -87,7 +87,7 @@ impl ModelRow {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct PhysicsFit {
     /// What was fitted to what.
-    pub case: Case,
+    pub case: FitCase,
     /// The fit.
     pub fit: Fit,
     /// Row by row.
@@ -114,13 +114,13 @@ pub(crate) struct RowProblem {
     parameters: Vec<Parameter>,
     mounts: Vec<Mounting>,
     allowed: [f64; 2],
-    reading: Reading,
+    reading: AmplitudeReading,
     printed: [Printed; 5],
 }
 
 impl RowProblem {
     /// Rows of `mounts`, with the bounds of `case`; `printed` stands for Tables 2 and 3.
-    pub(crate) fn new(case: &Case, printed: &[Printed; 5], reading: Reading) -> Self {
+    pub(crate) fn new(case: &FitCase, printed: &[Printed; 5], reading: AmplitudeReading) -> Self {
         let mut parameters = PARAMETERS.to_vec();
         if let Some((name, bounds)) = case.lifted {
             for p in parameters.iter_mut().filter(|p| p.name == name) {
@@ -137,7 +137,12 @@ impl RowProblem {
     }
 
     /// One pass of a mounting.
-    pub(crate) fn pass(&self, mounting: Mounting, values: &[f64], longest_mm: f64) -> Result<Pass, BuildError> {
+    pub(crate) fn pass(
+        &self,
+        mounting: Mounting,
+        values: &[f64],
+        longest_mm: f64,
+    ) -> Result<Pass, BuildError> {
         let (structure, pack_values, trough_mm) = unpack(mounting, values);
         let mut pack = LeafPack::new(&structure, &pack_values).map_err(|reason| BuildError::Structure {
             model: MODEL.name,
@@ -166,10 +171,10 @@ impl RowProblem {
 }
 
 /// Structure, values and trough of a mounting.
-fn unpack(mounting: Mounting, values: &[f64]) -> (Structure, Values, f64) {
+fn unpack(mounting: Mounting, values: &[f64]) -> (PackStructure, Values, f64) {
     let on_rail = mounting == Mounting::Rail;
     let own = |value: f64| if on_rail { value } else { 0.0 };
-    let structure = Structure {
+    let structure = PackStructure {
         eye_offset_mm: values[2],
         ..structure(mounting)
     };
@@ -212,15 +217,15 @@ impl Residuals for RowProblem {
 }
 
 /// Within belief, then with the bound lifted that the reading's rows push against.
-fn cases(reading: Reading) -> Vec<Case> {
-    let case = |name, mounts: &[Mounting], lifted| Case {
+fn cases(reading: AmplitudeReading) -> Vec<FitCase> {
+    let case = |name, mounts: &[Mounting], lifted| FitCase {
         name,
         mounts: mounts.to_vec(),
         lifted,
     };
     let (rail, shackle) = ([Mounting::Rail], [Mounting::Shackle]);
     let (names, lifted) = match reading {
-        Reading::Whole => (
+        AmplitudeReading::Whole => (
             [
                 "shackle, rail friction free",
                 "no shackle, rail friction free",
@@ -229,7 +234,7 @@ fn cases(reading: Reading) -> Vec<Case> {
             ("rail_mu", [0.0, 2.0]),
         ),
         // Twice the stroke needs a softer pack: no friction gives that.
-        Reading::Half => (
+        AmplitudeReading::Half => (
             [
                 "shackle, thickness free",
                 "no shackle, thickness free",
@@ -249,7 +254,7 @@ fn cases(reading: Reading) -> Vec<Case> {
 }
 
 /// Where a case starts: at the parameters' own, or where the cases before it ended.
-fn starts(case: &Case, before: &[PhysicsFit]) -> Vec<Vec<f64>> {
+fn starts(case: &FitCase, before: &[PhysicsFit]) -> Vec<Vec<f64>> {
     let own = PARAMETERS.map(|p| p.start).to_vec();
     if before.is_empty() {
         return vec![own];
@@ -280,7 +285,7 @@ fn starts(case: &Case, before: &[PhysicsFit]) -> Vec<Vec<f64>> {
 
 /// All cases of a reading. `watch` as in [`super::rerun`].
 pub(crate) fn physics(
-    reading: Reading,
+    reading: AmplitudeReading,
     choice: &Choice,
     watch: &mut dyn FnMut(&str, f64) -> bool,
 ) -> Result<Vec<PhysicsFit>, IdentifyError> {
@@ -290,7 +295,7 @@ pub(crate) fn physics(
 /// The sets within belief alone, for rows like those of Tables 2 and 3: one a mounting, then the one that both share.
 pub(crate) fn believable(
     printed: &[Printed; 5],
-    reading: Reading,
+    reading: AmplitudeReading,
     choice: &Choice,
     watch: &mut dyn FnMut(&str, f64) -> bool,
 ) -> Result<Vec<PhysicsFit>, IdentifyError> {
@@ -300,13 +305,13 @@ pub(crate) fn believable(
 }
 
 fn fit_cases(
-    cases: Vec<Case>,
+    cases: Vec<FitCase>,
     printed: &[Printed; 5],
-    reading: Reading,
+    reading: AmplitudeReading,
     choice: &Choice,
     watch: &mut dyn FnMut(&str, f64) -> bool,
 ) -> Result<Vec<PhysicsFit>, IdentifyError> {
-    let weight = |case: &Case| (1 + 3 * usize::from(case.mounts.contains(&Mounting::Shackle))) as f64;
+    let weight = |case: &FitCase| (1 + 3 * usize::from(case.mounts.contains(&Mounting::Shackle))) as f64;
     let total: f64 = cases.iter().map(weight).sum();
     let mut done = 0.0;
     let mut fits = Vec::new();
@@ -342,10 +347,10 @@ fn fit_cases(
 }
 
 fn fit_case(
-    case: &Case,
+    case: &FitCase,
     mut start: Vec<f64>,
     printed: &[Printed; 5],
-    reading: Reading,
+    reading: AmplitudeReading,
     choice: &Choice,
     watch: &mut dyn FnMut(f64) -> bool,
 ) -> Result<PhysicsFit, IdentifyError> {
@@ -361,33 +366,33 @@ fn fit_case(
         fixed.extend(["rail_trough_mm", "shackle_trough_mm"]);
         (start[8], start[11]) = (trough_mm, trough_mm);
     }
-    let options = Options {
-        method: Method::LeastSquares(least_squares::Settings {
+    let options = FitOptions {
+        method: Method::LeastSquares(least_squares::LeastSquaresSettings {
             iterations: 40,
             // An eighth power: a thousandth of the worst row's error.
             cost_tolerance: 1e-2,
             step_tolerance: 1e-4,
             // The path's strides make residuals uneven below some 1e-4.
             relative_step: 5e-3,
-            ..least_squares::Settings::default()
+            ..least_squares::LeastSquaresSettings::default()
         }),
         start: Some(start),
         fixed: fixed.into_iter().map(str::to_owned).collect(),
         seed: choice.seed,
         threads: choice.threads,
-        ..Options::default()
+        ..FitOptions::default()
     };
     let fit = fit(&problem, &options, &mut |p| {
         if watch(p.share) && p.best_cost > ENOUGH {
-            Control::Continue
+            FitControl::Continue
         } else {
-            Control::Stop
+            FitControl::Stop
         }
     })?;
     judge(case, &problem, fit)
 }
 
-fn judge(case: &Case, problem: &RowProblem, fit: Fit) -> Result<PhysicsFit, IdentifyError> {
+fn judge(case: &FitCase, problem: &RowProblem, fit: Fit) -> Result<PhysicsFit, IdentifyError> {
     let (mut rows, mut travel_mm, mut curves) = (Vec::new(), Vec::new(), Vec::new());
     for &mounting in &problem.mounts {
         let pass = problem.pass(mounting, &fit.values, STEP_MM[1])?;
@@ -412,7 +417,7 @@ fn judge(case: &Case, problem: &RowProblem, fit: Fit) -> Result<PhysicsFit, Iden
 
 impl PhysicsFit {
     /// Structure and values of a mounting's pack, as a twin runs it.
-    pub(crate) fn pack(&self, mounting: Mounting) -> (Structure, Values) {
+    pub(crate) fn pack(&self, mounting: Mounting) -> (PackStructure, Values) {
         let (structure, values, _) = unpack(mounting, &self.fit.values);
         (structure, values)
     }

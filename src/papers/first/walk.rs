@@ -83,7 +83,13 @@ fn work_nmm(points: &[(f64, f64)]) -> f64 {
 }
 
 /// Leads an untouched pack through sines of `strokes_mm` (rising) above `trough_mm` and the static test to `static_n`.
-pub(crate) fn walk(pack: &mut LeafPack, trough_mm: f64, strokes_mm: &[f64], static_n: f64, longest_mm: f64) -> Pass {
+pub(crate) fn walk(
+    pack: &mut LeafPack,
+    trough_mm: f64,
+    strokes_mm: &[f64],
+    static_n: f64,
+    longest_mm: f64,
+) -> Pass {
     let mut walker = Walker {
         pack,
         longest_mm,
@@ -119,8 +125,8 @@ pub(crate) fn walk(pack: &mut LeafPack, trough_mm: f64, strokes_mm: &[f64], stat
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::identify::targets::Motion;
-    use crate::model::leaf_pack::{Structure, Values};
+    use crate::identify::targets::TargetMotion;
+    use crate::model::leaf_pack::{PackStructure, Values};
 
     #[test]
     fn one_pass_stands_for_the_tests_one_by_one() {
@@ -130,15 +136,15 @@ mod tests {
             pin_mu: 0.2,
             ..Values::frictionless()
         };
-        let pack = LeafPack::new(&Structure::default(), &values).expect("valid");
+        let pack = LeafPack::new(&PackStructure::default(), &values).expect("valid");
         let pass = walk(&mut pack.clone(), 1.5, &[6.0, 10.0], 1500.0, 1.0);
         let mut plant: Box<dyn Plant> = Box::new(pack);
-        let motions = [6.0, 10.0].map(|stroke_mm| Motion::Sine {
+        let motions = [6.0, 10.0].map(|stroke_mm| TargetMotion::Sine {
             stroke_mm,
             frequency_hz: 1.0,
             valley_mm: 1.5,
         });
-        let statics = Motion::ForceRamp {
+        let statics = TargetMotion::ForceRamp {
             force_n: 1500.0,
             duration_s: 120.0,
         };

@@ -6,9 +6,9 @@ mod rows;
 mod writer;
 
 pub(crate) use error::CsvError;
-pub(crate) use reader::read_file;
 #[cfg(any(test, feature = "benchmarks"))]
 pub(crate) use reader::read;
+pub(crate) use reader::read_file;
 pub(super) use writer::push_fixed;
 pub(crate) use writer::{CsvFormat, CsvWriter};
 

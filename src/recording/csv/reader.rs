@@ -58,7 +58,7 @@ pub(crate) fn read(name: &str, source: impl Read) -> Result<Recording, CsvError>
                 limit: ROW_LIMIT,
             });
         }
-        let row = Row {
+        let row = CsvRow {
             name,
             record: &record,
             row: rows.row(&record),
@@ -124,7 +124,7 @@ impl Columns {
         }
     }
 
-    fn push(&self, row: &Row, recording: &mut Recording) -> Result<(), CsvError> {
+    fn push(&self, row: &CsvRow, recording: &mut Recording) -> Result<(), CsvError> {
         let [time, displacement, force] = self.needed;
         let time_s = row.number(time, "time_s")?;
         if let Some(&before_s) = recording.time_s.last()
@@ -153,7 +153,7 @@ impl Columns {
     }
 
     /// The mode of the first command in the file is the recording's; commands of the other mode are left out.
-    fn push_command(&self, row: &Row, recording: &mut Recording) -> Result<(), CsvError> {
+    fn push_command(&self, row: &CsvRow, recording: &mut Recording) -> Result<(), CsvError> {
         let Some(command) = &mut recording.command else {
             return Ok(());
         };
@@ -213,13 +213,13 @@ fn missing(name: &str, column: &'static str, names: &[&str]) -> CsvError {
 }
 
 /// One row with its place, for messages.
-struct Row<'a> {
+struct CsvRow<'a> {
     name: &'a str,
     record: &'a ByteRecord,
     row: u64,
 }
 
-impl Row<'_> {
+impl CsvRow<'_> {
     fn cell(&self, at: usize) -> &[u8] {
         self.record.get(at).unwrap_or_default()
     }

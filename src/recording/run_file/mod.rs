@@ -18,9 +18,9 @@ mod damage_tests;
 use std::path::{Path, PathBuf};
 
 pub(crate) use listing::{RunListing, list};
-pub(crate) use reader::{CycleSpan, Gap, RunFile, Survey};
 #[cfg(test)]
 pub(crate) use reader::GapCause;
+pub(crate) use reader::{CycleSpan, Gap, RunFile, Survey};
 pub(crate) use status::RunFileStatus;
 pub(crate) use writer::RunFileWriter;
 

@@ -18,12 +18,12 @@ const LONG_LOG_BYTES: u64 = 64 << 20;
 
 /// Handle of the thread; dropping it stops and joins.
 pub(super) struct Syncer {
-    shared: Arc<Shared>,
+    shared: Arc<SyncState>,
     thread: Option<JoinHandle<()>>,
 }
 
 #[derive(Default)]
-struct Shared {
+struct SyncState {
     stop: AtomicBool,
     finish_checkpoint: AtomicBool,
     failed: AtomicBool,
@@ -32,7 +32,7 @@ struct Shared {
 impl Syncer {
     /// Starts the thread for the run file at `path`, whose log is there already.
     pub(super) fn spawn(path: &Path) -> std::io::Result<Syncer> {
-        let shared = Arc::new(Shared::default());
+        let shared = Arc::new(SyncState::default());
         let mut worker = Worker {
             path: path.to_owned(),
             log: None,
@@ -72,7 +72,7 @@ impl Drop for Syncer {
 struct Worker {
     path: PathBuf,
     log: Option<File>,
-    shared: Arc<Shared>,
+    shared: Arc<SyncState>,
 }
 
 impl Worker {

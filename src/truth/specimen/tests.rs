@@ -3,8 +3,8 @@
 use super::super::hidden::find;
 use super::*;
 
-pub(crate) fn plain() -> Specimen {
-    Specimen {
+pub(crate) fn plain() -> TruthSpecimen {
+    TruthSpecimen {
         preload_n: 100.0,
         rate_n_per_mm: 80.0,
         friction_ratio: 0.1,
@@ -16,8 +16,8 @@ pub(crate) fn plain() -> Specimen {
     }
 }
 
-pub(crate) fn sine(frequency_hz: f64, cycles: f64) -> Motion {
-    Motion::Sine {
+pub(crate) fn sine(frequency_hz: f64, cycles: f64) -> Programme {
+    Programme::Sine {
         mean_mm: 10.0,
         amplitude_mm: 6.0,
         frequency_hz,
@@ -26,13 +26,13 @@ pub(crate) fn sine(frequency_hz: f64, cycles: f64) -> Motion {
 }
 
 /// A ramp and two sines.
-pub(crate) fn programme() -> Vec<(Motion, Vec<f64>)> {
-    let times = |motion: &Motion, rate: f64| -> Vec<f64> {
+pub(crate) fn programme() -> Vec<(Programme, Vec<f64>)> {
+    let times = |motion: &Programme, rate: f64| -> Vec<f64> {
         (0..(motion.duration_s() * rate) as usize)
             .map(|k| k as f64 / rate)
             .collect()
     };
-    let ramp = Motion::Ramp {
+    let ramp = Programme::Ramp {
         top_mm: 20.0,
         branch_s: 20.0,
         hold_s: 5.0,
@@ -43,8 +43,8 @@ pub(crate) fn programme() -> Vec<(Motion, Vec<f64>)> {
         .collect()
 }
 
-fn frictionless() -> Specimen {
-    Specimen {
+fn frictionless() -> TruthSpecimen {
+    TruthSpecimen {
         friction_ratio: 0.0,
         ..plain()
     }
@@ -75,7 +75,7 @@ fn with(h: Hidden, after_s: f64) -> f64 {
 #[test]
 fn the_steady_loop_turns_round_exponentially() {
     // Power 1: gamma(2) lengths give r = 2 exp(-s / p) - 1 after a full reversal; 64 elements leave about a hundredth.
-    let ramp = Motion::Ramp {
+    let ramp = Programme::Ramp {
         top_mm: 10.0,
         branch_s: 10.0,
         hold_s: 0.0,
@@ -107,7 +107,7 @@ fn forces_far_along_a_branch_are_those_of_dry_friction() {
 
 #[test]
 fn the_friction_turns_at_the_true_turning_point_whatever_the_sampling() {
-    let sharp = Specimen {
+    let sharp = TruthSpecimen {
         form: Form::Sharp,
         ..plain()
     };
@@ -178,7 +178,7 @@ fn forces_by_hand() {
 
 #[test]
 fn the_arm_of_a_relaxation_decays_in_the_hold_and_nothing_else_does() {
-    let ramp = Motion::Ramp {
+    let ramp = Programme::Ramp {
         top_mm: 10.0,
         branch_s: 10.0,
         hold_s: 20.0,
@@ -215,19 +215,19 @@ fn cycles_count_for_run_in_and_strength_loss() {
 
 #[test]
 fn a_smoothed_friction_is_gone_in_a_slow_ramp_and_a_hidden_one_stays() {
-    let smoothed = Specimen {
+    let smoothed = TruthSpecimen {
         form: Form::Smoothed { speed_mm_s: 10.0 },
         ..plain()
     };
-    let ramp = Motion::Ramp {
+    let ramp = Programme::Ramp {
         top_mm: 10.0,
         branch_s: 100.0,
         hold_s: 0.0,
     };
     // 0.1 mm/s against 10: a hundredth of 90 N.
-    let force = |s: &Specimen, h: &[Hidden]| s.forces(h, &ramp, &[50.0])[0] - 500.0;
+    let force = |s: &TruthSpecimen, h: &[Hidden]| s.forces(h, &ramp, &[50.0])[0] - 500.0;
     assert!(force(&smoothed, &[]) < 1.0);
-    let bare = Specimen {
+    let bare = TruthSpecimen {
         friction_ratio: 0.0,
         ..smoothed
     };
