@@ -137,7 +137,7 @@ fn at_a_glance(page: &mut String, d: &AggregateDiagnosis) -> std::fmt::Result {
 fn rows(page: &mut String, d: &AggregateDiagnosis) -> std::fmt::Result {
     writeln!(
         page,
-        "<h2>TableRow by row</h2>\n<p>Each pair: {}, {}.</p>\n<table><tr><th></th><th class=\"n\">measured</th><th class=\"n\">{}</th>\
+        "<h2>Row by row</h2>\n<p>Each pair: {}, {}.</p>\n<table><tr><th></th><th class=\"n\">measured</th><th class=\"n\">{}</th>\
          <th class=\"n\">{}</th><th class=\"n\">{}</th></tr>",
         escape(&d.columns[0]),
         escape(&d.columns[1]),
