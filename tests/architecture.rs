@@ -1,28 +1,57 @@
-//! The layers of `src/lib.rs` hold, the lists are complete, formatting is done.
+//! The house rules hold: layers, unique names, short functions, doc comments with content, cited pages that exist.
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+/// A function longer than this is a list of steps that need names.
+const LONGEST_FUNCTION: usize = 60;
+/// A doc comment with fewer words says nothing that the name does not say.
+const FEWEST_DOC_WORDS: usize = 3;
+
 fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }
 
-fn rust_files(dir: &Path, into: &mut Vec<PathBuf>) {
-    for entry in fs::read_dir(dir).expect("source folder is readable") {
-        let path = entry.expect("entry is readable").path();
-        if path.is_dir() {
-            rust_files(&path, into);
-        } else if path.extension().is_some_and(|e| e == "rs") {
-            into.push(path);
+/// Path relative to the repository, for messages.
+fn shown(path: &Path) -> String {
+    path.strip_prefix(root()).unwrap_or(path).display().to_string()
+}
+
+fn read(path: &Path) -> String {
+    fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+/// All files below `folder` with one of the extensions.
+fn files(folder: &str, extensions: &[&str]) -> Vec<PathBuf> {
+    fn walk(folder: &Path, extensions: &[&str], into: &mut Vec<PathBuf>) {
+        for entry in fs::read_dir(folder).expect("folder is readable") {
+            let path = entry.expect("entry is readable").path();
+            if path.is_dir() {
+                walk(&path, extensions, into);
+            } else if path
+                .extension()
+                .is_some_and(|e| extensions.iter().any(|x| e == *x))
+            {
+                into.push(path);
+            }
         }
     }
+    let mut found = Vec::new();
+    walk(&root().join(folder), extensions, &mut found);
+    found.sort();
+    assert!(!found.is_empty(), "{folder} holds no {extensions:?}");
+    found
+}
+
+fn rust_files(folder: &str) -> Vec<PathBuf> {
+    files(folder, &["rs"])
 }
 
 /// `module -> rank` from the table in `src/lib.rs`.
 fn ranks() -> BTreeMap<String, u32> {
-    let lib = fs::read_to_string(root().join("src/lib.rs")).expect("lib.rs is there");
+    let lib = read(&root().join("src/lib.rs"));
     let mut ranks = BTreeMap::new();
     for line in lib.lines().filter_map(|l| l.strip_prefix("//! | ")) {
         let mut cells = line.split('|').map(str::trim);
@@ -30,7 +59,7 @@ fn ranks() -> BTreeMap<String, u32> {
             continue;
         };
         for module in modules.split(',') {
-            ranks.insert(module.trim().to_owned(), rank);
+            ranks.insert(module.trim().trim_matches('`').to_owned(), rank);
         }
     }
     ranks
@@ -91,21 +120,18 @@ fn imports_run_downwards_only() {
         ranks.len() > 10,
         "the layer table of lib.rs was not understood: {ranks:?}"
     );
-    let mut files = Vec::new();
-    rust_files(&root().join("src"), &mut files);
     let mut wrong = Vec::new();
-    for file in files {
+    for file in rust_files("src") {
         let Some(module) = module_of(&file) else { continue };
         let Some(rank) = ranks.get(&module) else {
-            wrong.push(format!("{} is in no rank of the table in lib.rs", file.display()));
+            wrong.push(format!("{} is in no rank of the table in lib.rs", shown(&file)));
             continue;
         };
-        let text = fs::read_to_string(&file).expect("source file is readable");
-        for used in uses(&text) {
+        for used in uses(&read(&file)) {
             if used != module && ranks.get(&used).is_some_and(|r| r >= rank) {
                 wrong.push(format!(
                     "{}: {module} (rank {rank}) uses {used} (rank {})",
-                    file.display(),
+                    shown(&file),
                     ranks[&used]
                 ));
             }
@@ -130,6 +156,7 @@ fn physics_knows_no_clock_no_tokio_no_files() {
         "model",
         "effect",
         "identify",
+        "papers",
         "diagnose",
         "truth",
     ];
@@ -140,7 +167,7 @@ fn physics_knows_no_clock_no_tokio_no_files() {
         "std::fs",
         "std::net",
     ];
-    // The run file and the export are the two places of `recording` that own a path.
+    // The places of `recording` that own a path.
     let owns_files = [
         "run_file",
         "export",
@@ -150,18 +177,16 @@ fn physics_knows_no_clock_no_tokio_no_files() {
         "write_file",
         "atomic_file",
     ];
-    let mut files = Vec::new();
-    rust_files(&root().join("src"), &mut files);
     let mut wrong = Vec::new();
-    for file in files {
+    for file in rust_files("src") {
         let Some(module) = module_of(&file).filter(|m| physics.contains(&m.as_str())) else {
             continue;
         };
-        let path = file.display().to_string();
+        let path = shown(&file);
         if module == "recording" && owns_files.iter().any(|o| path.contains(o)) {
             continue;
         }
-        let text = fs::read_to_string(&file).expect("source file is readable");
+        let text = read(&file);
         let code = text.split("#[cfg(test)]").next().unwrap_or("");
         wrong.extend(
             forbidden
@@ -176,40 +201,205 @@ fn physics_knows_no_clock_no_tokio_no_files() {
 /// A proof in which truth and diagnosis share code proves nothing.
 #[test]
 fn the_truth_of_sealed_cases_shares_nothing_with_what_it_tests() {
-    let mut files = Vec::new();
-    rust_files(&root().join("src/truth"), &mut files);
-    assert!(files.len() > 4, "src/truth was not found");
-    for file in files {
-        let text = fs::read_to_string(&file).expect("source file is readable");
-        for used in uses(&text) {
+    for file in rust_files("src/truth") {
+        for used in uses(&read(&file)) {
             assert!(
                 ["recording", "truth", "units"].contains(&used.as_str()),
                 "{} uses {used}: only recording and units are common ground",
-                file.display()
+                shown(&file)
             );
         }
     }
 }
 
-#[test]
-fn no_file_is_longer_than_500_lines() {
-    let mut files = Vec::new();
-    rust_files(&root().join("src"), &mut files);
-    let long: Vec<String> = files
+/// Name of a type that a line defines at the level of a module.
+fn type_defined_by(line: &str) -> Option<&str> {
+    let item = line
+        .strip_prefix("pub(crate) ")
+        .or_else(|| line.strip_prefix("pub(super) "))
+        .or_else(|| line.strip_prefix("pub "))
+        .unwrap_or(line);
+    let name = ["struct ", "enum ", "trait ", "type ", "union "]
         .iter()
-        .map(|f| {
-            (
-                f,
-                fs::read_to_string(f)
-                    .expect("source file is readable")
-                    .lines()
-                    .count(),
-            )
-        })
-        .filter(|(_, lines)| *lines > 500)
-        .map(|(f, lines)| format!("{}: {lines} lines", f.display()))
+        .find_map(|keyword| item.strip_prefix(keyword))?;
+    let end = name.find(|c: char| !c.is_alphanumeric() && c != '_');
+    Some(&name[..end.unwrap_or(name.len())])
+}
+
+#[test]
+fn a_type_name_stands_for_one_thing() {
+    let mut places: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for file in rust_files("src") {
+        for line in read(&file).lines() {
+            if let Some(name) = type_defined_by(line) {
+                places.entry(name.to_owned()).or_default().push(shown(&file));
+            }
+        }
+    }
+    assert!(places.len() > 100, "the types were not found");
+    let twice: Vec<String> = places
+        .iter()
+        .filter(|(_, files)| files.len() > 1)
+        .map(|(name, files)| format!("{name}: {}", files.join(", ")))
         .collect();
-    assert!(long.is_empty(), "split these:\n{}", long.join("\n"));
+    assert!(twice.is_empty(), "rename these:\n{}", twice.join("\n"));
+}
+
+/// Name, first line (from 1) and length of each function of a formatted file.
+fn functions(text: &str) -> Vec<(String, usize, usize)> {
+    let lines: Vec<&str> = text.lines().collect();
+    let mut found = Vec::new();
+    for (start, line) in lines.iter().enumerate() {
+        let item = line.trim_start();
+        let indent = &line[..line.len() - item.len()];
+        let is_item = item.split(' ').next().is_some_and(|word| {
+            word == "fn" || word.starts_with("pub") || ["async", "const", "extern"].contains(&word)
+        });
+        let Some((head, rest)) = item.split_once("fn ").filter(|_| is_item) else {
+            continue;
+        };
+        if head.contains(['=', '(', '"']) && !head.starts_with("pub(") {
+            continue;
+        }
+        let name = rest
+            .split(|c: char| !c.is_alphanumeric() && c != '_')
+            .next()
+            .unwrap_or("");
+        if name.is_empty() || line.ends_with(['}', ';']) {
+            continue;
+        }
+        // The formatter puts the closing brace below the first letter of the item; a trait's own line ends in `;`.
+        let end = lines[start..]
+            .iter()
+            .position(|l| l.strip_prefix(indent) == Some("}"))
+            .unwrap_or(0);
+        let has_body = lines[start..=start + end].iter().any(|l| l.ends_with('{'));
+        if has_body {
+            found.push((name.to_owned(), start + 1, end + 1));
+        }
+    }
+    found
+}
+
+#[test]
+fn a_function_fits_a_screen() {
+    let mut long = Vec::new();
+    let mut seen = 0;
+    for folder in ["src", "tests", "benches", "examples"] {
+        for file in rust_files(folder) {
+            for (name, line, length) in functions(&read(&file)) {
+                seen += 1;
+                if length > LONGEST_FUNCTION {
+                    long.push(format!("{}:{line}: {name} has {length} lines", shown(&file)));
+                }
+            }
+        }
+    }
+    assert!(seen > 2000, "only {seen} functions were found");
+    assert!(long.is_empty(), "give their steps names:\n{}", long.join("\n"));
+}
+
+#[test]
+fn the_measure_of_functions_counts_from_head_to_brace() {
+    let text = "impl A {\n    pub(crate) fn b(\n        c: u8,\n    ) -> u8 {\n        c\n    }\n\n    fn d() {}\n}\nfn e() {\n}\n";
+    let e = ("e".to_owned(), 10, 2);
+    assert_eq!(functions(text), [("b".to_owned(), 2, 5), e]);
+}
+
+#[test]
+fn a_doc_comment_says_more_than_two_words() {
+    let mut empty = Vec::new();
+    for folder in ["src", "tests", "benches", "examples"] {
+        for file in rust_files(folder) {
+            let text = read(&file);
+            let lines: Vec<&str> = text.lines().map(str::trim_start).collect();
+            for (i, line) in lines.iter().enumerate() {
+                let Some(words) = line.strip_prefix("///") else { continue };
+                let alone = |j: Option<usize>| {
+                    j.and_then(|j| lines.get(j))
+                        .is_none_or(|l| !l.starts_with("///"))
+                };
+                let count = words.split_whitespace().count();
+                if count > 0 && count < FEWEST_DOC_WORDS && alone(i.checked_sub(1)) && alone(Some(i + 1)) {
+                    empty.push(format!("{}:{}: {line}", shown(&file), i + 1));
+                }
+            }
+        }
+    }
+    assert!(empty.is_empty(), "say what it is, or remove:\n{}", empty.join("\n"));
+}
+
+/// Pages named in a text: `name.md`, with or without folders.
+fn pages_cited(text: &str) -> Vec<String> {
+    let letter = |c: char| c.is_alphanumeric() || "_-./".contains(c);
+    text.match_indices(".md")
+        .filter(|(at, _)| {
+            text[at + 3..]
+                .chars()
+                .next()
+                .is_none_or(|c| !c.is_alphanumeric() && c != '_')
+        })
+        .map(|(at, _)| {
+            let start = text[..at].rfind(|c| !letter(c)).map_or(0, |i| {
+                i + text[i..].chars().next().map_or(1, char::len_utf8)
+            });
+            text[start..at + 3].to_owned()
+        })
+        .filter(|page| page.len() > 3 && !page.starts_with('.'))
+        .collect()
+}
+
+/// Files that people read: sources, documents, configs.
+fn readable_files() -> Vec<PathBuf> {
+    let mut all = Vec::new();
+    for folder in ["src", "tests", "benches", "examples", "bench-configs", "docs"] {
+        all.extend(files(folder, &["rs", "md", "toml", "py", "html", "js", "css"]));
+    }
+    for name in ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "firmware-protocol.md", "Cargo.toml"] {
+        all.push(root().join(name));
+    }
+    // This file names what it forbids.
+    all.retain(|f| !f.ends_with("tests/architecture.rs"));
+    all
+}
+
+#[test]
+fn every_page_that_is_cited_is_there() {
+    let mut missing = Vec::new();
+    for file in readable_files() {
+        let text = read(&file);
+        for (number, line) in text.lines().enumerate() {
+            let place = || format!("{}:{}", shown(&file), number + 1);
+            for page in pages_cited(line) {
+                let page = page.trim_start_matches("./");
+                let beside = file.parent().map(|folder| folder.join(page));
+                let there = root().join(page).is_file()
+                    || root().join("docs").join(page).is_file()
+                    || beside.is_some_and(|p| p.is_file());
+                // What a command writes is no citation.
+                let written = page == "papers.md" || page == "blind.md";
+                if !there && !written {
+                    missing.push(format!("{} cites {page}", place()));
+                }
+            }
+            for phrase in ["the card", "the issue"] {
+                let lower = line.to_lowercase();
+                let found = lower.match_indices(phrase).any(|(at, _)| {
+                    !lower[at + phrase.len()..].starts_with(|c: char| c.is_alphanumeric())
+                });
+                if found {
+                    missing.push(format!("{} cites \"{phrase}\", which no reader has", place()));
+                }
+            }
+        }
+    }
+    assert!(missing.is_empty(), "{}", missing.join("\n"));
+}
+
+#[test]
+fn the_reader_of_citations_sees_links_and_bare_names() {
+    let text = "see [x](docs/formats.md#codes), `models.md`, a.mdx and (rig.md)";
+    assert_eq!(pages_cited(text), ["docs/formats.md", "models.md", "rig.md"]);
 }
 
 #[test]

@@ -2,7 +2,7 @@
 //! while candidates are compared.
 //!
 //! The full case, five recordings of some 3000 samples, prints its times:
-//! `cargo test --release --test diagnose_leaf_pack -- --ignored --nocapture`.
+//! `cargo test --release --lib diagnose_leaf_pack -- --ignored --nocapture`.
 
 use std::path::Path;
 use std::time::Instant;

@@ -21,6 +21,8 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 # Data ids: high byte by message, low byte the node (1 in the DBC).
 KINDS = {"SAMPLE": 0x51, "STATUS": 0x52, "EMERGENCY": 0x53, "COMMAND": 0xA1, "LEASE": 0xA2, "REQUEST": 0xA3}
 NODE = 1
+# The test of leafbench that reads and writes the frames.
+EXCHANGE = "tests::protocol::exchange::frames_of_both"
 ABORT_CODES = [0x06020000, 0x06090011, 0x06010002, 0x06090030, 0x08000022, 0x05040001]
 
 
@@ -85,7 +87,7 @@ def main():
                 lines.append(json.dumps(line | {"fields": fields}))
         pathlib.Path(folder, "theirs.jsonl").write_text("\n".join(lines) + "\n")
         subprocess.run(
-            ["cargo", "test", "--quiet", "--test", "protocol", "--", "--ignored", "--exact", "exchange::frames_of_both"],
+            ["cargo", "test", "--quiet", "--lib", "--", "--ignored", "--exact", EXCHANGE],
             cwd=ROOT,
             env=os.environ | {"LEAFBENCH_EXCHANGE": folder},
             check=True,
