@@ -25,5 +25,6 @@ mod protocol;
 mod run_next;
 mod serial;
 mod support;
+mod templates;
 mod two_processes;
 mod vcan;
