@@ -127,15 +127,6 @@ struct OpenCycle {
     twin: NrmseMeter,
 }
 
-/// Bits of samples whose values say nothing about the specimen.
-const NOT_MEASURED: u16 =
-    Flags::FORCE_INVALID.0 | Flags::DISPLACEMENT_INVALID.0 | Flags::SPIKE.0 | Flags::STUCK.0;
-
-/// True where a sample's values say nothing about the specimen.
-pub(super) fn is_excluded(flags: Flags) -> bool {
-    flags.0 & NOT_MEASURED != 0
-}
-
 impl CycleMeter {
     /// Takes the next sample; returns the cycle that it ends.
     pub(crate) fn add(&mut self, sample: &Sample) -> Option<CycleSummary> {
@@ -178,7 +169,7 @@ impl OpenCycle {
         self.samples += 1;
         self.last_tick = sample.tick;
         self.to_s = sample.time_s;
-        if is_excluded(sample.flags) {
+        if sample.flags.intersects(Flags::UNUSABLE) {
             self.excluded += 1;
             return;
         }
@@ -337,7 +328,7 @@ mod tests {
             let mut s = sample(tick);
             if tick == 500 {
                 s.force_n = 99_999.0;
-                s.flags.set(Flags::SPIKE);
+                s.flags.insert(Flags::SPIKE);
             }
             meter.add(&s);
         }

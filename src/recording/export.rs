@@ -10,7 +10,7 @@ use super::csv::{CsvFormat, CsvWriter};
 use super::cycles::{self, CycleMeter, CycleSummary};
 use super::datapackage::{self, Resource};
 use super::run_file::{CycleSpan, RunFile, Survey};
-use super::{Ending, Recording, Sample, atomic_file};
+use super::{Ending, Flags, Recording, Sample, atomic_file};
 use crate::units::{Command, Mode};
 
 /// Which part of a run.
@@ -230,7 +230,7 @@ fn mean_bins(run: &RunFile, survey: &Survey) -> Vec<Bin> {
             continue;
         };
         if let Some(bin) = bins.get_mut((sample.tick - span.first_tick) as usize)
-            && !cycles::is_excluded(sample.flags)
+            && !sample.flags.intersects(Flags::UNUSABLE)
         {
             bin.add(&sample);
         }
@@ -336,7 +336,7 @@ pub(crate) fn recording(run: &RunFile) -> Recording {
             .filter(|command| Some(command.mode()) == out.command_mode);
         command.push(commanded.map_or(f64::NAN, Command::value));
         cycle.push(sample.cycle);
-        flags.push(sample.flags.0);
+        flags.push(sample.flags.bits());
     }
     out.command = out.command_mode.map(|_| command);
     out.cycle = Some(cycle);
@@ -366,10 +366,10 @@ impl<W: Write> Write for Hashing<W> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Recorder;
     use super::super::csv;
     use super::super::run_file::RunFileWriter;
     use super::super::run_file::test_support::{header, outcome, sample};
-    use super::super::{Flags, Recorder};
     use super::*;
 
     /// Ticks 0 to `ticks` of the sine, without those in `lost`.
@@ -493,6 +493,6 @@ mod tests {
             [(1, true), (2, true)]
         );
         let lost = Flags::default();
-        assert_eq!(recording(&run).flags.unwrap()[0], lost.0);
+        assert_eq!(recording(&run).flags.unwrap()[0], lost.bits());
     }
 }

@@ -13,36 +13,39 @@ pub(crate) mod run_file;
 
 use crate::units::Command;
 
-/// Quality of one sample; 0 = good. Bits may stand together. Written to CSV as a plain integer.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(crate) struct Flags(pub u16);
+bitflags::bitflags! {
+    /// Quality of one sample; empty = good. CSV and run file hold the sum of the bits.
+    #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+    pub(crate) struct Flags: u16 {
+        /// One or more samples before this one did not arrive.
+        const AFTER_GAP = 1 << 0;
+        /// The sample was older than the link's `silence_ms` when the controller saw it.
+        const LATE = 1 << 1;
+        /// The load cell is at its rail or open.
+        const FORCE_INVALID = 1 << 2;
+        /// The LVDT is at its rail or open.
+        const DISPLACEMENT_INVALID = 1 << 3;
+        /// The value did not move although the command moved. No part of leafbench sets this bit yet.
+        const STUCK = 1 << 4;
+        /// The value changed faster than the channel can. No part of leafbench sets this bit yet.
+        const SPIKE = 1 << 5;
+        /// The rig had no command for this tick (queue empty, hold, taper to a stop).
+        const NO_COMMAND = 1 << 6;
+        /// Motion of a stop, a hold or an unload, not of the profile.
+        const NOT_PROFILE = 1 << 7;
+    }
+}
 
 impl Flags {
-    /// One or more samples before this one never arrived.
-    pub(crate) const AFTER_GAP: Flags = Flags(1 << 0);
-    /// The sample was older than 20 ms when control saw it.
-    pub(crate) const LATE: Flags = Flags(1 << 1);
-    /// Load cell at its rail or open.
-    pub(crate) const FORCE_INVALID: Flags = Flags(1 << 2);
-    /// LVDT at its rail or open.
-    pub(crate) const DISPLACEMENT_INVALID: Flags = Flags(1 << 3);
-    /// Value did not move while the command did.
-    pub(crate) const STUCK: Flags = Flags(1 << 4);
-    /// Faster than the channel can move.
-    pub(crate) const SPIKE: Flags = Flags(1 << 5);
-    /// The rig had no command for this tick (queue dry, hold, taper to stop).
-    pub(crate) const NO_COMMAND: Flags = Flags(1 << 6);
-    /// Motion of a stop, hold or unload, not of the profile.
-    pub(crate) const NOT_PROFILE: Flags = Flags(1 << 7);
-
-    /// Adds the bits of `other`.
-    pub(crate) fn set(&mut self, other: Flags) {
-        self.0 |= other.0;
-    }
+    /// Samples with any of these bits are left out of cycle values, mean loops, fits and diagnoses.
+    pub(crate) const UNUSABLE: Flags = Flags::FORCE_INVALID
+        .union(Flags::DISPLACEMENT_INVALID)
+        .union(Flags::STUCK)
+        .union(Flags::SPIKE);
 
     /// True where all bits of `other` are set.
     pub(crate) fn has(self, other: Flags) -> bool {
-        self.0 & other.0 == other.0
+        self.contains(other)
     }
 }
 

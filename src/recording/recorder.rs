@@ -154,7 +154,7 @@ impl Recorder for RecorderInput {
     fn sample(&mut self, sample: &Sample) {
         let mut sample = *sample;
         if self.tell_of_overrun(RESERVED_FOR_EVENTS) {
-            sample.flags.set(Flags::AFTER_GAP);
+            sample.flags.insert(Flags::AFTER_GAP);
         }
         let behind = self.overrun.samples > 0;
         if behind || !self.push(Item::Sample(sample), RESERVED_FOR_EVENTS) {

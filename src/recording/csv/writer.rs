@@ -114,7 +114,7 @@ impl<W: Write> CsvWriter<W> {
             push_fixed(row, force_n, format.force_decimals);
         }
         row.push(b',');
-        push_unsigned(row, sample.flags.0.into());
+        push_unsigned(row, sample.flags.bits().into());
         row.extend_from_slice(b"\r\n");
         self.sink.write_all(row)?;
         self.rows += 1;

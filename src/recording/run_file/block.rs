@@ -42,7 +42,7 @@ pub(super) fn pack(sample: &Sample, first_tick: u64, out: &mut Vec<u8>) {
     out.extend_from_slice(&sample.twin_force_n.unwrap_or(f64::NAN).to_le_bytes());
     out.extend_from_slice(&sample.cycle.to_le_bytes());
     out.extend_from_slice(&sample.segment.to_le_bytes());
-    out.extend_from_slice(&sample.flags.0.to_le_bytes());
+    out.extend_from_slice(&sample.flags.bits().to_le_bytes());
     out.extend_from_slice(&[mode, 0]);
 }
 
@@ -74,7 +74,7 @@ pub(super) fn unpack(
         cycle: u32::from_le_bytes(field(record, 28)),
         segment: u32::from_le_bytes(field(record, 32)),
         twin_force_n: (!twin_force_n.is_nan()).then_some(twin_force_n),
-        flags: Flags(u16::from_le_bytes(field(record, 36))),
+        flags: Flags::from_bits_retain(u16::from_le_bytes(field(record, 36))),
     }
 }
 

@@ -23,7 +23,7 @@ fn small_blocks(path: &Path, blocks: u64) {
 fn assert_identical(read: &[Sample], what: &str) {
     for s in read {
         let plain = Sample {
-            flags: Flags(s.flags.0 & !Flags::AFTER_GAP.0),
+            flags: s.flags.difference(Flags::AFTER_GAP),
             ..*s
         };
         assert_eq!(plain, sample(s.tick), "{what}");

@@ -97,8 +97,8 @@ impl Survey {
 
     fn add(&mut self, sample: &Sample) {
         self.samples += 1;
-        let other_bits = sample.flags.0 & !Flags::AFTER_GAP.0;
-        self.flagged += u64::from(other_bits != 0);
+        let other_bits = sample.flags.difference(Flags::AFTER_GAP);
+        self.flagged += u64::from(!other_bits.is_empty());
         if let Some(mode) = sample.command.map(Command::mode)
             && !self.modes.contains(&mode)
         {
@@ -436,7 +436,7 @@ impl Iterator for SampleReader<'_> {
                 let mut sample = block::unpack(record, self.block_first_tick, run_first, &self.run.header);
                 self.at += RECORD_BYTES;
                 if self.note_gap(sample.tick) {
-                    sample.flags.set(Flags::AFTER_GAP);
+                    sample.flags.insert(Flags::AFTER_GAP);
                 }
                 self.next_tick = Some(sample.tick + 1);
                 return Some(sample);
