@@ -9,7 +9,7 @@ use crate::mockrig::{MockRig, MockRigConfig};
 use crate::model;
 use crate::profile::{Block, Level, Profile, Segment};
 use crate::protocol::message::{Limits, RigState};
-use crate::recording::recorder::Memory;
+use crate::recording::memory::Memory;
 use crate::recording::{ChannelScale, Ending, EventKind, FirmwareIdentity, Flags, Header};
 use crate::units::Mode;
 
