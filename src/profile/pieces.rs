@@ -207,16 +207,16 @@ impl PieceBuilder<'_> {
         relative: bool,
     ) -> Result<(f64, u64, PieceMotion), ProfileError> {
         let base = if relative { self.level } else { 0.0 };
-        let (Some(&first), Some(&last), Some(&end_s)) = (level.first(), level.last(), time_s.last()) else {
-            return Err(self.refuse(
-                "time_s",
-                0.0,
-                "has too few points: enter at least two times and levels",
-            ));
+        let points = time_s.len();
+        let (Some(&first), Some(&last), Some(&end_s), 2..) =
+            (level.first(), level.last(), time_s.last(), points)
+        else {
+            let reason = "points are too few: enter at least two times and levels";
+            return Err(self.refuse("time_s", points as f64, reason));
         };
-        if time_s.len() != level.len() || time_s.len() < 2 {
-            let reason = "points do not fit the levels: enter as many levels as times, at least two";
-            return Err(self.refuse("time_s", time_s.len() as f64, reason));
+        if level.len() != points {
+            let reason = "points do not match the levels: enter as many levels as times";
+            return Err(self.refuse("time_s", points as f64, reason));
         }
         if time_s[0] != 0.0 {
             return Err(self.refuse("time_s", time_s[0], "is the first time: the first time must be 0"));

@@ -434,10 +434,21 @@ mod tests {
     fn a_profile_that_would_begin_with_a_step_is_refused() {
         let mut p = sine(1.0, 5, 2);
         p.blocks[0].segments.remove(0);
-        assert!(matches!(
-            Player::new(&p, 0.0, RATE_HZ),
-            Err(ProfileError::Step { segment: 1, .. })
-        ));
+        let first = Player::new(&p, 0.012, RATE_HZ).unwrap_err();
+        assert!(matches!(first, ProfileError::Step { segment: 1, .. }));
+        assert!(
+            first
+                .to_string()
+                .contains("begins at 20 but the run starts at 0.012"),
+            "{first}"
+        );
+        let mut later = sine(1.0, 5, 2);
+        later.blocks[0].segments[0] = Segment::Hold { duration_s: 1.0 };
+        let second = Player::new(&later, 0.0, RATE_HZ).unwrap_err().to_string();
+        assert!(
+            second.contains("begins at 20 but the one before ends at 0"),
+            "{second}"
+        );
         assert!(Player::new(&p, 20.0, RATE_HZ).is_ok());
         assert!(matches!(
             Player::new(&sine(1.0, 5, 0), 0.0, RATE_HZ),
