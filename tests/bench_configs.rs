@@ -1,4 +1,4 @@
-//! Every shipped file is read, keeps its bench's limits, and its bad neighbours are refused with a position.
+//! Every shipped file can be read and keeps the limits of its bench. Files with mistakes are refused with their place.
 
 use std::path::{Path, PathBuf};
 
@@ -52,7 +52,7 @@ fn every_shipped_profile_keeps_the_default_limits() {
     }
 }
 
-/// One key's value replaced by another; the key must stand in the text once.
+/// The text with another value for a key. The key must be in the text exactly once.
 fn with(text: &str, key: &str, value: &str) -> String {
     let starts = format!("{key} = ");
     assert_eq!(
@@ -136,7 +136,7 @@ fn a_bad_bench_is_refused_with_its_key() {
         };
         assert!(*line > 1 && found == refused, "{key} = {value}: {error}");
     }
-    // Ahead of the text they stand at the top level; the same keys follow again further down.
+    // Before the text they are at the top level, and the same keys follow later.
     for extra in ["speed = 3", "[limits]", "name = \"twice\"", "\u{1}"] {
         let error = Bench::parse(&format!("{extra}\n{text}\n"), "bad").expect_err(extra);
         assert!(matches!(error, ConfigError::Invalid { .. }), "{error}");
@@ -148,48 +148,106 @@ fn a_bad_bench_is_refused_with_its_key() {
             .to_string()
             .contains("has no parameter")
     );
-    assert!(Bench::parse(&" ".repeat(1 << 21), "bad").is_err());
 }
+
+const PROFILE_HEAD: &str = "name = \"p\"\ncontrol = \"displacement\"\n[[block]]\n[[block.segment]]\n";
+const RAMP: &str = "kind = \"ramp\"\nto_mm = 5.0\nduration_s = 1.0";
+const SINE: &str = "kind = \"sine\"\nmean_mm = 0.0\namplitude_mm = 6.0\nfrequency_hz = 1.0\ncycles = 5";
+
+/// A correct segment, a text in it, the mistake that replaces the text, a part of the message.
+const SEGMENT_MISTAKES: &[(&str, &str, &str, &str)] = &[
+    (RAMP, "duration_s = 1.0", "duration_s = 0.0", "not above 0"),
+    (RAMP, "duration_s = 1.0", "duration_s = -1.0", "not above 0"),
+    (RAMP, "duration_s = 1.0", "duration_s = nan", "not finite"),
+    (RAMP, "duration_s = 1.0", "duration_s = inf", "not finite"),
+    (
+        RAMP,
+        "duration_s = 1.0",
+        "duration_s = 1e-5",
+        "shorter than one sample",
+    ),
+    (RAMP, "duration_s = 1.0", "duration_s = 1e9", "longer than 1000 h"),
+    (RAMP, "duration_s = 1.0", "duration_s = \"1\"", "invalid type"),
+    (RAMP, "duration_s = 1.0", "duration = 1.0", "unknown field"),
+    (
+        RAMP,
+        "duration_s = 1.0",
+        "duration_s = 1.0\nduration_s = 2.0",
+        "duplicate key",
+    ),
+    (RAMP, "duration_s = 1.0", "", "needs duration_s"),
+    (RAMP, "to_mm = 5.0", "to_n = 5.0", "needs to_mm"),
+    (
+        RAMP,
+        "to_mm = 5.0",
+        "to_mm = 5.0\nto_n = 5.0",
+        "keys that end in _mm",
+    ),
+    (RAMP, "to_mm = 5.0", "to_mm = inf", "not finite"),
+    (
+        RAMP,
+        "to_mm = 5.0",
+        "to_mm = 5.0\nby_mm = 1.0",
+        "both give the level",
+    ),
+    (RAMP, "to_mm = 5.0", "", "needs to_mm"),
+    (
+        RAMP,
+        "kind = \"ramp\"",
+        "kind = \"rampe\"",
+        "not a kind of segment",
+    ),
+    (RAMP, "kind = \"ramp\"", "", "has no kind"),
+    (
+        RAMP,
+        "kind = \"ramp\"",
+        "kind = \"hold\"",
+        "does not belong to a hold",
+    ),
+    (SINE, "amplitude_mm = 6.0", "amplitude_mm = 0.0", "not above 0"),
+    (SINE, "amplitude_mm = 6.0", "amplitude_mm = -6.0", "not above 0"),
+    (
+        SINE,
+        "amplitude_mm = 6.0",
+        "amplitude_n = 6.0",
+        "needs amplitude_mm",
+    ),
+    (SINE, "frequency_hz = 1.0", "frequency_hz = 0.0", "not above 0"),
+    (
+        SINE,
+        "frequency_hz = 1.0",
+        "frequency_hz = 51.0",
+        "outside 0.001 to 50",
+    ),
+    (
+        SINE,
+        "frequency_hz = 1.0",
+        "frequency_hz = 1e-4",
+        "outside 0.001 to 50",
+    ),
+    (SINE, "cycles = 5", "cycles = 0", "enter 1 or more"),
+    (SINE, "cycles = 5", "cycles = -1", "invalid value"),
+    (SINE, "cycles = 5", "cycles = 1.5", "invalid type"),
+    (SINE, "cycles = 5", "cycles = 99999999999", "invalid value"),
+    (
+        SINE,
+        "cycles = 5",
+        "cycles = 5\ntaper_cycles = 0",
+        "a step in speed",
+    ),
+    (
+        SINE,
+        "cycles = 5",
+        "cycles = 5\nto_mm = 3.0",
+        "does not belong to a sine",
+    ),
+    (SINE, "mean_mm = 0.0", "mean_mm = 20.0", "the run starts at 0"),
+];
 
 #[test]
 fn a_bad_profile_is_refused_with_its_line() {
-    const RAMP: &str = "kind = \"ramp\"\nto_mm = 5.0\nduration_s = 1.0";
-    const SINE: &str = "kind = \"sine\"\nmean_mm = 0.0\namplitude_mm = 6.0\nfrequency_hz = 1.0\ncycles = 5";
-    let head = "name = \"p\"\ncontrol = \"displacement\"\n[[block]]\n[[block.segment]]\n";
-    let cases = [
-        (RAMP, "duration_s = 1.0", "duration_s = 0.0"),
-        (RAMP, "duration_s = 1.0", "duration_s = -1.0"),
-        (RAMP, "duration_s = 1.0", "duration_s = nan"),
-        (RAMP, "duration_s = 1.0", "duration_s = inf"),
-        (RAMP, "duration_s = 1.0", "duration_s = 1e-5"),
-        (RAMP, "duration_s = 1.0", "duration_s = 1e9"),
-        (RAMP, "duration_s = 1.0", "duration_s = \"1\""),
-        (RAMP, "duration_s = 1.0", "duration = 1.0"),
-        (RAMP, "duration_s = 1.0", "duration_s = 1.0\nduration_s = 2.0"),
-        (RAMP, "duration_s = 1.0", ""),
-        (RAMP, "to_mm = 5.0", "to_n = 5.0"),
-        (RAMP, "to_mm = 5.0", "to_mm = inf"),
-        (RAMP, "to_mm = 5.0", "to_mm = 5.0\nby_mm = 1.0"),
-        (RAMP, "to_mm = 5.0", ""),
-        (RAMP, "kind = \"ramp\"", "kind = \"rampe\""),
-        (RAMP, "kind = \"ramp\"", ""),
-        (RAMP, "kind = \"ramp\"", "kind = \"hold\""),
-        (SINE, "amplitude_mm = 6.0", "amplitude_mm = 0.0"),
-        (SINE, "amplitude_mm = 6.0", "amplitude_mm = -6.0"),
-        (SINE, "amplitude_mm = 6.0", "amplitude_n = 6.0"),
-        (SINE, "frequency_hz = 1.0", "frequency_hz = 0.0"),
-        (SINE, "frequency_hz = 1.0", "frequency_hz = 51.0"),
-        (SINE, "frequency_hz = 1.0", "frequency_hz = 1e-4"),
-        (SINE, "cycles = 5", "cycles = 0"),
-        (SINE, "cycles = 5", "cycles = -1"),
-        (SINE, "cycles = 5", "cycles = 1.5"),
-        (SINE, "cycles = 5", "cycles = 99999999999"),
-        (SINE, "cycles = 5", "cycles = 5\ntaper_cycles = 0"),
-        (SINE, "cycles = 5", "cycles = 5\nto_mm = 3.0"),
-        (SINE, "mean_mm = 0.0", "mean_mm = 20.0"),
-    ];
-    for (segment, from, to) in cases {
-        let text = format!("{head}{}", segment.replace(from, to));
+    for &(segment, from, to, wanted) in SEGMENT_MISTAKES {
+        let text = format!("{PROFILE_HEAD}{}", segment.replace(from, to));
         let error = Profile::from_toml(&text, "bad.toml").expect_err(to);
         // A profile that is too long as a whole has no line of its own.
         let at = if to.contains("1e9") { 1 } else { 4 };
@@ -197,23 +255,9 @@ fn a_bad_profile_is_refused_with_its_line() {
             matches!(&error, ProfileError::File { line, .. } if *line >= at),
             "{to:?}: {error}"
         );
-    }
-    let table =
-        |time: &str, level: &str| format!("{head}kind = \"table\"\ntime_s = {time}\nlevel_mm = {level}\n");
-    for (time, level) in [
-        ("[]", "[]"),
-        ("[0.0]", "[0.0]"),
-        ("[0.0, 1.0]", "[0.0]"),
-        ("[0.5, 1.0]", "[0.0, 1.0]"),
-        ("[0.0, 1.0, 1.0]", "[0.0, 1.0, 2.0]"),
-        ("[0.0, nan]", "[0.0, 1.0]"),
-        ("[0.0, 1.0]", "[0.0, inf]"),
-        ("[0.0, 1.0]", "[3.0, 1.0]"),
-    ] {
-        let error = Profile::from_toml(&table(time, level), "bad.toml").expect_err(time);
         assert!(
-            matches!(&error, ProfileError::File { line: 4.., .. }),
-            "{time} {level}: {error}"
+            error.to_string().contains(wanted),
+            "{error} should say {wanted:?}"
         );
     }
     for head in [
@@ -225,11 +269,36 @@ fn a_bad_profile_is_refused_with_its_line() {
     ] {
         assert!(Profile::from_toml(head, "bad.toml").is_err(), "{head:?}");
     }
-    let many = format!("{head}{RAMP}").replace("[[block]]", "[[block]]\nrepeat = 4000000000");
+    let many = format!("{PROFILE_HEAD}{RAMP}").replace("[[block]]", "[[block]]\nrepeat = 4000000000");
     assert!(
         Profile::from_toml(&many, "bad.toml")
             .unwrap_err()
             .to_string()
             .contains("10000")
     );
+}
+
+#[test]
+fn a_bad_table_is_refused_with_its_line() {
+    for (time, level, wanted) in [
+        ("[]", "[]", "time_s = 0 points are too few"),
+        ("[0.0]", "[0.0]", "time_s = 1 points are too few"),
+        ("[0.0, 1.0]", "[0.0]", "as many levels as times"),
+        ("[0.5, 1.0]", "[0.0, 1.0]", "the first time must be 0"),
+        ("[0.0, 1.0, 1.0]", "[0.0, 1.0, 2.0]", "does not rise"),
+        ("[0.0, nan]", "[0.0, 1.0]", "does not rise"),
+        ("[0.0, 1.0]", "[0.0, inf]", "not finite"),
+        ("[0.0, 1.0]", "[3.0, 1.0]", "the run starts at 0"),
+    ] {
+        let text = format!("{PROFILE_HEAD}kind = \"table\"\ntime_s = {time}\nlevel_mm = {level}\n");
+        let error = Profile::from_toml(&text, "bad.toml").expect_err(time);
+        assert!(
+            matches!(&error, ProfileError::File { line: 4.., .. }),
+            "{time} {level}: {error}"
+        );
+        assert!(
+            error.to_string().contains(wanted),
+            "{error} should say {wanted:?}"
+        );
+    }
 }

@@ -7,9 +7,9 @@ use crate::control::{Phase, Refusal, Rig, RigConfig};
 use crate::link::{Link, loopback};
 use crate::mockrig::{MockRig, MockRigConfig};
 use crate::model;
-use crate::profile::{Block, Level, Profile, Segment};
+use crate::profile::{Block, CycleSegment, Level, Profile, Segment, Wave};
 use crate::protocol::message::{Limits, RigState};
-use crate::recording::recorder::Memory;
+use crate::recording::memory::Memory;
 use crate::recording::{ChannelScale, Ending, EventKind, FirmwareIdentity, Flags, Header};
 use crate::units::Mode;
 
@@ -179,14 +179,15 @@ fn sine(amplitude: f64, frequency_hz: f64, cycles: u32) -> Profile {
                 to: Level::Absolute(18.0),
                 duration_s: 4.0,
             },
-            Segment::Sine {
+            Segment::Cycles(CycleSegment {
+                wave: Wave::Sine,
                 mean: Level::Absolute(18.0),
                 amplitude,
                 frequency_hz,
                 cycles,
                 taper_cycles: 3,
                 correct: true,
-            },
+            }),
             Segment::Ramp {
                 to: Level::Absolute(0.0),
                 duration_s: 4.0,

@@ -11,6 +11,7 @@ mod diagnose_command;
 mod diagnose_leaf_pack;
 mod diagnose_live;
 mod diagnose_targets;
+mod documents;
 mod end_to_end;
 mod identify;
 mod leaf_pack;

@@ -3,7 +3,7 @@
 use super::support;
 use super::support::bench::{concealing, mock, play, sine, twin_nrmse};
 use super::support::{Daemon, config, json, until};
-use crate::recording::recorder::Memory;
+use crate::recording::memory::Memory;
 use crate::recording::{Event, EventKind};
 
 fn told(memory: &Memory) -> Vec<&Event> {

@@ -1,4 +1,4 @@
-//! The card's profiles as they are shipped: lengths, levels, counts, smoothness, and the dry run's verdict.
+//! The shipped profiles: lengths, levels, counts, smoothness, and the result of the dry run.
 
 use std::path::Path;
 
@@ -53,7 +53,7 @@ fn the_sines_count_fifty_full_cycles_without_a_step() {
                 valley >= 5.0 - 1e-9,
                 "{name}: the spring is loaded at its valley, {valley} mm"
             );
-            // A quarter of a cycle is a whole number of ticks in all four.
+            // A quarter of a cycle is a whole number of ticks for all four profiles.
             assert!(
                 (peak - valley - 2.0 * amplitude).abs() < 1e-9,
                 "{name} cycle {cycle}"
@@ -67,7 +67,7 @@ fn the_sines_count_fifty_full_cycles_without_a_step() {
         let second = segment
             .windows(3)
             .fold(0.0, |m: f64, w| m.max((w[2] - 2.0 * w[1] + w[0]).abs()));
-        // Tapers add less than a tenth to the sine's own acceleration.
+        // Tapers add less than a tenth to the acceleration of the sine.
         let own = amplitude * (std::f64::consts::TAU * frequency_hz / RATE_HZ).powi(2);
         assert!(second < 1.1 * own, "{name}: {second} against {own}");
     }
@@ -89,7 +89,7 @@ fn an_interrupted_sine_resumes_with_the_cycles_that_remain() {
 }
 
 #[test]
-fn the_dry_run_sees_no_trip_on_the_default_bench() {
+fn the_dry_run_predicts_no_trip_on_the_default_bench() {
     let bench =
         Bench::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("bench-configs/benches/mock.toml")).unwrap();
     let plant = bench.model.plant().unwrap();
@@ -106,7 +106,7 @@ fn the_dry_run_sees_no_trip_on_the_default_bench() {
 }
 
 #[test]
-fn the_dry_run_sees_that_a_softer_spring_travels_too_far() {
+fn the_dry_run_predicts_that_a_softer_spring_moves_too_far() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("bench-configs");
     let bench = Bench::load(&root.join("benches/mock.toml")).unwrap();
     let soft = Specimen::load(&root.join("specimens/chula-five-link.toml")).unwrap();
@@ -118,7 +118,7 @@ fn the_dry_run_sees_that_a_softer_spring_travels_too_far() {
         RATE_HZ,
     )
     .unwrap();
-    // 2 kN on 33 N/mm and 499 N of offset is 45 mm on the line alone; the shackle's geometry adds to it.
+    // 2 kN at 33 N/mm with an offset of 499 N is 45 mm by the envelope alone; the geometry of the shackle adds to it.
     let names: Vec<_> = run.predicted_trips.iter().map(|t| t.worst.name).collect();
     assert_eq!(names, ["displacement_max_mm"]);
     assert!((run.peak_force_n - 2000.0).abs() < 0.1, "{run:?}");

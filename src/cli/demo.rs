@@ -241,7 +241,7 @@ fn asked_amplitude(samples: &[Sample], whole: &[&CycleSummary], profile: &Profil
     let first = whole.first()?;
     let segment = samples.iter().find(|s| s.cycle == first.cycle)?.segment;
     let player = Player::new(profile, 0.0, f64::from(SAMPLE_RATE_HZ)).ok()?;
-    player.targets_of(segment).map(|t| t.amplitude)
+    player.target_of(segment).map(|t| t.amplitude)
 }
 
 fn section(name: &str, description: &str, samples: &[Sample], row: &DemoRow) -> Section {

@@ -1,36 +1,56 @@
-//! What a bench config may say: ranges that follow from the sensors, and plausibility against slips of unit (N for kN, m for
-//! mm), which put a limit a thousandfold off.
+//! Checks a bench or specimen that was read: ranges that follow from the sensors, and ranges narrow enough to find a wrong
+//! unit (kN for N, m for mm), which is off by a factor of 1000. `file` finds line and column of a refused key.
 
 use super::file::Document;
-use super::{Bench, BenchLimits, ConfigError, LinkConfig, ModelConfig};
+use super::{
+    Bench, BenchLimits, ConfigError, DisplacementChannel, ForceChannel, LinkConfig, ModelConfig, Specimen,
+};
 use crate::model;
 use crate::protocol::message::COUNTS_MAX;
 
 /// Ways to reach a rig; the first is in memory.
 const SCHEMES: [&str; 3] = ["mock:", "can:", "serial:"];
 
-/// Everything that does not need another file.
+/// Checks a bench. Its models and its specimen are checked by [`model`] and [`specimen`].
 pub(super) fn bench(document: &Document, bench: &Bench) -> Result<(), ConfigError> {
-    if bench.name.trim().is_empty() {
-        return Err(document.refuse("name", "is empty: name the bench"));
-    }
-    if bench.specimen.name.trim().is_empty() {
-        return Err(document.refuse("specimen.name", "is empty: name the specimen"));
-    }
+    not_empty(document, "name", &bench.name, "enter the name of the bench")?;
     link(document, &bench.link)?;
-    channels(document, bench)?;
+    channel(document, &ChannelValues::of_force(&bench.force_channel))?;
+    channel(
+        document,
+        &ChannelValues::of_displacement(&bench.displacement_channel),
+    )?;
     limits(document, bench)?;
+    times(document, bench)?;
     if !bench.daemon.listen.ip().is_loopback() {
-        let reason = format!("{} is reachable from outside: use 127.0.0.1", bench.daemon.listen);
+        let reason = format!(
+            "{} can be reached from other computers: use 127.0.0.1",
+            bench.daemon.listen
+        );
         return Err(document.refuse("daemon.listen", reason));
     }
-    if bench.daemon.data_folder.as_os_str().is_empty() {
-        return Err(document.refuse("daemon.data_folder", "is empty: name a folder for the runs"));
-    }
-    Ok(())
+    let folder = bench.daemon.data_folder.to_string_lossy();
+    not_empty(
+        document,
+        "daemon.data_folder",
+        &folder,
+        "enter a folder for the runs",
+    )
 }
 
-/// Name, parameters and structure build a plant.
+/// Checks a specimen. `table` is its place in the document with a point at the end, or empty.
+pub(super) fn specimen(document: &Document, table: &str, specimen: &Specimen) -> Result<(), ConfigError> {
+    let name = format!("{table}name");
+    not_empty(
+        document,
+        &name,
+        &specimen.name,
+        "enter the name or the serial number of the specimen",
+    )?;
+    model(document, &format!("{table}model"), &specimen.model)
+}
+
+/// Checks that name, parameters, structure and effects build a plant.
 pub(super) fn model(document: &Document, key: &str, config: &ModelConfig) -> Result<(), ConfigError> {
     let found =
         model::find(&config.name).map_err(|e| document.refuse(&format!("{key}.name"), e.to_string()))?;
@@ -40,12 +60,15 @@ pub(super) fn model(document: &Document, key: &str, config: &ModelConfig) -> Res
             .parameter_index(name)
             .map_err(|e| document.refuse(&key, e.to_string()))?;
         let [low, high] = found.parameters.get(index).map_or([0.0, 0.0], |p| p.bounds);
-        within(document, &key, *value, low, high, "the model's bounds")?;
+        within(document, &key, *value, low, high, "the bounds of the model")?;
     }
+    let plant = config
+        .plant_without_effects()
+        .map_err(|e| document.refuse(&format!("{key}.structure"), e.to_string()))?;
     config
-        .plant()
+        .with_effects(plant)
         .map(|_| ())
-        .map_err(|e| document.refuse(&format!("{key}.structure"), e.to_string()))
+        .map_err(|e| document.refuse(&format!("{key}.effect"), e.to_string()))
 }
 
 fn link(document: &Document, link: &LinkConfig) -> Result<(), ConfigError> {
@@ -63,114 +86,131 @@ fn link(document: &Document, link: &LinkConfig) -> Result<(), ConfigError> {
             return Err(document.refuse("link.address", reason));
         }
     }
-    within(
-        document,
-        "link.node",
-        f64::from(link.node),
-        1.0,
-        126.0,
-        "the nodes of a bus",
-    )?;
-    within(
-        document,
-        "link.queue_lead_ms",
-        link.queue_lead_ms as f64,
-        40.0,
-        200.0,
-        "what the rig's queue holds",
-    )?;
-    within(
-        document,
-        "link.silence_ms",
-        link.silence_ms as f64,
-        5.0,
-        500.0,
-        "a silence that can be told from a late frame and still trips in time",
-    )
+    let rows = [
+        ("node", f64::from(link.node), 1.0, 126.0, "the nodes of a bus"),
+        (
+            "queue_lead_ms",
+            link.queue_lead_ms as f64,
+            40.0,
+            200.0,
+            "the queue of the rig",
+        ),
+        (
+            "silence_ms",
+            link.silence_ms as f64,
+            5.0,
+            500.0,
+            "longer than a late frame, short enough to react",
+        ),
+    ];
+    all_within(document, "link", &rows)
 }
 
-fn channels(document: &Document, bench: &Bench) -> Result<(), ConfigError> {
-    let (f, d) = (&bench.force_channel, &bench.displacement_channel);
-    let force = [
-        "n_per_count",
-        "sign",
-        "offset_n",
-        "capacity_n",
-        "noise_n",
-        "calibrated",
-        "due",
-    ];
-    let displacement = [
-        "mm_per_count",
-        "sign",
-        "offset_mm",
-        "capacity_mm",
-        "noise_mm",
-        "calibrated",
-        "due",
-    ];
+/// The values of a calibration, the same for both channels.
+struct ChannelValues<'a> {
+    table: &'static str,
+    /// Ending of the keys: `n` or `mm`.
+    unit: &'static str,
+    per_count: f64,
+    sign: i32,
+    offset: f64,
+    capacity: f64,
+    noise: f64,
+    calibrated: &'a str,
+    due: &'a str,
+}
+
+impl<'a> ChannelValues<'a> {
+    fn of_force(f: &'a ForceChannel) -> Self {
+        ChannelValues {
+            table: "force_channel",
+            unit: "n",
+            per_count: f.n_per_count,
+            sign: f.sign,
+            offset: f.offset_n,
+            capacity: f.capacity_n,
+            noise: f.noise_n,
+            calibrated: &f.calibrated,
+            due: &f.due,
+        }
+    }
+
+    fn of_displacement(d: &'a DisplacementChannel) -> Self {
+        ChannelValues {
+            table: "displacement_channel",
+            unit: "mm",
+            per_count: d.mm_per_count,
+            sign: d.sign,
+            offset: d.offset_mm,
+            capacity: d.capacity_mm,
+            noise: d.noise_mm,
+            calibrated: &d.calibrated,
+            due: &d.due,
+        }
+    }
+}
+
+fn channel(document: &Document, c: &ChannelValues) -> Result<(), ConfigError> {
+    let (table, unit, capacity) = (c.table, c.unit, c.capacity);
+    let key = |name: &str| format!("{table}.{name}");
+    positive(document, &key(&format!("{unit}_per_count")), c.per_count)?;
+    if c.sign.abs() != 1 {
+        let reason = format!("{} is not a sign: write 1 or -1", c.sign);
+        return Err(document.refuse(&key("sign"), reason));
+    }
+    let wire = c.per_count * f64::from(COUNTS_MAX);
     let rows = [
         (
-            "force_channel",
-            force,
-            [f.n_per_count, f.offset_n, f.capacity_n, f.noise_n],
-            f.sign,
-            [&f.calibrated, &f.due],
+            format!("capacity_{unit}"),
+            capacity,
+            0.25 * wire,
+            wire,
+            "a quarter to all of the largest value that the counts can carry",
         ),
         (
-            "displacement_channel",
-            displacement,
-            [d.mm_per_count, d.offset_mm, d.capacity_mm, d.noise_mm],
-            d.sign,
-            [&d.calibrated, &d.due],
-        ),
-    ];
-    for (table, keys, [scale, offset, capacity, noise], sign, [calibrated, due]) in rows {
-        let key = |i: usize| format!("{table}.{}", keys[i]);
-        positive(document, &key(0), scale)?;
-        if sign.abs() != 1 {
-            return Err(document.refuse(&key(1), format!("{sign} is no sign: write 1 or -1")));
-        }
-        let wire = scale * f64::from(COUNTS_MAX);
-        let why = "a quarter to all of what the wire's counts reach at this scale";
-        within(document, &key(3), capacity, 0.25 * wire, wire, why)?;
-        within(
-            document,
-            &key(2),
-            offset,
+            format!("offset_{unit}"),
+            c.offset,
             -0.2 * capacity,
             0.2 * capacity,
             "a fifth of the capacity",
-        )?;
-        within(
-            document,
-            &key(4),
-            noise,
+        ),
+        (
+            format!("noise_{unit}"),
+            c.noise,
             1e-7 * capacity,
             0.01 * capacity,
             "0.1 ppm to 1 % of the capacity",
-        )?;
-        for (i, date) in [(5, calibrated), (6, due)] {
-            if date.parse::<jiff::civil::Date>().is_err() {
-                return Err(document.refuse(&key(i), format!("\"{date}\" is no date: write YYYY-MM-DD")));
-            }
+        ),
+    ];
+    all_within(document, table, &rows)?;
+    for (name, date) in [("calibrated", c.calibrated), ("due", c.due)] {
+        if date.parse::<jiff::civil::Date>().is_err() {
+            let reason = format!("\"{date}\" is not a date: write YYYY-MM-DD");
+            return Err(document.refuse(&key(name), reason));
         }
-        if due <= calibrated {
-            return Err(document.refuse(
-                &key(6),
-                format!("{due} is not after the calibration: check both dates"),
-            ));
-        }
+    }
+    if c.due <= c.calibrated {
+        let reason = format!("{} is not after the calibration: correct one of the dates", c.due);
+        return Err(document.refuse(&key("due"), reason));
     }
     Ok(())
 }
 
+/// Key without its table, value, least value, largest value, what the range is.
+type RangeRow<K> = (K, f64, f64, f64, &'static str);
+
+const OF_CELL: &str = "1 to 100 % of the capacity of the load cell";
+const OF_LVDT: &str = "1 to 100 % of the range of the LVDT";
+const BELOW_ZERO: &str = "0.5 to 100 % of the range below zero, clear of noise and drift";
+const ERROR_OF_CELL: &str = "0.2 to 20 % of the capacity of the load cell";
+const ERROR_OF_LVDT: &str = "0.2 to 20 % of the range of the LVDT";
+const OF_BENCH: &str = "what a bench of this kind can do";
+
+/// Each range is narrower than a factor of 1000 around any sensible value.
 fn limits(document: &Document, bench: &Bench) -> Result<(), ConfigError> {
-    let l: &BenchLimits = &bench.limits;
-    let (cell_n, lvdt_mm) = (
-        bench.force_channel.capacity_n,
-        bench.displacement_channel.capacity_mm,
-    );
+    let l = &bench.limits;
+    let cell_n = bench.force_channel.capacity_n;
+    let lvdt_mm = bench.displacement_channel.capacity_mm;
     if l.force_max_n > cell_n {
         let reason = format!(
             "force limit {} N is above the load cell's {cell_n} N: lower it or enter the larger cell",
@@ -178,54 +218,83 @@ fn limits(document: &Document, bench: &Bench) -> Result<(), ConfigError> {
         );
         return Err(document.refuse("limits.force_max_n", reason));
     }
-    let cell = "1 to 100 % of the load cell's capacity";
-    let lvdt = "1 to 100 % of the LVDT's range";
-    let below = "0.5 to 100 % of the range below zero, clear of noise and drift";
-    // key, value, least, most, what the range is. Each is narrower than a factor of 1000 around any sensible value.
-    let rows = [
-        ("force_max_n", l.force_max_n, 0.01 * cell_n, cell_n, cell),
-        ("force_min_n", l.force_min_n, -cell_n, -0.005 * cell_n, below),
+    all_within(document, "limits", &force_ranges(l, cell_n))?;
+    all_within(document, "limits", &displacement_ranges(l, lvdt_mm))?;
+    all_within(document, "limits", &time_ranges(l))
+}
+
+fn force_ranges(l: &BenchLimits, cell_n: f64) -> [RangeRow<&'static str>; 5] {
+    [
+        ("force_max_n", l.force_max_n, 0.01 * cell_n, cell_n, OF_CELL),
+        ("force_min_n", l.force_min_n, -cell_n, -0.005 * cell_n, BELOW_ZERO),
+        (
+            "following_error_n",
+            l.following_error_n,
+            0.002 * cell_n,
+            0.2 * cell_n,
+            ERROR_OF_CELL,
+        ),
+        (
+            "unloaded_force_n",
+            l.unloaded_force_n,
+            5e-4 * cell_n,
+            0.05 * cell_n,
+            "0.05 to 5 % of the capacity of the load cell",
+        ),
+        (
+            "tare_max_n",
+            l.tare_max_n,
+            0.001 * cell_n,
+            0.2 * cell_n,
+            "0.1 to 20 % of the capacity of the load cell",
+        ),
+    ]
+}
+
+fn displacement_ranges(l: &BenchLimits, lvdt_mm: f64) -> [RangeRow<&'static str>; 8] {
+    [
         (
             "displacement_max_mm",
             l.displacement_max_mm,
             0.01 * lvdt_mm,
             lvdt_mm,
-            lvdt,
+            OF_LVDT,
         ),
         (
             "displacement_min_mm",
             l.displacement_min_mm,
             -lvdt_mm,
             -0.005 * lvdt_mm,
-            below,
-        ),
-        (
-            "velocity_max_mm_s",
-            l.velocity_max_mm_s,
-            5.0,
-            1000.0,
-            "what a bench of this kind does",
-        ),
-        (
-            "acceleration_max_mm_s2",
-            l.acceleration_max_mm_s2,
-            100.0,
-            50_000.0,
-            "what a bench of this kind does",
+            BELOW_ZERO,
         ),
         (
             "following_error_mm",
             l.following_error_mm,
             0.002 * lvdt_mm,
             0.2 * lvdt_mm,
-            "0.2 to 20 % of the LVDT's range",
+            ERROR_OF_LVDT,
         ),
         (
-            "following_error_n",
-            l.following_error_n,
-            0.002 * cell_n,
-            0.2 * cell_n,
-            "0.2 to 20 % of the cell's capacity",
+            "retract_mm",
+            l.retract_mm,
+            l.displacement_min_mm,
+            -0.25,
+            "from the lower displacement limit to clear of the specimen",
+        ),
+        (
+            "tare_max_mm",
+            l.tare_max_mm,
+            0.001 * lvdt_mm,
+            0.5 * lvdt_mm,
+            "0.1 to 50 % of the range of the LVDT",
+        ),
+        ("velocity_max_mm_s", l.velocity_max_mm_s, 5.0, 1000.0, OF_BENCH),
+        (
+            "acceleration_max_mm_s2",
+            l.acceleration_max_mm_s2,
+            100.0,
+            50_000.0,
+            OF_BENCH,
         ),
         (
             "unload_velocity_mm_s",
@@ -234,26 +303,17 @@ fn limits(document: &Document, bench: &Bench) -> Result<(), ConfigError> {
             20.0,
             "a gentle unload",
         ),
-        (
-            "unloaded_force_n",
-            l.unloaded_force_n,
-            5e-4 * cell_n,
-            0.05 * cell_n,
-            "0.05 to 5 % of the cell's capacity",
-        ),
-        (
-            "retract_mm",
-            l.retract_mm,
-            l.displacement_min_mm,
-            -0.25,
-            "the lower displacement limit and clear of the specimen",
-        ),
+    ]
+}
+
+fn time_ranges(l: &BenchLimits) -> [RangeRow<&'static str>; 3] {
+    [
         (
             "lease_ms",
             f64::from(l.lease_ms),
             20.0,
             500.0,
-            "two lost leases and a rig that still reacts",
+            "longer than two lost frames, short enough to react",
         ),
         (
             "hold_timeout_ms",
@@ -267,45 +327,78 @@ fn limits(document: &Document, bench: &Bench) -> Result<(), ConfigError> {
             f64::from(l.queue_low_ms),
             5.0,
             90.0,
-            "what the 100 ms of the queue allow",
+            "within the 100 ms of the queue",
         ),
-        (
-            "tare_max_n",
-            l.tare_max_n,
-            0.001 * cell_n,
-            0.2 * cell_n,
-            "0.1 to 20 % of the cell's capacity",
-        ),
-        (
-            "tare_max_mm",
-            l.tare_max_mm,
-            0.001 * lvdt_mm,
-            0.5 * lvdt_mm,
-            "0.1 to 50 % of the LVDT's range",
-        ),
-    ];
-    for (key, value, low, high, why) in rows {
-        within(document, &format!("limits.{key}"), value, low, high, why)?;
+    ]
+}
+
+/// Times of the link that must fit the limits.
+fn times(document: &Document, bench: &Bench) -> Result<(), ConfigError> {
+    let (lead_ms, low_ms) = (bench.link.queue_lead_ms, bench.limits.queue_low_ms);
+    if lead_ms <= u64::from(low_ms.unsigned_abs()) {
+        let reason = format!(
+            "{lead_ms} ms is not above limits.queue_low_ms = {low_ms} ms, so the rig would go to hold at once: enter a larger lead"
+        );
+        return Err(document.refuse("link.queue_lead_ms", reason));
+    }
+    let (silence_ms, lease_ms) = (bench.link.silence_ms, bench.limits.lease_ms);
+    if silence_ms > u64::from(lease_ms.unsigned_abs()) {
+        let reason = format!(
+            "{silence_ms} ms is above limits.lease_ms = {lease_ms} ms, so the rig would unload before the run is aborted: \
+             enter a shorter silence"
+        );
+        return Err(document.refuse("link.silence_ms", reason));
     }
     Ok(())
 }
 
-fn within(doc: &Document, key: &str, value: f64, low: f64, high: f64, why: &str) -> Result<(), ConfigError> {
+fn all_within<K: AsRef<str>>(
+    document: &Document,
+    table: &str,
+    rows: &[RangeRow<K>],
+) -> Result<(), ConfigError> {
+    rows.iter().try_for_each(|(key, value, low, high, range)| {
+        within(
+            document,
+            &format!("{table}.{}", key.as_ref()),
+            *value,
+            *low,
+            *high,
+            range,
+        )
+    })
+}
+
+fn within(
+    document: &Document,
+    key: &str,
+    value: f64,
+    low: f64,
+    high: f64,
+    range: &str,
+) -> Result<(), ConfigError> {
     // A NaN is in no range.
     if value >= low && value <= high {
         return Ok(());
     }
-    let reason =
-        format!("{value} is outside {low} to {high} ({why}): check the unit and enter a value within");
-    Err(doc.refuse(key, reason))
+    let reason = format!(
+        "{value} is outside {low} to {high} ({range}): check the unit and enter a value in this range"
+    );
+    Err(document.refuse(key, reason))
 }
 
 fn positive(document: &Document, key: &str, value: f64) -> Result<(), ConfigError> {
     if value.is_finite() && value > 0.0 {
         return Ok(());
     }
-    Err(document.refuse(
-        key,
-        format!("{value} is not above 0: enter a positive number, and the direction as sign"),
-    ))
+    let reason =
+        format!("{value} is not above 0: enter a positive number, and give the direction by the key sign");
+    Err(document.refuse(key, reason))
+}
+
+fn not_empty(document: &Document, key: &str, text: &str, order: &str) -> Result<(), ConfigError> {
+    if text.trim().is_empty() {
+        return Err(document.refuse(key, format!("the text is empty: {order}")));
+    }
+    Ok(())
 }

@@ -1,4 +1,5 @@
-//! Bench and specimen files: TOML in, strictly, with line and column in every refusal; TOML out, complete in one file.
+//! Reads bench and specimen files strictly, with line and column in every error, and writes a bench as one complete file.
+//! `checks` decides which values are allowed.
 
 use std::ops::Range;
 use std::path::Path;
@@ -12,7 +13,7 @@ use super::{
 };
 use crate::profile::file::{MAX_FILE_BYTES, line_column};
 
-/// The file as it is written; the specimen may stand in a file of its own.
+/// A bench file as it is written. Its specimen may be in a file of its own.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawBench {
@@ -37,7 +38,7 @@ struct RawSpecimen {
     model: Option<ModelConfig>,
 }
 
-/// A text with the places of its keys, for refusals.
+/// The text of a file, for errors with line and column.
 pub(super) struct Document<'a> {
     text: &'a str,
     origin: &'a str,
@@ -49,20 +50,13 @@ impl<'a> Document<'a> {
         origin: &'a str,
     ) -> Result<(Self, T), ConfigError> {
         let document = Document { text, origin };
-        if text.len() > MAX_FILE_BYTES {
-            let reason = format!(
-                "{} bytes are more than a config's {MAX_FILE_BYTES}: this is another file",
-                text.len()
-            );
-            return Err(document.at(0..0, "toml", reason));
-        }
         match toml::from_str(text) {
             Ok(value) => Ok((document, value)),
             Err(e) => Err(document.at(e.span().unwrap_or(0..0), "toml", e.message().replace('\n', "; "))),
         }
     }
 
-    /// A refusal of the value at `key`, dotted; the table that holds it where the key itself is not written.
+    /// An error at `key` (with its tables, separated by points), or at its table if the key is not written.
     pub(super) fn refuse(&self, key: &str, reason: impl Into<String>) -> ConfigError {
         self.at(self.span(key).unwrap_or(0..0), key, reason.into())
     }
@@ -99,28 +93,31 @@ impl Bench {
     pub(crate) fn load(path: &Path) -> Result<Bench, ConfigError> {
         let text = read_text(path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        let specimen = |file: &str| Some(Specimen::load(&folder.join(file)));
-        Bench::parse_with(&text, &path.display().to_string(), &specimen)
+        Bench::parse_with(&text, &path.display().to_string(), &|file| {
+            Specimen::load(&folder.join(file))
+        })
     }
 
-    /// Reads a bench from a text that is complete in itself, such as [`Bench::to_toml`] writes; `origin` is for messages.
+    /// Reads a bench from a text; `origin` is for messages. A specimen file is looked for in the working folder.
+    #[cfg(test)]
     pub(crate) fn parse(text: &str, origin: &str) -> Result<Bench, ConfigError> {
-        Bench::parse_with(text, origin, &|_| None)
+        Bench::parse_with(text, origin, &|file| Specimen::load(Path::new(file)))
     }
 
-    /// The shipped bench that needs no hardware, where its files are not at hand.
+    /// The shipped mock bench, compiled into the program, for use without its file.
     pub(crate) fn shipped() -> Result<Bench, ConfigError> {
         let bench = include_str!("../../bench-configs/benches/mock.toml");
         let specimen = include_str!("../../bench-configs/specimens/samurai-front-equivalent.toml");
-        let read = |file: &str| Some(Specimen::parse(specimen, file));
-        Bench::parse_with(bench, "the built-in mock bench", &read)
+        Bench::parse_with(bench, "the built-in mock bench", &|file| {
+            Specimen::parse(specimen, file)
+        })
     }
 
-    /// `specimen_file` reads the specimen that the text names by file.
+    /// `specimen_file` reads the specimen file that the text names.
     fn parse_with(
         text: &str,
         origin: &str,
-        specimen_file: &dyn Fn(&str) -> Option<Result<Specimen, ConfigError>>,
+        specimen_file: &dyn Fn(&str) -> Result<Specimen, ConfigError>,
     ) -> Result<Bench, ConfigError> {
         let (document, raw) = Document::read::<RawBench>(text, origin)?;
         let specimen = match raw.specimen {
@@ -129,25 +126,20 @@ impl Bench {
                 name: None,
                 source: None,
                 model: None,
-            } => match specimen_file(&file) {
-                Some(specimen) => specimen?,
-                None => {
-                    let reason = "names a file, but this text has no folder: write name and model here";
-                    return Err(document.refuse("specimen.file", reason));
-                }
-            },
+            } => specimen_file(&file)?,
             RawSpecimen {
                 file: None,
                 name: Some(name),
                 source,
                 model: Some(model),
             } => {
-                checks::model(&document, "specimen.model", &model)?;
-                Specimen {
+                let specimen = Specimen {
                     name,
                     source: source.unwrap_or_default(),
                     model,
-                }
+                };
+                checks::specimen(&document, "specimen.", &specimen)?;
+                specimen
             }
             _ => {
                 let reason = "needs either file, or name and model, and not both: keep one of them";
@@ -172,9 +164,9 @@ impl Bench {
         Ok(bench)
     }
 
-    /// The bench complete in one file, the specimen included; `parse` gives the same bench again.
+    /// The bench as one complete file that includes the specimen. Reading it gives the same bench again.
     pub(crate) fn to_toml(&self) -> String {
-        toml::to_string(self).expect("a bench holds tables, strings and numbers only")
+        toml::to_string(self).expect("a bench has tables, strings and numbers only")
     }
 }
 
@@ -187,7 +179,7 @@ impl Specimen {
     /// Reads a specimen from its file's text.
     pub(crate) fn parse(text: &str, origin: &str) -> Result<Specimen, ConfigError> {
         let (document, specimen) = Document::read::<Specimen>(text, origin)?;
-        checks::model(&document, "model", &specimen.model)?;
+        checks::specimen(&document, "", &specimen)?;
         Ok(specimen)
     }
 }
@@ -200,7 +192,7 @@ fn read_text(path: &Path) -> Result<String, ConfigError> {
     let size = std::fs::metadata(path).map_err(|e| failed(e.to_string()))?.len();
     if size > MAX_FILE_BYTES as u64 {
         return Err(failed(format!(
-            "{size} bytes are more than a config's {MAX_FILE_BYTES}"
+            "it has {size} bytes, at most {MAX_FILE_BYTES} are allowed"
         )));
     }
     std::fs::read_to_string(path).map_err(|e| failed(e.to_string()))
@@ -209,6 +201,62 @@ fn read_text(path: &Path) -> Result<String, ConfigError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_file_that_is_too_large_is_refused_before_it_is_read() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        file.as_file().set_len(1 << 40).unwrap();
+        let error = Bench::load(file.path()).unwrap_err().to_string();
+        assert!(error.contains("it has 1099511627776 bytes"), "{error}");
+    }
+
+    #[test]
+    fn an_effect_is_refused_at_its_own_key() {
+        let text = include_str!("../../bench-configs/specimens/samurai-front-equivalent.toml");
+        for (effect, wanted) in [
+            ("code = \"rust\"", "no effect has the code \"rust\""),
+            ("code = \"backlash\"\nparameters = { gap_mm = 1000.0 }", "gap_mm"),
+            (
+                "code = \"backlash\"\nparameters = { gap = 1.0 }",
+                "has no parameter",
+            ),
+        ] {
+            let error =
+                Specimen::parse(&format!("{text}\n[[model.effect]]\n{effect}\n"), "s.toml").unwrap_err();
+            let ConfigError::Invalid {
+                line, key, reason, ..
+            } = &error
+            else {
+                panic!("{error}")
+            };
+            assert_eq!(key, "model.effect", "{error}");
+            assert!(*line > text.lines().count() && reason.contains(wanted), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_specimen_without_a_name_is_refused() {
+        let text = include_str!("../../bench-configs/specimens/samurai-front-equivalent.toml")
+            .replace("name = \"samurai-front\"", "name = \" \"");
+        let error = Specimen::parse(&text, "s.toml").unwrap_err().to_string();
+        assert!(error.contains("name: the text is empty"), "{error}");
+    }
+
+    #[test]
+    fn times_of_the_link_fit_the_limits() {
+        let text = mock().to_toml();
+        for (from, to, key) in [
+            ("queue_low_ms = 30", "queue_low_ms = 90", "link.queue_lead_ms"),
+            ("silence_ms = 20", "silence_ms = 60", "link.silence_ms"),
+        ] {
+            assert!(text.contains(from));
+            let text = text
+                .replace(from, to)
+                .replace("queue_lead_ms = 100", "queue_lead_ms = 90");
+            let error = Bench::parse(&text, "bad.toml").unwrap_err().to_string();
+            assert!(error.contains(key), "{error}");
+        }
+    }
 
     fn mock() -> Bench {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("bench-configs/benches/mock.toml");
@@ -234,13 +282,17 @@ mod tests {
         let mut bench = mock();
         let before = bench.calibration_hash();
         bench.limits.force_max_n -= 1.0;
-        assert_eq!(bench.calibration_hash(), before, "limits are no calibration");
+        assert_eq!(
+            bench.calibration_hash(),
+            before,
+            "limits are not part of the calibration"
+        );
         bench.force_channel.offset_n = 0.1;
         assert_ne!(bench.calibration_hash(), before);
     }
 
     #[test]
-    fn a_refusal_points_at_the_key() {
+    fn an_error_points_at_the_key() {
         let text = mock()
             .to_toml()
             .replace("force_max_n = 3200.0", "force_max_n = 12000.0");

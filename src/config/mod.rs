@@ -1,5 +1,6 @@
-//! Bench configs: rig, channels, limits, specimen and model, as typed and checked. `file` reads and writes them, `checks`
-//! refuses what cannot be right. Opening the link and building the rig is left to the daemon and the command line.
+//! Bench configs: link, channels, limits, specimen and model. `file` reads and writes them, `checks` refuses values that cannot
+//! be right, `rig` gives control and twin their figures. Opening the link and building the mock rig is left to the daemon and
+//! the command line. docs/profiles-and-benches.md lists every key.
 
 mod checks;
 mod file;
@@ -21,22 +22,15 @@ use crate::recording::ChannelScale;
 /// Why a bench or specimen file cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ConfigError {
-    /// The file is not there or not readable.
-    #[error("{} cannot be read: {reason}: check the path and its rights", path.display())]
-    Read {
-        /// Which file.
-        path: PathBuf,
-        /// What the system said.
-        reason: String,
-    },
-    /// Something in the text is wrong.
+    #[error("{} cannot be read ({reason}): check the path and the permissions", path.display())]
+    Read { path: PathBuf, reason: String },
     #[error("{origin}, line {line}, column {column}, {key}: {reason}")]
     Invalid {
-        /// File.
+        /// Name of the file.
         origin: String,
-        /// From 1.
+        /// Line of the file, from 1.
         line: usize,
-        /// From 1, in characters.
+        /// Column in characters, from 1.
         column: usize,
         /// Key with its table, `limits.force_max_n`; `toml` where the text cannot be parsed.
         key: String,
@@ -45,26 +39,22 @@ pub(crate) enum ConfigError {
     },
 }
 
-/// A bench: checked, so that what holds it need not check again. There is no bench without limits.
+/// A bench. It is checked when it is read, so its users need not check it again.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct Bench {
     /// Name for run headers and messages.
     pub name: String,
     /// How the rig is reached.
     pub link: LinkConfig,
-    /// Load cell.
     pub force_channel: ForceChannel,
-    /// LVDT.
     pub displacement_channel: DisplacementChannel,
-    /// What must not be passed.
     pub limits: BenchLimits,
-    /// The daemon's own settings.
     pub daemon: DaemonConfig,
     /// The spring on the rig.
     pub specimen: Specimen,
-    /// The model of twin and dry run: the bench's own, or the specimen's.
+    /// The model of the twin and of the dry run: that of the bench, or else that of the specimen.
     pub model: ModelConfig,
-    /// Settings of the mock rig, as they stand in the file; the mock rig checks them.
+    /// Settings of the mock rig as in the file. The mock rig checks them when it starts.
     #[serde(skip_serializing_if = "toml::Table::is_empty")]
     pub mock_rig: toml::Table,
 }
@@ -77,10 +67,10 @@ pub(crate) struct LinkConfig {
     pub address: String,
     /// Node of the rig, 1 to 126.
     pub node: u8,
-    /// Commands stand this far ahead in the rig's queue, 40 to 200 ms: the host may be late by as much.
+    /// Time by which commands are sent ahead to the queue of the rig, 40 to 200 ms and above `limits.queue_low_ms`.
     #[serde(default = "LinkConfig::default_queue_lead_ms")]
     pub queue_lead_ms: u64,
-    /// A sample stream silent for longer aborts the run, 5 ms to the lease.
+    /// A run is aborted if no sample arrives for longer than this, 5 to 500 ms and at most `limits.lease_ms`.
     #[serde(default = "LinkConfig::default_silence_ms")]
     pub silence_ms: u64,
 }
@@ -104,21 +94,21 @@ impl LinkConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ForceChannel {
-    /// Newtons a count, positive.
+    /// Newtons for each count, above 0.
     pub n_per_count: f64,
-    /// 1 or -1: which way of the counts loads the spring.
+    /// 1: the counts rise when the spring is loaded. -1: they fall.
     pub sign: i32,
-    /// Offset of the calibration.
+    /// Offset of the calibration in N.
     pub offset_n: f64,
-    /// Rated capacity of the cell.
+    /// Rated capacity of the load cell in N.
     pub capacity_n: f64,
-    /// Standard deviation of the noise at calibration.
+    /// Standard deviation of the noise at calibration in N.
     pub noise_n: f64,
-    /// Certificate's number.
+    /// Number of the calibration certificate.
     pub certificate: String,
     /// Date of calibration, `YYYY-MM-DD`.
     pub calibrated: String,
-    /// Date when the next is due, `YYYY-MM-DD`.
+    /// Date of the next calibration, `YYYY-MM-DD`. Recorded only.
     pub due: String,
 }
 
@@ -126,134 +116,133 @@ pub(crate) struct ForceChannel {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct DisplacementChannel {
-    /// Millimetres a count, positive.
+    /// Millimetres for each count, above 0.
     pub mm_per_count: f64,
-    /// 1 or -1: which way of the counts loads the spring.
+    /// 1: the counts rise when the spring is loaded. -1: they fall.
     pub sign: i32,
-    /// Offset of the calibration.
+    /// Offset of the calibration in mm.
     pub offset_mm: f64,
-    /// Half range of the transducer.
+    /// Half of the range of the LVDT in mm.
     pub capacity_mm: f64,
-    /// Standard deviation of the noise at calibration.
+    /// Standard deviation of the noise at calibration in mm.
     pub noise_mm: f64,
-    /// Certificate's number.
+    /// Number of the calibration certificate.
     pub certificate: String,
     /// Date of calibration, `YYYY-MM-DD`.
     pub calibrated: String,
-    /// Date when the next is due, `YYYY-MM-DD`.
+    /// Date of the next calibration, `YYYY-MM-DD`. Recorded only.
     pub due: String,
 }
 
-/// What must not be passed. Every one is needed; there is no switching off.
+/// Limits of a bench. Every one is required and none can be switched off. `checks` has their ranges.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct BenchLimits {
-    /// Upper force, at most the cell's capacity.
+    /// Upper force limit in N, at most the capacity of the load cell.
     pub force_max_n: f64,
-    /// Lower force, below zero: a spring that is pushed cannot pull.
+    /// Lower force limit in N, below zero: a spring that is pushed cannot pull.
     pub force_min_n: f64,
-    /// Upper displacement.
+    /// Upper displacement limit in mm.
     pub displacement_max_mm: f64,
-    /// Lower displacement, below zero.
+    /// Lower displacement limit in mm, below zero.
     pub displacement_min_mm: f64,
-    /// Speed.
+    /// Limit of the speed of the LVDT in mm/s.
     pub velocity_max_mm_s: f64,
-    /// Acceleration that a profile may ask for.
+    /// Largest mean acceleration of a profile over 20 ms, in mm/s2.
     pub acceleration_max_mm_s2: f64,
-    /// Following error in displacement control.
+    /// Allowed difference of command and displacement in displacement control, in mm.
     pub following_error_mm: f64,
-    /// Following error in force control.
+    /// Allowed difference of command and force in force control, in N.
     pub following_error_n: f64,
-    /// Speed of the unload ramp.
+    /// Speed of the unload ramp in mm/s.
     pub unload_velocity_mm_s: f64,
-    /// At or below this the specimen counts as unloaded.
+    /// The specimen counts as unloaded at or below this force in N.
     pub unloaded_force_n: f64,
-    /// Where the unload ramp ends when the force did not fall before.
+    /// Displacement in mm at which the unload ramp ends if the force has not fallen before.
     pub retract_mm: f64,
-    /// Lease, after which the rig unloads by itself.
+    /// The rig unloads without the host if it gets no lease frame for this time.
     pub lease_ms: i32,
-    /// Hold lapses to unload after this.
+    /// A hold becomes an unload after this time.
     pub hold_timeout_ms: i32,
-    /// Below this level of the queue the rig slows to hold.
+    /// The rig goes to hold if its queue has fewer commands than this.
     pub queue_low_ms: i32,
-    /// Largest tare of the load cell.
+    /// Largest tare of the load cell in N.
     pub tare_max_n: f64,
-    /// Largest tare of the LVDT.
+    /// Largest tare of the LVDT in mm.
     pub tare_max_mm: f64,
 }
 
-/// What follows when the twin's residual leaves its band.
+/// Reaction when the residual of the twin leaves its band.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum MismatchAction {
-    /// An event in the run and a line on the page.
+    /// An event in the run and a message on the page.
     #[default]
     Tell,
-    /// The rig holds; an operator resumes or stops.
+    /// As `Tell`, and the rig holds until an operator resumes or stops.
     Hold,
-    /// The run ends and the rig unloads.
+    /// As `Tell`, and the run ends.
     Stop,
 }
 
-/// The daemon's own settings.
+/// Settings of the daemon.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct DaemonConfig {
     /// Loopback address and port of the HTTP interface.
     pub listen: SocketAddr,
-    /// Where runs are kept.
+    /// Folder of the run files.
     pub data_folder: PathBuf,
-    /// What a model mismatch does to the run, beside being told.
     #[serde(default)]
     pub model_mismatch: MismatchAction,
 }
 
-/// A spring with the model that describes it.
+/// The spring on the rig, with its model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Specimen {
     /// Name or serial number.
     pub name: String,
-    /// Where its figures come from.
+    /// Where its values come from. Recorded only.
     #[serde(default)]
     pub source: String,
-    /// Model and values.
     pub model: ModelConfig,
 }
 
-/// A model with its values.
+/// A model with its values, structure and effects.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ModelConfig {
     /// Name in `model::MODELS`.
     pub name: String,
-    /// Codes of physics that it has beside the model's own (contracts.md).
+    /// Codes of physics (docs/formats.md) that the specimen is known to have and the model does not contain. `diagnose` does
+    /// not report them as missing.
     #[serde(default)]
     pub known: Vec<String>,
-    /// Values by name; the model's start where one is missing.
+    /// Values of the parameters by name. A parameter that is not written has its start value.
     #[serde(default)]
     pub parameters: BTreeMap<String, f64>,
     /// Geometry and options of the model.
     #[serde(default, skip_serializing_if = "toml::Table::is_empty")]
     pub structure: toml::Table,
-    /// Effects attached to it, from the specimen outwards.
+    /// Effects attached to the model. They act in the order of their stages, not of the file.
     #[serde(default, rename = "effect", skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectConfig>,
 }
 
-/// An effect attached to a model: code of physics and values.
+/// An effect attached to a model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct EffectConfig {
-    /// Code (contracts.md).
+    /// Code of physics, see docs/formats.md.
     pub code: String,
-    /// Values by name.
+    /// Values of the parameters by name. A parameter that is not written has its start value.
     #[serde(default)]
     pub parameters: BTreeMap<String, f64>,
 }
 
 impl ModelConfig {
-    /// One value a parameter, in the model's order.
+    /// The value of each parameter, in the order of the model.
     pub(crate) fn values(&self) -> Result<Vec<f64>, BuildError> {
         let model = model::find(&self.name)?;
         let mut values = model.start_values();
@@ -266,29 +255,34 @@ impl ModelConfig {
         Ok(values)
     }
 
-    /// The model ready to step, its effects attached; an effect's start where a value is missing.
+    /// The model ready to step, with its effects.
     pub(crate) fn plant(&self) -> Result<Box<dyn Plant>, BuildError> {
-        let model = model::find(&self.name)?;
-        let plant = model.plant(&self.values()?, &self.structure)?;
-        let refused = |e: EffectError| match e {
-            EffectError::Value(e) => e,
-            other => BuildError::Structure {
-                model: model.name,
-                reason: other.to_string(),
-            },
-        };
-        let effects = self
+        self.with_effects(self.plant_without_effects()?)
+            .map_err(|e| match e {
+                EffectError::Value(e) => e,
+                other => BuildError::Structure {
+                    model: model::find(&self.name).map_or("", |m| m.name),
+                    reason: other.to_string(),
+                },
+            })
+    }
+
+    fn plant_without_effects(&self) -> Result<Box<dyn Plant>, BuildError> {
+        model::find(&self.name)?.plant(&self.values()?, &self.structure)
+    }
+
+    fn with_effects(&self, plant: Box<dyn Plant>) -> Result<Box<dyn Plant>, EffectError> {
+        let effects: Vec<_> = self
             .effects
             .iter()
             .map(EffectConfig::resolved)
-            .collect::<Result<Vec<_>, _>>()
-            .map_err(refused)?;
-        effect::attach_all(&effects, plant).map_err(refused)
+            .collect::<Result<_, _>>()?;
+        effect::attach_all(&effects, plant)
     }
 }
 
 impl EffectConfig {
-    /// The effect with one value a parameter.
+    /// The effect with the value of each of its parameters.
     fn resolved(&self) -> Result<(&'static Effect, Vec<f64>), EffectError> {
         let found = effect::find(&self.code)?;
         let known = || {
@@ -346,7 +340,7 @@ impl Bench {
             .collect()
     }
 
-    /// First four bytes, big endian, of the SHA-256 of the calibration's text: what the rig is asked for before arming.
+    /// First four bytes, big endian, of the SHA-256 of the calibration's text. Compared with the rig's before arming.
     pub(crate) fn calibration_hash(&self) -> u32 {
         let digest = Sha256::digest(self.calibration_text());
         digest
@@ -355,7 +349,7 @@ impl Bench {
             .fold(0, |hash, &byte| hash << 8 | u32::from(byte))
     }
 
-    /// One line a channel; numbers as shortest decimal that reads back the same.
+    /// One line for each channel, each number as the shortest decimal that reads back the same.
     fn calibration_text(&self) -> String {
         let (f, d) = (&self.force_channel, &self.displacement_channel);
         format!(
@@ -378,7 +372,7 @@ impl Bench {
     /// The limits as the firmware holds them, for these scalings (tare included).
     pub(crate) fn wire_limits(&self, force: &ChannelScale, displacement: &ChannelScale) -> Limits {
         let l = &self.limits;
-        // A channel of negative sign turns upper into lower.
+        // A negative sign turns the upper limit into the lower one.
         let range = |scale: &ChannelScale, low: f64, high: f64| {
             let (a, b) = (scale.counts(low), scale.counts(high));
             (a.min(b), a.max(b))

@@ -1,4 +1,4 @@
-//! What control and twin need of a bench.
+//! Figures of a bench for control and twin.
 
 use super::Bench;
 use crate::control::RigConfig;
@@ -6,15 +6,15 @@ use crate::control::channel::Channels;
 use crate::control::limits::DetectorLimits;
 use crate::twin::Noise;
 
-/// Fills the queue in 50 ms and keeps the bus below half of its load meanwhile.
+/// Commands sent in one cycle of the control loop: fills the queue in 50 ms and keeps the load of the bus below one half.
 const COMMANDS_PER_POLL: u32 = 3;
-/// As the protocol has it (faults.md, F5).
+/// Time after which a request is repeated (fault F5), as in firmware-protocol.md.
 const ACK_TIMEOUT_MS: u64 = 20;
-/// A channel that spreads more than this many times its calibrated noise is not still.
+/// A tare is refused if a channel spreads more than this many times its calibrated noise.
 const STILL_SIGMAS: f64 = 5.0;
 
 impl Bench {
-    /// Noise of the two channels with the rounding of their counts: what a twin that is right may differ by.
+    /// Noise of the two channels including the rounding to counts: the residual of a correct twin stays within it.
     pub(crate) fn noise(&self) -> Noise {
         let (force, displacement) = (&self.force_channel, &self.displacement_channel);
         let rounding = |step: f64| step / 12f64.sqrt();
@@ -24,7 +24,7 @@ impl Bench {
         }
     }
 
-    /// Figures for [`crate::control::Rig`]. `session`: 1 to 255, another one after each start of the program.
+    /// Figures for [`crate::control::Rig`]. `session`: 1 to 255, a new one for each start of the program.
     pub(crate) fn rig_config(&self, session: u8) -> RigConfig {
         let channels = Channels {
             force: self.force_channel.scale(),

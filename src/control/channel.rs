@@ -29,10 +29,10 @@ impl Channels {
     pub(crate) fn reading(&self, force_counts: i32, displacement_counts: i32) -> Reading {
         let mut flags = Flags::default();
         if force_counts == COUNTS_INVALID {
-            flags.set(Flags::FORCE_INVALID);
+            flags.insert(Flags::FORCE_INVALID);
         }
         if displacement_counts == COUNTS_INVALID {
-            flags.set(Flags::DISPLACEMENT_INVALID);
+            flags.insert(Flags::DISPLACEMENT_INVALID);
         }
         Reading {
             force_n: self.force.value(force_counts),

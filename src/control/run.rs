@@ -83,7 +83,6 @@ impl Run {
             segment: 1,
             phase: 0.0,
             last: false,
-            taper: false,
         };
         Ok(Run {
             header: order.header,
@@ -149,7 +148,7 @@ impl Run {
     pub(crate) fn on_sample(&mut self, slot: Option<&Slot>, feedback: f64, lost: u64) -> Option<EndedCycle> {
         self.samples += 1;
         self.lost += lost;
-        let target = slot.and_then(|s| self.player.targets_of(s.segment));
+        let target = slot.and_then(|s| self.player.target_of(s.segment));
         let ended = self.tracker.follow(slot.zip(target), feedback)?;
         self.cycles_completed = self.cycles_completed.max(ended.cycle);
         Some(ended)
@@ -182,7 +181,7 @@ impl Run {
         self.held = true;
         let in_cycle = self
             .due(tick)
-            .is_some_and(|s| self.player.targets_of(s.segment).is_some());
+            .is_some_and(|s| self.player.target_of(s.segment).is_some());
         self.replay = match in_cycle {
             // A sine that was cut tapers in again: no command is played twice.
             true => VecDeque::new(),

@@ -15,11 +15,11 @@ impl Rig {
         let mut reading = self.channels.reading(counts.0, counts.1);
         let fresh_stream = self.clock.take(tick, now_ns);
         if self.clock.age_ms(tick, now_ns) > self.config.detectors.silence_ms {
-            reading.flags.set(Flags::LATE);
+            reading.flags.insert(Flags::LATE);
         }
         self.counters.samples += 1;
         self.counters.lost += lost;
-        if reading.flags.0 == 0 && lost == 0 {
+        if reading.flags.is_empty() && lost == 0 {
             self.stillness.push(&reading);
         } else {
             self.stillness.clear();
@@ -63,11 +63,11 @@ impl Rig {
         let slot = if on_profile { run.due(tick) } else { None };
         let mut flags = reading.flags;
         if lost > 0 {
-            flags.set(Flags::AFTER_GAP);
+            flags.insert(Flags::AFTER_GAP);
         }
         match (on_profile, slot) {
-            (false, _) => flags.set(Flags::NOT_PROFILE),
-            (true, None) => flags.set(Flags::NO_COMMAND),
+            (false, _) => flags.insert(Flags::NOT_PROFILE),
+            (true, None) => flags.insert(Flags::NO_COMMAND),
             _ => {}
         }
         let time_s = run.time_s(tick);

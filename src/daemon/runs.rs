@@ -44,7 +44,7 @@ impl Runs {
     /// How far the newest run is.
     pub(crate) fn newest(&self) -> Option<RunProgress> {
         self.lock().as_ref().map(|newest| RunProgress {
-            disk_problem: newest.disk.failure().unwrap_or_default().to_owned(),
+            disk_problem: newest.disk.problem().unwrap_or_default(),
             ..newest.progress.clone()
         })
     }

@@ -338,14 +338,8 @@ fn usable(recording: &Recording, remarks: &mut Vec<String>) -> Vec<usize> {
     let Some(flags) = recording.flags.as_ref().filter(|f| f.len() == n) else {
         return (0..n).collect();
     };
-    let bad = [
-        Flags::FORCE_INVALID,
-        Flags::DISPLACEMENT_INVALID,
-        Flags::STUCK,
-        Flags::SPIKE,
-    ];
     let kept: Vec<usize> = (0..n)
-        .filter(|&i| !bad.iter().any(|&b| Flags(flags[i]).has(b)))
+        .filter(|&i| !Flags::from_bits_retain(flags[i]).intersects(Flags::UNUSABLE))
         .collect();
     if kept.len() < n {
         remarks.push(format!(

@@ -299,15 +299,9 @@ impl PreparedCurve {
 
     /// Takes weight from samples that the rig flagged, and from the first half cycle where it is to be dropped.
     fn mask(&mut self, recording: &Recording, reversals: &[usize], initial: Initial) {
-        const UNUSABLE: [Flags; 4] = [
-            Flags::FORCE_INVALID,
-            Flags::DISPLACEMENT_INVALID,
-            Flags::STUCK,
-            Flags::SPIKE,
-        ];
         if let Some(flags) = &recording.flags {
             for (weight, &flag) in self.weight.iter_mut().zip(flags) {
-                if UNUSABLE.iter().any(|&bad| Flags(flag).has(bad)) {
+                if Flags::from_bits_retain(flag).intersects(Flags::UNUSABLE) {
                     *weight = 0.0;
                 }
             }

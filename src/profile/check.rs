@@ -1,30 +1,31 @@
-//! Holds a profile against limits before anything moves: every level and speed that it asks for, by playing it through.
-//! What the specimen answers (the force of a displacement profile) is a model's business: see `twin::dry_run`.
+//! Checks a profile against limits before anything moves, by playing it to its end and looking at every level and speed.
+//! The force of a displacement profile comes from a model: see `twin::dry_run`.
 
 use super::{Player, Profile, ProfileError};
 use crate::units::Command;
 
-/// Limits of a bench as far as a profile by itself can break them.
+/// The limits of a bench that a profile can break.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct ProfileLimits {
-    /// Lowest force.
+    /// Lower force limit in N.
     pub force_min_n: f64,
-    /// Highest force.
+    /// Upper force limit in N.
     pub force_max_n: f64,
-    /// Lowest displacement.
+    /// Lower displacement limit in mm.
     pub displacement_min_mm: f64,
-    /// Highest displacement.
+    /// Upper displacement limit in mm.
     pub displacement_max_mm: f64,
-    /// Highest speed.
+    /// Largest speed in mm/s.
     pub velocity_max_mm_s: f64,
-    /// Highest mean acceleration over [`ACCELERATION_WINDOW_S`].
+    /// Largest mean acceleration over [`ACCELERATION_WINDOW_S`] in mm/s2.
     pub acceleration_max_mm_s2: f64,
 }
 
-/// Corners of ramps have no acceleration of their own; the oil rounds them over about this time.
+/// Time in s over which the acceleration is averaged. The corner of a ramp has no finite acceleration by itself; the oil
+/// rounds it over about this time.
 pub(crate) const ACCELERATION_WINDOW_S: f64 = 0.02;
 
-/// A limit that the profile would break: its worst value and when.
+/// A limit that the profile would break, with its worst value and the time of it.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, thiserror::Error)]
 #[error(
     "profile {profile} reaches {:.3} at {:.3} s (segment {}), beyond {} = {}: change the profile, or the limit if rig and \
@@ -32,26 +33,24 @@ pub(crate) const ACCELERATION_WINDOW_S: f64 = 0.02;
     worst.value, worst.time_s, worst.segment, worst.name, worst.limit
 )]
 pub(crate) struct Violation {
-    /// The profile.
+    /// Name of the profile.
     pub profile: String,
-    /// The limit and the value.
     pub worst: Extreme,
 }
 
-/// The worst value that one limit has seen.
+/// The worst value compared with one limit.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub(crate) struct Extreme {
-    /// Limit's key, as in the bench config.
+    /// Key of the limit in the bench file.
     pub name: &'static str,
-    /// Worst value.
+    /// The worst value, in the unit of the limit.
     pub value: f64,
-    /// The limit.
     pub limit: f64,
-    /// Time in the profile.
+    /// Time of the worst value from the start of the profile, in s.
     pub time_s: f64,
-    /// Expanded segment.
+    /// Segment of the worst value, from 1, repeats written out.
     pub segment: u32,
-    /// +1 where more is worse, -1 where less is.
+    /// +1 for an upper limit, -1 for a lower limit.
     #[serde(skip)]
     sign: f64,
 }
@@ -74,18 +73,18 @@ impl Extreme {
         }
     }
 
-    /// What is left to the limit, in percent of it; negative beyond it.
+    /// Distance to the limit in percent of the limit; negative beyond it.
     pub(crate) fn margin_percent(&self) -> f64 {
         self.sign * (self.limit - self.value) / self.limit.abs() * 100.0
     }
 
-    /// A value at the limit is allowed, one beyond it is not.
+    /// True beyond the limit. A value at the limit is allowed.
     pub(crate) fn is_broken(&self) -> bool {
         self.value * self.sign > self.limit * self.sign
     }
 }
 
-/// Follows force and displacement, commanded or predicted, against the limits.
+/// Compares force and displacement, commanded or predicted, with the limits.
 #[derive(Debug, Clone)]
 pub(crate) struct LimitWatch {
     force: [Extreme; 2],
@@ -93,14 +92,14 @@ pub(crate) struct LimitWatch {
     speed: Extreme,
     acceleration: Extreme,
     sample_rate_hz: f64,
-    /// Speeds of the newest window, oldest at `tick % len`.
+    /// Speeds of the last window in mm/s, the oldest at `tick % len`.
     speeds: Vec<f64>,
     tick: usize,
     before_mm: f64,
 }
 
 impl LimitWatch {
-    /// From a rig at rest at `start_mm`.
+    /// For a rig at rest at `start_mm`.
     pub(crate) fn new(limits: &ProfileLimits, start_mm: f64, sample_rate_hz: f64) -> Self {
         let window = ((ACCELERATION_WINDOW_S * sample_rate_hz).round() as usize).max(1);
         LimitWatch {
@@ -121,7 +120,7 @@ impl LimitWatch {
         }
     }
 
-    /// One tick; what is not known is left out.
+    /// Compares one tick. A quantity that is not known is not compared.
     pub(crate) fn see(&mut self, segment: u32, force_n: Option<f64>, displacement_mm: Option<f64>) {
         let at = self.tick % self.speeds.len();
         self.tick += 1;
@@ -145,7 +144,7 @@ impl LimitWatch {
         }
     }
 
-    /// The worst of every quantity that was seen.
+    /// The worst value of every quantity that was compared.
     pub(crate) fn extremes(&self) -> Vec<Extreme> {
         let all = self
             .force
@@ -155,7 +154,7 @@ impl LimitWatch {
         all.filter(|e| e.segment > 0).copied().collect()
     }
 
-    /// Those beyond their limit.
+    /// The extremes beyond their limit.
     pub(crate) fn violations(&self, profile: &str) -> Vec<Violation> {
         let broken = self.extremes().into_iter().filter(Extreme::is_broken);
         broken
@@ -167,7 +166,7 @@ impl LimitWatch {
     }
 }
 
-/// Every limit that the profile's own commands break when it starts at `start_level`; empty when it keeps them all.
+/// Every limit that the commands of the profile break if it starts at `start_level`; empty if they break none.
 pub(crate) fn violations(
     profile: &Profile,
     limits: &ProfileLimits,
@@ -178,7 +177,7 @@ pub(crate) fn violations(
     let mut watch = LimitWatch::new(limits, start_level, sample_rate_hz);
     while let Some(slot) = player.next() {
         match slot.command {
-            // Displacement and speed of a force profile are the specimen's answer.
+            // Displacement and speed of a force profile depend on the specimen.
             Command::Force(n) => watch.see(slot.segment, Some(n), None),
             Command::Displacement(mm) => watch.see(slot.segment, None, Some(mm)),
         }
@@ -225,7 +224,7 @@ mod tests {
         ];
         assert_eq!(names, all);
         assert!((found[1].worst.value - 42.0).abs() < 1e-9);
-        // A omega = 345.6 mm/s; a taper may add a little near its end.
+        // A omega = 345.6 mm/s; a taper adds a little near its end.
         assert!((found[2].worst.value - 345.6).abs() < 2.0, "{}", found[2]);
     }
 }

@@ -1,30 +1,29 @@
-//! Brings the amplitude and the mean of a cyclic motion to their targets, cycle by cycle. Pure: measured cycles in,
-//! corrections out; the player blends them into the command, control measures the cycles.
+//! Brings amplitude and mean of a cyclic motion to their targets, cycle by cycle, from measured cycles. `control` measures the
+//! cycles, `player` blends the correction into the command.
 //!
-//! Each cycle says how the rig answered the command that was in force then: `gain = amplitude measured / amplitude
-//! commanded`, `shift = mean measured - mean commanded`. The next command is the target through the inverse of that answer.
-//! Because the answer is taken against the command of the same cycle, it does not matter that a correction acts one or two
-//! cycles later.
+//! Each cycle is compared with its own command: `gain = measured amplitude / commanded amplitude`, `shift = measured mean -
+//! commanded mean`. The next command is the target, divided by the gain and moved by minus the shift. Since a cycle is compared
+//! with its own command, it does not matter that a correction acts one or two cycles later.
 
 use super::player::CycleTarget;
 
 /// Change of a cycle's command: `mean + mean_offset + amplitude * amplitude_factor * wave`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Correction {
-    /// Times the profile's amplitude.
+    /// Factor on the amplitude of the profile.
     pub amplitude_factor: f64,
-    /// Added to the profile's mean, in the mode's unit.
+    /// Offset added to the mean of the profile, in the unit of its mode.
     pub mean_offset: f64,
 }
 
 impl Correction {
-    /// The command as the profile has it.
+    /// No correction: the command of the profile.
     pub(crate) const NONE: Correction = Correction {
         amplitude_factor: 1.0,
         mean_offset: 0.0,
     };
 
-    /// Between this (0) and `other` (1).
+    /// Linear interpolation between `self` (share 0) and `other` (share 1).
     pub(super) fn blend(self, other: Correction, share: f64) -> Correction {
         Correction {
             amplitude_factor: self.amplitude_factor
@@ -34,16 +33,16 @@ impl Correction {
     }
 }
 
-/// Highest and lowest values of feedback and command over the samples of one cycle.
+/// Highest and lowest values of feedback and command in one cycle, in the unit of the profile's mode.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct CycleMeasurement {
-    /// Highest feedback.
+    /// Highest value of the feedback.
     pub peak: f64,
-    /// Lowest feedback.
+    /// Lowest value of the feedback.
     pub valley: f64,
-    /// Highest command.
+    /// Highest value of the command.
     pub command_peak: f64,
-    /// Lowest command.
+    /// Lowest value of the command.
     pub command_valley: f64,
 }
 
@@ -53,28 +52,28 @@ impl CycleMeasurement {
         0.5 * (self.peak - self.valley)
     }
 
-    /// Middle between peak and valley.
+    /// Half of peak plus valley.
     pub(crate) fn mean(&self) -> f64 {
         0.5 * (self.peak + self.valley)
     }
 }
 
-/// The factor stays within these: a rig that needs more has a fault (H5), not an error to be corrected.
+/// Range of the factor. A rig that needs more has a fault (H5), which is not to be corrected.
 const FACTOR_RANGE: [f64; 2] = [0.8, 1.5];
 /// Largest change of the factor from one correction to the next.
 const FACTOR_STEP: f64 = 0.1;
-/// Largest offset, in amplitudes.
+/// Largest offset, divided by the amplitude.
 const OFFSET_RANGE: f64 = 0.5;
-/// Largest change of the offset from one correction to the next, in amplitudes.
+/// Largest change of the offset from one correction to the next, divided by the amplitude.
 const OFFSET_STEP: f64 = 0.1;
-/// Weight of a new cycle after the first ones: noise of a peak is averaged, a drift is still followed.
+/// Weight of a new cycle after the first ones: averages the noise of a peak and still follows a drift.
 const STEADY_WEIGHT: f64 = 0.4;
-/// Cycles that are taken at more than the steady weight.
+/// Number of first cycles with more than the steady weight.
 const QUICK_CYCLES: u32 = 3;
-/// A cycle below this share of the target's amplitude says too little.
+/// A cycle is not used if its commanded amplitude is below this share of the target.
 const LEAST_AMPLITUDE: f64 = 0.2;
 
-/// The controller of one sine or triangle segment.
+/// Corrects one sine or triangle segment.
 #[derive(Debug, Clone)]
 pub(crate) struct CycleController {
     target: CycleTarget,
@@ -85,7 +84,7 @@ pub(crate) struct CycleController {
 }
 
 impl CycleController {
-    /// For a segment with this target.
+    /// A controller without any correction yet.
     pub(crate) fn new(target: CycleTarget) -> Self {
         CycleController {
             target,
@@ -97,7 +96,7 @@ impl CycleController {
     }
 
     /// Takes one whole cycle, tapered or counted, and returns the correction for the next cycle that can still be changed.
-    /// A cycle that says nothing (too small, not finite) leaves the correction as it is.
+    /// A cycle that is too small or not finite leaves the correction unchanged.
     pub(crate) fn cycle(&mut self, measured: &CycleMeasurement) -> Correction {
         let commanded = 0.5 * (measured.command_peak - measured.command_valley);
         let gain = measured.amplitude() / commanded;
@@ -116,14 +115,14 @@ impl CycleController {
         self.correction
     }
 
-    /// The correction asked for last.
+    /// The last correction.
     pub(crate) fn correction(&self) -> Correction {
         self.correction
     }
 
     fn learn(&mut self, gain: f64, shift: f64) {
         self.seen = self.seen.saturating_add(1);
-        // 1, 1, 2/3, then steady: the taper's answers are soon outvoted by those of full cycles.
+        // 1, 1, 2/3, then steady: full cycles soon have more weight than tapered ones.
         let weight = match self.seen {
             0..=2 => 1.0,
             QUICK_CYCLES => 2.0 / 3.0,
@@ -148,15 +147,15 @@ impl CycleController {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::profile::{Block, Level, Player, Profile, Segment};
+    use crate::profile::{Block, CycleSegment, Level, Player, Profile, Segment, Wave};
     use crate::units::Mode;
     use rand::{RngExt, SeedableRng};
 
     const RATE_HZ: f64 = 1000.0;
-    /// Commands are queued this far ahead of the sample that answers them.
+    /// Number of ticks by which a command is queued ahead of the sample that answers it.
     const AHEAD: usize = 100;
 
-    /// First-order lag, gain and offset, with noise on what is measured.
+    /// A rig with first-order lag, gain, offset and measuring noise.
     struct Lag {
         gain: f64,
         offset: f64,
@@ -175,17 +174,18 @@ mod tests {
         }
     }
 
-    /// Runs a corrected sine through the plant; amplitude and mean of each counted cycle without the noise's bias.
+    /// Runs a corrected sine on the rig and returns measured amplitude and mean of each counted cycle.
     fn run(amplitude: f64, frequency_hz: f64, mut plant: Lag) -> Vec<(f64, f64)> {
         let mean = Level::Absolute(20.0);
-        let sine = Segment::Sine {
+        let sine = Segment::Cycles(CycleSegment {
+            wave: Wave::Sine,
             mean,
             amplitude,
             frequency_hz,
             cycles: 12,
             taper_cycles: 2,
             correct: true,
-        };
+        });
         let blocks = vec![Block {
             repeat: 1,
             segments: vec![sine],
@@ -197,7 +197,7 @@ mod tests {
             blocks,
         };
         let mut player = Player::new(&profile, 20.0, RATE_HZ).unwrap();
-        let mut controller = CycleController::new(player.targets_of(1).unwrap());
+        let mut controller = CycleController::new(player.target_of(1).unwrap());
         let mut queue = std::collections::VecDeque::new();
         let mut cycles: Vec<(f64, f64)> = Vec::new();
         let empty = CycleMeasurement {
@@ -251,7 +251,7 @@ mod tests {
                 for (i, (a, m)) in cycles.iter().enumerate().skip(4) {
                     let (da, dm) = ((a / amplitude - 1.0).abs(), (m - 20.0).abs() / amplitude);
                     let case = format!("{amplitude} mm {frequency_hz} Hz gain {gain} cycle {}", i + 1);
-                    // The bench's own figure.
+                    // The requirement on the bench.
                     assert!(da < 0.01 && dm < 0.01, "{case}: amplitude {da:.4}, mean {dm:.4}");
                 }
             }
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rig_that_does_not_answer_is_not_pushed_beyond_the_range() {
+    fn the_correction_of_a_rig_that_does_not_follow_stays_in_range() {
         let target = CycleTarget {
             mean: 20.0,
             amplitude: 6.0,

@@ -1,14 +1,14 @@
-//! Reads the TOML form of a profile, strictly: every refusal has line and column. `keys` knows the keys of each kind.
+//! Reads the TOML form of a profile strictly: every error has line and column. `keys` has the keys of each kind of segment.
 //!
 //! ```toml
 //! name = "static-ramp"
 //! description = "0 to 2 kN and back."
-//! control = "force"              # or "displacement"; keys end in the unit of it: _n or _mm
+//! control = "force"              # or "displacement"; keys end in its unit: _n or _mm
 //! [[block]]
 //! repeat = 1
 //! [[block.segment]]
 //! kind = "ramp"                  # ramp, hold, sine, triangle, table
-//! to_n = 2000.0                  # absolute; by_n is relative to the level before
+//! to_n = 2000.0                  # absolute; by_n is relative to the end of the segment before
 //! duration_s = 60.0
 //! ```
 
@@ -17,13 +17,13 @@ use std::ops::Range;
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::keys::{Keys, RawSegment};
-use super::{Block, Profile, ProfileError, Segment, pieces};
+use super::keys::{Keys, RawSegment, misplaced};
+use super::{Block, Profile, ProfileError, Segment, Wave, pieces};
 use crate::units::Mode;
 
-/// Larger files are not profiles.
+/// Largest size of a profile, bench or specimen file in bytes.
 pub(crate) const MAX_FILE_BYTES: usize = 1 << 20;
-/// Rate at which a file is checked for durations below a sample.
+/// Sample rate at which a file is checked for durations shorter than a sample.
 const CHECK_RATE_HZ: f64 = 1000.0;
 
 #[derive(Deserialize)]
@@ -63,7 +63,7 @@ pub(crate) fn line_column(text: &str, byte: usize) -> (usize, usize) {
 }
 
 impl Profile {
-    /// Reads and checks a profile file's text; `name_for_messages` is the file's name.
+    /// Reads and checks the text of a profile file; `name_for_messages` is the name of the file.
     pub(crate) fn from_toml(text: &str, name_for_messages: &str) -> Result<Profile, ProfileError> {
         let reader = Reader {
             text,
@@ -72,7 +72,10 @@ impl Profile {
         if text.len() > MAX_FILE_BYTES {
             return Err(reader.refuse(
                 0..0,
-                format!("{} bytes are more than a profile's {MAX_FILE_BYTES}", text.len()),
+                format!(
+                    "the file has {} bytes: a profile may have at most {MAX_FILE_BYTES}",
+                    text.len()
+                ),
             ));
         }
         let raw: RawProfile = toml::from_str(text)
@@ -81,6 +84,7 @@ impl Profile {
     }
 }
 
+/// The text of a profile file, for errors with line and column.
 pub(super) struct Reader<'a> {
     text: &'a str,
     name: &'a str,
@@ -98,20 +102,19 @@ impl Reader<'_> {
     }
 
     fn profile(&self, raw: RawProfile) -> Result<Profile, ProfileError> {
-        let sound = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '.' | '_');
+        let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '.' | '_');
         if raw.name.get_ref().is_empty()
             || raw.name.get_ref().len() > 64
-            || !raw.name.get_ref().chars().all(sound)
+            || !raw.name.get_ref().chars().all(allowed)
         {
-            let reason =
-                "name may hold 1 to 64 letters, digits, dashes, dots and underscores: rename the profile";
+            let reason = "the name of the profile is not allowed: use 1 to 64 letters, digits, dashes, points and underscores";
             return Err(self.refuse(raw.name.span(), reason));
         }
         let mut blocks = Vec::new();
         let mut spans = Vec::new();
         for block in raw.block {
             if *block.repeat.get_ref() == 0 {
-                return Err(self.refuse(block.repeat.span(), "repeat = 0 plays nothing: give 1 or more"));
+                return Err(self.refuse(block.repeat.span(), "repeat = 0: enter 1 or more"));
             }
             spans.push(block.segment.iter().map(Spanned::span).collect::<Vec<_>>());
             let segments = block.segment.into_iter().map(|s| self.segment(s, raw.control));
@@ -133,7 +136,7 @@ impl Reader<'_> {
         }
     }
 
-    /// An error of an expanded segment, at the place where that segment is written.
+    /// Gives an error of a segment the line on which that segment is written.
     fn located(&self, profile: &Profile, spans: &[Vec<Range<usize>>], error: ProfileError) -> ProfileError {
         let (ProfileError::Value { segment, .. } | ProfileError::Step { segment, .. }) = &error else {
             return self.refuse(0..0, error.to_string());
@@ -153,17 +156,16 @@ impl Reader<'_> {
         let span = raw.span();
         let mut raw = raw.into_inner();
         let Some(kind) = raw.kind.take() else {
-            return Err(self.refuse(
-                span,
-                "segment has no kind: write kind = \"ramp\", hold, sine, triangle or table",
-            ));
+            let reason =
+                "the segment has no kind: add kind = \"ramp\", \"hold\", \"sine\", \"triangle\" or \"table\"";
+            return Err(self.refuse(span, reason));
         };
         let mut keys = Keys {
             reader: self,
             raw: &mut raw,
             mode,
             kind: kind.get_ref(),
-            span: span.clone(),
+            span,
         };
         let segment = match kind.get_ref().as_str() {
             "ramp" => Segment::Ramp {
@@ -173,50 +175,26 @@ impl Reader<'_> {
             "hold" => Segment::Hold {
                 duration_s: keys.duration()?,
             },
-            "sine" => {
-                let (mean, amplitude, frequency_hz, cycles, taper_cycles, correct) = keys.cyclic(2)?;
-                Segment::Sine {
-                    mean,
-                    amplitude,
-                    frequency_hz,
-                    cycles,
-                    taper_cycles,
-                    correct,
-                }
-            }
-            "triangle" => {
-                let (mean, amplitude, frequency_hz, cycles, taper_cycles, correct) = keys.cyclic(1)?;
-                Segment::Triangle {
-                    mean,
-                    amplitude,
-                    frequency_hz,
-                    cycles,
-                    taper_cycles,
-                    correct,
-                }
-            }
+            "sine" => keys.cycles(Wave::Sine)?,
+            "triangle" => keys.cycles(Wave::Triangle)?,
             "table" => keys.table()?,
             other => {
-                let reason =
-                    format!("\"{other}\" is no kind of segment: use ramp, hold, sine, triangle or table");
+                let reason = format!(
+                    "\"{other}\" is not a kind of segment: use \"ramp\", \"hold\", \"sine\", \"triangle\" or \"table\""
+                );
                 return Err(self.refuse(kind.span(), reason));
             }
         };
         match raw.left_over() {
             None => Ok(segment),
-            Some((key, at)) => {
-                let (kind, unit) = (kind.get_ref(), mode.unit_suffix());
-                let reason = format!(
-                    "{key} does not belong to a {kind} here (control is in {unit}), or says the same twice: remove it"
-                );
-                Err(self.refuse(at, reason))
-            }
+            Some((key, span)) => Err(self.refuse(span, misplaced(key, kind.get_ref(), mode))),
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::{CycleSegment, Level};
     use super::*;
 
     const ALL_KINDS: &str = r#"
@@ -253,15 +231,46 @@ mod tests {
     "#;
 
     #[test]
-    fn what_is_written_reads_back_the_same() {
+    fn every_kind_of_segment_is_read() {
         let profile = Profile::from_toml(ALL_KINDS, "all.toml").unwrap();
-        assert_eq!(profile.blocks[0].segments.len(), 5);
-        let again = Profile::from_toml(&profile.to_toml(), "again.toml").unwrap();
-        assert_eq!(again, profile);
+        assert_eq!(profile.description, "One of each, \"quoted\".");
+        let sine = CycleSegment {
+            wave: Wave::Sine,
+            mean: Level::Relative(0.0),
+            amplitude: 3.0,
+            frequency_hz: 2.5,
+            cycles: 4,
+            taper_cycles: 2,
+            correct: true,
+        };
+        let triangle = CycleSegment {
+            wave: Wave::Triangle,
+            mean: Level::Absolute(10.0),
+            amplitude: 1e-3,
+            frequency_hz: 1.0,
+            cycles: 2,
+            taper_cycles: 0,
+            correct: false,
+        };
+        let segments = vec![
+            Segment::Ramp {
+                to: Level::Absolute(10.0),
+                duration_s: 2.0,
+            },
+            Segment::Hold { duration_s: 0.5 },
+            Segment::Cycles(sine),
+            Segment::Cycles(triangle),
+            Segment::Table {
+                time_s: vec![0.0, 1.0, 1.5],
+                level: vec![0.0, -3.0, -10.0],
+                relative: true,
+            },
+        ];
+        assert_eq!(profile.blocks, [Block { repeat: 2, segments }]);
     }
 
     #[test]
-    fn a_refusal_points_at_the_line_and_says_what_to_do() {
+    fn an_error_points_at_the_line_and_says_what_to_do() {
         let text = ALL_KINDS.replace("duration_s = 0.5", "duration_s = 0");
         let error = Profile::from_toml(&text, "bad.toml").unwrap_err();
         assert!(

@@ -1,7 +1,8 @@
-//! Profiles: what the rig is asked to do over time. A profile is blocks in order, a block is segments that repeat.
+//! Profiles: what the rig is commanded to do over time. A profile is a list of blocks, a block is a list of segments that repeat.
 //!
-//! `player` turns a profile into one command a tick, `stop` leaves it smoothly, `correction` keeps a sine's amplitude and
-//! mean, `file` is the TOML form, `check` holds a profile against limits. Whether the rig obeys is `control`'s business; what the spring answers is a model's.
+//! `file` and `keys` read the TOML form, `pieces` resolves levels and repeats, `player` gives one command per tick,
+//! `correction` keeps amplitude and mean of a sine at their targets, `check` holds a profile against limits. Measuring the
+//! rig and stopping it is left to `control`, the force of the spring to the models.
 
 pub(crate) mod check;
 pub(crate) mod correction;
@@ -10,8 +11,6 @@ mod keys;
 mod pieces;
 pub(crate) mod player;
 mod shape;
-pub(crate) mod stop;
-mod write;
 
 #[cfg(test)]
 pub(crate) use check::violations;
@@ -21,168 +20,129 @@ pub(crate) use player::{CycleTarget, Player, Slot};
 
 use crate::units::Mode;
 
-/// Why a profile cannot be used. Segments are numbered from 1 through the expanded profile.
+/// Why a profile cannot be used. `name` is that of the profile; segments count from 1 with all repeats written out.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub(crate) enum ProfileError {
-    /// Nothing to do.
     #[error("profile {name} has no segment: add a [[block]] with at least one [[block.segment]]")]
-    Empty {
-        /// The profile.
-        name: String,
-    },
-    /// More segments than a session can hold.
+    Empty { name: String },
     #[error(
         "profile {name} expands to more than {limit} segments: repeat less, or put the cycles into one sine"
     )]
-    TooManySegments {
-        /// The profile.
-        name: String,
-        /// How many are allowed.
-        limit: usize,
-    },
-    /// Longer than the longest test.
+    TooManySegments { name: String, limit: usize },
     #[error("profile {name} lasts longer than {limit_h} h: shorten it or split it into runs")]
-    TooLong {
-        /// The profile.
-        name: String,
-        /// Hours allowed.
-        limit_h: u32,
-    },
+    TooLong { name: String, limit_h: u32 },
     /// The file cannot be read, or a segment in it cannot be played.
     #[error("profile {name}, line {line}, column {column}: {reason}")]
     File {
-        /// File name, for messages.
+        /// Name of the file.
         name: String,
-        /// From 1.
+        /// Line of the file, from 1.
         line: usize,
-        /// From 1, in characters.
+        /// Column in characters, from 1.
         column: usize,
         /// What is wrong and what to do.
         reason: String,
     },
-    /// A number that makes no motion.
+    /// A value with which no motion is possible.
     #[error("segment {segment} of profile {name}: {key} = {value} {reason}")]
     Value {
-        /// The profile.
         name: String,
-        /// Expanded segment.
         segment: u32,
-        /// Key of the file.
+        /// Key of the file, without its unit.
         key: &'static str,
-        /// As given.
         value: f64,
         /// What is wrong and what to do.
         reason: &'static str,
     },
     /// A sine, triangle or table that would begin with a step.
     #[error(
-        "segment {segment} of profile {name} begins at {begins} but the one before ends at {level}: add a ramp to {begins} before it"
+        "segment {segment} of profile {name} begins at {begins} but {} {level}: add a ramp to {begins} before it",
+        if *segment == 1 { "the run starts at" } else { "the one before ends at" }
     )]
     Step {
-        /// The profile.
         name: String,
-        /// Expanded segment.
         segment: u32,
-        /// Level that the segment begins at.
+        /// Level at which the segment begins.
         begins: f64,
-        /// Level before it.
+        /// Level before the segment: end of the segment before, or measured level at the start of the run.
         level: f64,
     },
-    /// Resume at a cycle that the profile does not count.
-    #[error("cycle {cycle} cannot be resumed: profile {name} counts cycles 1 to {total}")]
-    NoSuchCycle {
-        /// The profile.
-        name: String,
-        /// As asked for.
-        cycle: u32,
-        /// Counted cycles.
-        total: u32,
-    },
+    /// A run is to resume at a cycle that the profile does not count.
+    #[error("cycle {cycle} cannot be resumed: profile {name} counts cycles 1 to {total}, choose one of them")]
+    NoSuchCycle { name: String, cycle: u32, total: u32 },
 }
 
-/// A test as a technician writes it. The TOML form is in `file`.
+/// A test as it is written in a profile file. docs/profiles-and-benches.md lists its keys.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Profile {
-    /// Name: letters, digits, dashes.
+    /// 1 to 64 letters, digits, dashes, points and underscores.
     pub name: String,
-    /// One sentence.
+    /// One sentence for the list of profiles.
     pub description: String,
     /// What the rig controls, for the whole profile.
     pub mode: Mode,
-    /// Blocks in order.
+    /// Blocks in the order in which they are played.
     pub blocks: Vec<Block>,
 }
 
-/// Segments that repeat.
+/// Segments that are played several times.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Block {
-    /// How often.
+    /// How many times the segments are played, at least 1.
     pub repeat: u32,
-    /// Segments in order.
+    /// Segments in the order in which they are played.
     pub segments: Vec<Segment>,
 }
 
-/// An end level, in the unit of the profile's mode.
+/// A level in the unit of the profile's mode, N or mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Level {
-    /// From the datum (tared zero).
+    /// Measured from the tared zero.
     Absolute(f64),
-    /// From the level that the segment before ended at.
+    /// Measured from the end of the segment before.
     Relative(f64),
 }
 
-/// One piece of motion.
+/// One piece of motion. Levels and amplitudes are in the unit of the profile's mode.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Segment {
-    /// Straight to `to` in `duration_s`.
-    Ramp {
-        /// Where to.
-        to: Level,
-        /// How long.
-        duration_s: f64,
-    },
-    /// Stay.
-    Hold {
-        /// How long.
-        duration_s: f64,
-    },
-    /// Sine about `mean`: `taper_cycles` that grow, `cycles` counted ones at full amplitude, `taper_cycles` that shrink.
-    Sine {
-        /// Mean level; the sine starts and ends there.
-        mean: Level,
-        /// Half of peak minus valley.
-        amplitude: f64,
-        /// Frequency.
-        frequency_hz: f64,
-        /// Counted, full-amplitude cycles.
-        cycles: u32,
-        /// Cycles of taper on either side, never counted.
-        taper_cycles: u32,
-        /// Correct amplitude and mean cycle by cycle.
-        correct: bool,
-    },
-    /// Triangle about `mean`; as `Sine`, with straight half cycles.
-    Triangle {
-        /// Mean level.
-        mean: Level,
-        /// Half of peak minus valley.
-        amplitude: f64,
-        /// Frequency.
-        frequency_hz: f64,
-        /// Counted cycles.
-        cycles: u32,
-        /// Cycles of taper on either side.
-        taper_cycles: u32,
-        /// Correct amplitude and mean cycle by cycle.
-        correct: bool,
-    },
-    /// Points of time (s from the segment's start, rising from 0) and level, joined by straight lines.
+    /// A straight line to the level `to`.
+    Ramp { to: Level, duration_s: f64 },
+    /// The level stays where it is.
+    Hold { duration_s: f64 },
+    /// Sine or triangle about a mean level.
+    Cycles(CycleSegment),
+    /// Points joined by straight lines.
     Table {
-        /// Times in s.
+        /// Times from the start of the segment in s, rising from 0.
         time_s: Vec<f64>,
-        /// Levels; all absolute or all relative to the segment's start.
+        /// One level for each time.
         level: Vec<f64>,
-        /// True: levels count from where the segment starts.
+        /// True: the levels count from the start of the segment. False: from the tared zero.
         relative: bool,
     },
+}
+
+/// Sine or triangle: `taper_cycles` that grow, `cycles` counted ones at full amplitude, `taper_cycles` that shrink.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct CycleSegment {
+    pub wave: Wave,
+    /// Mean level, at which the segment also starts and ends.
+    pub mean: Level,
+    /// Half of peak minus valley.
+    pub amplitude: f64,
+    pub frequency_hz: f64,
+    /// Number of counted cycles, at least 1.
+    pub cycles: u32,
+    /// Number of cycles with growing amplitude before the counted ones, and with shrinking amplitude after them.
+    pub taper_cycles: u32,
+    /// Amplitude and mean are corrected from cycle to cycle.
+    pub correct: bool,
+}
+
+/// Form of a cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Wave {
+    Sine,
+    Triangle,
 }

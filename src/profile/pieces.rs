@@ -1,50 +1,47 @@
-//! Resolves a profile into pieces: levels absolute, repeats expanded, durations in whole ticks. What could not be played
-//! without a step is refused here; playing is `player`'s.
+//! Resolves a profile into pieces: levels absolute, repeats written out, durations in whole ticks. A profile that would need a
+//! step is refused here. `player` plays the pieces.
 
 use std::sync::Arc;
 
 use super::player::CycleTarget;
-use super::{Level, Profile, ProfileError, Segment};
+use super::{CycleSegment, Level, Profile, ProfileError, Segment, Wave};
 
-/// Most segments that a profile may expand to.
-pub(crate) const MAX_SEGMENTS: usize = 10_000;
-/// Longest profile in hours.
-pub(crate) const MAX_DURATION_H: u32 = 1000;
-/// Levels closer than this are the same: far below a count of either channel.
+/// Largest number of segments with all repeats written out.
+const MAX_SEGMENTS: usize = 10_000;
+/// Longest duration of a profile in hours.
+const MAX_DURATION_H: u32 = 1000;
+/// Levels closer than this, in N or mm, are the same. It is far below a count of either channel.
 const SAME_LEVEL: f64 = 1e-9;
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Wave {
-    Sine,
-    Triangle,
-}
-
-/// Cycles about a mean: taper, counted, taper.
+/// Cycles about a mean: taper, counted cycles, taper.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Cyclic {
+pub(super) struct CyclicMotion {
     pub(super) wave: Wave,
     pub(super) target: CycleTarget,
     pub(super) taper: u64,
     pub(super) counted: u64,
-    /// Number of the first counted cycle, from 1 through the profile.
+    /// Number of the first counted cycle in the profile, from 1.
     pub(super) first_cycle: u32,
     pub(super) frequency_hz: f64,
 }
 
-impl Cyclic {
+impl CyclicMotion {
+    /// Number of all cycles, tapers included.
     pub(super) fn cycles(&self) -> u64 {
         self.counted + 2 * self.taper
     }
 }
 
+/// How a piece goes from its first level to its last.
 #[derive(Debug, Clone)]
 pub(super) enum PieceMotion {
     Line,
-    /// S-curve: at rest at both ends.
+    /// S-curve with speed zero at both ends.
     Approach,
-    Cycles(Cyclic),
+    Cycles(CyclicMotion),
     Table {
         time_s: Arc<[f64]>,
         level: Arc<[f64]>,
+        /// Added to every level.
         base: f64,
     },
 }
@@ -59,7 +56,7 @@ pub(super) struct Piece {
     pub(super) motion: PieceMotion,
 }
 
-/// Every segment in order, and how many cycles they count.
+/// All segments in order, repeats written out, and the number of counted cycles.
 pub(super) fn resolve(
     profile: &Profile,
     start_level: f64,
@@ -104,8 +101,8 @@ impl Piece {
     }
 }
 
-/// Refuses what lasts longer than any test.
-pub(super) fn within_longest(name: &str, pieces: &[Piece], sample_rate_hz: f64) -> Result<(), ProfileError> {
+/// Refuses a profile that lasts longer than [`MAX_DURATION_H`].
+fn within_longest(name: &str, pieces: &[Piece], sample_rate_hz: f64) -> Result<(), ProfileError> {
     let ticks: f64 = pieces.iter().map(|p| p.ticks as f64).sum();
     if ticks <= f64::from(MAX_DURATION_H) * 3600.0 * sample_rate_hz {
         return Ok(());
@@ -116,7 +113,7 @@ pub(super) fn within_longest(name: &str, pieces: &[Piece], sample_rate_hz: f64) 
     })
 }
 
-/// Resolves one segment of the expanded profile.
+/// Resolves one segment. `segment` is its number from 1, `level` the level before it.
 struct PieceBuilder<'a> {
     name: &'a str,
     segment: u32,
@@ -137,42 +134,7 @@ impl PieceBuilder<'_> {
                 self.ticks(*duration_s, "duration_s")?,
                 PieceMotion::Line,
             ),
-            &Segment::Sine {
-                mean,
-                amplitude,
-                frequency_hz,
-                cycles,
-                taper_cycles,
-                correct,
-            } => {
-                let shape = [amplitude, frequency_hz];
-                self.cyclic(
-                    Wave::Sine,
-                    mean,
-                    shape,
-                    [cycles, taper_cycles],
-                    correct,
-                    total_cycles,
-                )?
-            }
-            &Segment::Triangle {
-                mean,
-                amplitude,
-                frequency_hz,
-                cycles,
-                taper_cycles,
-                correct,
-            } => {
-                let shape = [amplitude, frequency_hz];
-                self.cyclic(
-                    Wave::Triangle,
-                    mean,
-                    shape,
-                    [cycles, taper_cycles],
-                    correct,
-                    total_cycles,
-                )?
-            }
+            Segment::Cycles(cycles) => self.cyclic(cycles, total_cycles)?,
             Segment::Table {
                 time_s,
                 level,
@@ -190,33 +152,35 @@ impl PieceBuilder<'_> {
 
     fn cyclic(
         &self,
-        wave: Wave,
-        mean: Level,
-        [amplitude, frequency_hz]: [f64; 2],
-        [cycles, taper]: [u32; 2],
-        corrected: bool,
+        cycles: &CycleSegment,
         total_cycles: &mut u32,
     ) -> Result<(f64, u64, PieceMotion), ProfileError> {
-        let mean = self.resolve(mean, "mean")?;
+        let &CycleSegment {
+            wave,
+            amplitude,
+            frequency_hz,
+            cycles: counted,
+            taper_cycles: taper,
+            correct: corrected,
+            ..
+        } = cycles;
+        let mean = self.resolve(cycles.mean, "mean")?;
         self.begins_at(mean)?;
         self.positive(amplitude, "amplitude")?;
         self.positive(frequency_hz, "frequency_hz")?;
-        if cycles == 0 {
-            return Err(self.refuse("cycles", 0.0, "counts nothing: ask for at least one cycle"));
+        if counted == 0 {
+            return Err(self.refuse("cycles", 0.0, "is not allowed: enter at least one cycle"));
         }
         if taper == 0 && (wave == Wave::Sine || corrected) {
-            let reason = "would begin or end with a step in speed or mean: give at least one cycle of taper";
+            let reason = "would begin or end with a step in speed or mean: enter at least one cycle of taper";
             return Err(self.refuse("taper_cycles", 0.0, reason));
         }
         let first_cycle = *total_cycles + 1;
-        *total_cycles = total_cycles.checked_add(cycles).ok_or_else(|| {
-            self.refuse(
-                "cycles",
-                f64::from(cycles),
-                "is more than can be counted: ask for fewer",
-            )
+        *total_cycles = total_cycles.checked_add(counted).ok_or_else(|| {
+            let reason = "is more than the cycle counter can hold: enter fewer";
+            self.refuse("cycles", f64::from(counted), reason)
         })?;
-        let motion = Cyclic {
+        let motion = CyclicMotion {
             wave,
             target: CycleTarget {
                 mean,
@@ -224,17 +188,14 @@ impl PieceBuilder<'_> {
                 corrected,
             },
             taper: u64::from(taper),
-            counted: u64::from(cycles),
+            counted: u64::from(counted),
             first_cycle,
             frequency_hz,
         };
         let ticks = self.ticks(motion.cycles() as f64 / frequency_hz, "frequency_hz")?;
         if ticks < 4 * motion.cycles() {
-            return Err(self.refuse(
-                "frequency_hz",
-                frequency_hz,
-                "leaves fewer than four samples a cycle: lower it",
-            ));
+            let reason = "leaves fewer than four samples for each cycle: lower it";
+            return Err(self.refuse("frequency_hz", frequency_hz, reason));
         }
         Ok((mean, ticks, PieceMotion::Cycles(motion)))
     }
@@ -246,15 +207,19 @@ impl PieceBuilder<'_> {
         relative: bool,
     ) -> Result<(f64, u64, PieceMotion), ProfileError> {
         let base = if relative { self.level } else { 0.0 };
-        let (Some(&first), Some(&last), Some(&end_s)) = (level.first(), level.last(), time_s.last()) else {
-            return Err(self.refuse("time_s", 0.0, "points are too few: give at least two"));
+        let points = time_s.len();
+        let (Some(&first), Some(&last), Some(&end_s), 2..) =
+            (level.first(), level.last(), time_s.last(), points)
+        else {
+            let reason = "points are too few: enter at least two times and levels";
+            return Err(self.refuse("time_s", points as f64, reason));
         };
-        if time_s.len() != level.len() || time_s.len() < 2 {
-            let reason = "points: give as many levels as times, and at least two";
-            return Err(self.refuse("time_s", time_s.len() as f64, reason));
+        if level.len() != points {
+            let reason = "points do not match the levels: enter as many levels as times";
+            return Err(self.refuse("time_s", points as f64, reason));
         }
         if time_s[0] != 0.0 {
-            return Err(self.refuse("time_s", time_s[0], "is the first time: begin at 0"));
+            return Err(self.refuse("time_s", time_s[0], "is the first time: the first time must be 0"));
         }
         if let Some(w) = time_s
             .windows(2)
@@ -263,11 +228,11 @@ impl PieceBuilder<'_> {
             return Err(self.refuse(
                 "time_s",
                 w[1],
-                "does not rise: sort the points by time, one level a time",
+                "does not rise: sort the points by time and remove repeated times",
             ));
         }
         if let Some(&bad) = level.iter().chain(time_s).find(|v| !v.is_finite()) {
-            return Err(self.refuse("level", bad, "is not a number: enter a finite one"));
+            return Err(self.refuse("level", bad, "is not finite: enter a finite number"));
         }
         self.begins_at(base + first)?;
         let motion = PieceMotion::Table {
@@ -286,7 +251,7 @@ impl PieceBuilder<'_> {
         if value.is_finite() {
             Ok(value)
         } else {
-            Err(self.refuse(key, value, "is not a number: enter a finite level"))
+            Err(self.refuse(key, value, "is not finite: enter a finite number"))
         }
     }
 
@@ -296,7 +261,7 @@ impl PieceBuilder<'_> {
         if ticks < 1.0 {
             return Err(self.refuse(key, duration_s, "is shorter than one sample: lengthen it"));
         }
-        // The cap on the sum is checked once all pieces are known.
+        // `within_longest` checks the sum of all pieces.
         Ok(ticks.min(1e15) as u64)
     }
 
@@ -304,7 +269,7 @@ impl PieceBuilder<'_> {
         if value.is_finite() && value > 0.0 {
             Ok(())
         } else {
-            Err(self.refuse(key, value, "is not a positive number: enter one above 0"))
+            Err(self.refuse(key, value, "is not above 0: enter a positive number"))
         }
     }
 

@@ -1,51 +1,48 @@
-//! Plays a profile: one command a tick, computed from the tick's number, so that end levels are exact and nothing adds up.
-//! A slot is what is due at the end of its tick: 60 s at 1 kHz are slots 1 to 60 000, and the last one is the end level.
-//! Sending slots, measuring cycles and stopping are `control`'s.
+//! Plays a profile: one command per tick. It is computed from the number of the tick, so that end levels are exact and no
+//! rounding accumulates. A slot is due at the end of its tick: 60 s at 1 kHz are slots 1 to 60 000, and the last one is the
+//! end level. Sending slots, measuring cycles and stopping is left to `control`.
 
 use std::f64::consts::TAU;
 
 use super::correction::Correction;
-use super::pieces::{self, Cyclic, Piece, PieceMotion};
+use super::pieces::{self, CyclicMotion, Piece, PieceMotion};
 use super::shape::{self, interpolate, smoother};
-use super::stop::StopMotion;
 use super::{Profile, ProfileError};
 use crate::units::{Command, Mode};
 
-/// One command with what it is for.
+/// The command of one tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Slot {
-    /// The command.
     pub command: Command,
-    /// Counted full-amplitude cycle, from 1 through the profile; 0 outside.
+    /// Number of the counted cycle in the profile, from 1; 0 outside the counted cycles.
     pub cycle: u32,
-    /// Segment of the expanded profile, from 1; 0 outside the profile.
+    /// Number of the segment, from 1, repeats written out.
     pub segment: u32,
-    /// Above 0 to 1 within a cycle of a sine or triangle; 0 outside.
+    /// Phase within a cycle of a sine or triangle, above 0 to 1; 0 outside.
     pub phase: f64,
-    /// The last slot of the motion.
+    /// True for the last slot of the profile.
     pub last: bool,
-    /// In a cycle that grows or shrinks.
-    pub taper: bool,
 }
 
-/// What the cycles of a segment are to reach.
+/// Target of the cycles of one segment, in the unit of the profile's mode.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct CycleTarget {
-    /// Mean level.
+    /// Absolute mean level.
     pub mean: f64,
     /// Half of peak minus valley.
     pub amplitude: f64,
-    /// The profile asks for correction cycle by cycle.
+    /// True if amplitude and mean are corrected from cycle to cycle.
     pub corrected: bool,
 }
 
-/// Share of a cycle in which a new correction is blended in: done when a sine reaches its first peak.
+/// Part of a cycle in which a new correction is blended in: it is complete at the first peak of a sine.
 const BLEND_PHASE: f64 = 0.25;
-/// Mean speed of the approach of a resumed test, in shares of the sine's peak speed, and its least duration.
+/// Mean speed of the approach of a resumed test, divided by the peak speed of the sine.
 const APPROACH_SPEED: f64 = 0.1;
+/// Shortest duration of that approach in s.
 const APPROACH_LEAST_S: f64 = 2.0;
 
-/// A profile being played. `next` neither allocates nor waits.
+/// Plays one profile. `next` does not allocate and does not wait.
 #[derive(Debug, Clone)]
 pub(crate) struct Player {
     name: String,
@@ -53,7 +50,6 @@ pub(crate) struct Player {
     sample_rate_hz: f64,
     start_level: f64,
     pieces: Vec<Piece>,
-    segments: u32,
     total_cycles: u32,
     total_ticks: u64,
     elapsed: u64,
@@ -63,11 +59,10 @@ pub(crate) struct Player {
     in_force: Correction,
     blend_to: Correction,
     pending: Option<Correction>,
-    last_two: [f64; 2],
 }
 
 impl Player {
-    /// Resolves levels, repeats and ticks. `start_level` is where the rig stands, in the unit of the profile's mode.
+    /// Resolves levels, repeats and ticks. `start_level` is the measured level of the rig, in the unit of the profile's mode.
     pub(crate) fn new(
         profile: &Profile,
         start_level: f64,
@@ -79,7 +74,6 @@ impl Player {
             mode: profile.mode,
             sample_rate_hz,
             start_level,
-            segments: pieces.len() as u32,
             total_ticks: pieces.iter().map(|p| p.ticks).sum(),
             pieces,
             total_cycles,
@@ -90,12 +84,11 @@ impl Player {
             in_force: Correction::NONE,
             blend_to: Correction::NONE,
             pending: None,
-            last_two: [start_level; 2],
         })
     }
 
-    /// An interrupted test goes on at counted cycle `cycle`: approach to the mean, taper in, then the cycles that remain,
-    /// numbered on. To be called before the first `next`.
+    /// Continues an interrupted test at counted cycle `cycle`: approach to the mean, growing taper, then the remaining cycles
+    /// with their numbers. Call it before the first `next`.
     pub(crate) fn resume_at(mut self, cycle: u32) -> Result<Player, ProfileError> {
         let refusal = ProfileError::NoSuchCycle {
             name: self.name.clone(),
@@ -146,7 +139,7 @@ impl Player {
     /// The command for the next tick; `None` after the last.
     #[allow(
         clippy::should_implement_trait,
-        reason = "a player is asked, not iterated: corrections come between slots"
+        reason = "not an iterator: corrections come between two slots"
     )]
     pub(crate) fn next(&mut self) -> Option<Slot> {
         while self
@@ -168,7 +161,6 @@ impl Player {
             segment: piece.segment,
             phase: 0.0,
             last: self.elapsed == self.total_ticks,
-            taper: false,
         };
         let ends = self.tick_in_piece == piece.ticks;
         let share = self.tick_in_piece as f64 / piece.ticks as f64;
@@ -186,13 +178,12 @@ impl Player {
             }
         };
         slot.command = Command::new(self.mode, value);
-        self.last_two = [self.last_two[1], value];
         Some(slot)
     }
 
-    fn cyclic_value(&mut self, cyclic: &Cyclic, ticks: u64, slot: &mut Slot) -> f64 {
+    fn cyclic_value(&mut self, cyclic: &CyclicMotion, ticks: u64, slot: &mut Slot) -> f64 {
         let cycles = cyclic.cycles();
-        // In whole numbers: the piece has a whole number of ticks for all its cycles together, so nothing drifts.
+        // In whole numbers, because a piece has a whole number of ticks for all its cycles together: the phase does not drift.
         let done = self.tick_in_piece * cycles;
         let index = (done - 1) / ticks;
         let phase = (done - index * ticks) as f64 / ticks as f64;
@@ -201,13 +192,12 @@ impl Player {
         if self.cycle_in_piece != Some(index) {
             self.cycle_in_piece = Some(index);
             self.in_force = self.blend_to;
-            // While shrinking the correction fades with the envelope and takes no news.
+            // While the amplitude shrinks, the correction fades with it and no new one is used.
             if let Some(next) = self.pending.take().filter(|_| !shrinking) {
                 self.blend_to = next;
             }
         }
         slot.phase = phase;
-        slot.taper = !counted;
         if counted {
             slot.cycle = cyclic.first_cycle + (index - cyclic.taper) as u32;
         }
@@ -227,75 +217,46 @@ impl Player {
             + cyclic.target.amplitude * correction.amplitude_factor * envelope * wave
     }
 
-    /// Takes effect from the next cycle on, blended in over its first quarter. Not finite, a factor that is not positive, or
-    /// a segment that is not to be corrected: nothing changes.
+    /// Sets the correction from the next cycle on, blended in over its first quarter. It is ignored if it is not finite, if the
+    /// factor is not positive, or if the segment is not corrected.
     pub(crate) fn set_correction(&mut self, correction: Correction) {
-        let sound = correction.mean_offset.is_finite()
+        let usable = correction.mean_offset.is_finite()
             && correction.amplitude_factor.is_finite()
             && correction.amplitude_factor > 0.0;
-        if sound && self.current_targets().is_some_and(|t| t.corrected) {
+        if usable && self.current_target().is_some_and(|t| t.corrected) {
             self.pending = Some(correction);
         }
     }
 
-    /// The correction that the cycle of the newest slot runs with (or blends to).
-    pub(crate) fn correction(&self) -> Correction {
-        self.blend_to
-    }
-
-    /// What the cycles of the newest slot's segment are to reach; `None` outside sines and triangles.
-    pub(crate) fn current_targets(&self) -> Option<CycleTarget> {
+    /// Target of the cycles in the segment of the last slot; `None` outside sines and triangles.
+    fn current_target(&self) -> Option<CycleTarget> {
         self.pieces.get(self.piece).and_then(Piece::target)
     }
 
-    /// What the cycles of expanded segment `segment` (from 1) are to reach: for samples that are older than the newest slot.
-    pub(crate) fn targets_of(&self, segment: u32) -> Option<CycleTarget> {
+    /// Target of the cycles in segment `segment` (from 1), for samples that are older than the last slot.
+    pub(crate) fn target_of(&self, segment: u32) -> Option<CycleTarget> {
         self.pieces
             .iter()
             .filter(|p| p.segment == segment)
             .find_map(Piece::target)
     }
 
-    /// A smooth stop from the newest slot, at its speed, to rest at `level`. See [`StopMotion::new`].
-    pub(crate) fn stop(&self, level: f64, velocity_max: f64, acceleration_max: f64) -> StopMotion {
-        let [before, now] = self.last_two;
-        let velocity = (now - before) * self.sample_rate_hz;
-        StopMotion::new(
-            Command::new(self.mode, now),
-            velocity,
-            level,
-            velocity_max,
-            acceleration_max,
-            self.sample_rate_hz,
-        )
-    }
-
-    /// What the rig controls.
-    pub(crate) fn mode(&self) -> Mode {
-        self.mode
-    }
-
-    /// Counted cycles of the whole profile, those before a resumed cycle included.
+    /// Number of counted cycles in the whole profile, those before a resumed cycle included.
     pub(crate) fn total_cycles(&self) -> u32 {
         self.total_cycles
     }
 
-    /// Segments of the expanded profile.
-    pub(crate) fn segments(&self) -> u32 {
-        self.segments
-    }
-
-    /// Slots from start to end.
+    /// Number of slots from start to end.
     pub(crate) fn total_ticks(&self) -> u64 {
         self.total_ticks
     }
 
-    /// Slots given so far.
+    /// Number of slots so far.
     pub(crate) fn elapsed_ticks(&self) -> u64 {
         self.elapsed
     }
 
-    /// Length in s.
+    /// Duration in s from start to end.
     pub(crate) fn duration_s(&self) -> f64 {
         self.total_ticks as f64 / self.sample_rate_hz
     }
@@ -304,7 +265,7 @@ impl Player {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::profile::{Block, Level, Segment};
+    use crate::profile::{Block, CycleSegment, Level, Segment, Wave};
 
     const RATE_HZ: f64 = 1000.0;
 
@@ -324,14 +285,15 @@ mod tests {
             to: mean,
             duration_s: 4.0,
         };
-        let sine = Segment::Sine {
+        let sine = Segment::Cycles(CycleSegment {
+            wave: Wave::Sine,
             mean,
             amplitude: 6.0,
             frequency_hz,
             cycles,
             taper_cycles,
             correct: true,
-        };
+        });
         profile(Mode::Displacement, vec![approach, sine])
     }
 
@@ -359,7 +321,7 @@ mod tests {
 
     #[test]
     fn cycles_are_counted_at_full_amplitude_only() {
-        // 3 Hz does not divide 1000: the cycles still share their ticks without drift.
+        // 1000 is not a multiple of 3 Hz: the cycles differ by a tick, but they do not drift.
         for frequency_hz in [1.0, 2.5, 3.0] {
             let slots = play(Player::new(&sine(frequency_hz, 50, 3), 0.0, RATE_HZ).unwrap());
             assert_eq!(
@@ -375,13 +337,12 @@ mod tests {
                     .collect();
                 assert!((values.len() as f64 - RATE_HZ / frequency_hz).abs() <= 1.0);
                 let peak = values.iter().fold(f64::MIN, |m, v| m.max(*v));
-                // A peak between two samples is missed by at most 1 - cos(pi f / rate) of the amplitude.
+                // A peak between two samples is low by at most 1 - cos(pi f / rate) of the amplitude.
                 assert!(
                     (peak - 26.0).abs() < 6.0 * 5e-5,
                     "{frequency_hz} Hz cycle {cycle}: {peak}"
                 );
             }
-            assert!(slots.iter().all(|s| s.taper == (s.segment == 2 && s.cycle == 0)));
             assert_eq!(slots.last().unwrap().command.value(), 20.0);
         }
     }
@@ -407,10 +368,10 @@ mod tests {
         let second = values
             .windows(3)
             .fold(0.0, |m: f64, w| m.max((w[2] - 2.0 * w[1] + w[0]).abs()));
-        // A omega^2 is 1480 mm/s2; 16 % of amplitude and 0.6 mm within a tenth of a second add up to about as much.
+        // A omega^2 is 1480 mm/s2; a change of 16 % of the amplitude and 0.6 mm within a tenth of a second adds about as much.
         let bound = 2.0 * 6.0 * (TAU * 2.5_f64).powi(2) / (RATE_HZ * RATE_HZ);
         assert!(second < bound, "second difference {second} mm, bound {bound} mm");
-        // At rest at both ends: the first and last moves are of third order.
+        // At rest at both ends: the first and the last step are of third order.
         assert!((values[1] - values[0]).abs() < 1e-6);
         assert!((values[values.len() - 1] - values[values.len() - 2]).abs() < 1e-6);
     }
@@ -418,27 +379,27 @@ mod tests {
     #[test]
     fn a_correction_waits_for_the_next_cycle() {
         let mut player = Player::new(&sine(1.0, 5, 1), 20.0, RATE_HZ).unwrap();
-        let asked = Correction {
+        let correction = Correction {
             amplitude_factor: 1.1,
             mean_offset: -0.2,
         };
         let mut peaks = [f64::MIN; 6];
         while let Some(slot) = player.next() {
             if slot.cycle == 2 && slot.phase == 0.1 {
-                player.set_correction(asked);
-                assert_eq!(player.correction(), Correction::NONE);
+                player.set_correction(correction);
+                assert_eq!(player.blend_to, Correction::NONE);
             }
             let peak = &mut peaks[slot.cycle as usize];
             *peak = peak.max(slot.command.value());
         }
         assert_eq!(peaks[2], 26.0);
-        // Blended in by the first peak.
+        // The blend is complete at the first peak.
         assert!((peaks[3] - (20.0 - 0.2 + 6.6)).abs() < 1e-9, "{}", peaks[3]);
         assert_eq!(peaks[5], peaks[4]);
     }
 
     #[test]
-    fn resumes_at_a_cycle_and_numbers_on() {
+    fn a_resumed_profile_continues_the_cycle_numbers() {
         let player = Player::new(&sine(1.0, 50, 2), 0.0, RATE_HZ)
             .unwrap()
             .resume_at(31)
@@ -454,7 +415,7 @@ mod tests {
         let jump = slots.windows(2).fold(0.0, |m: f64, w| {
             m.max((w[1].command.value() - w[0].command.value()).abs())
         });
-        // The fastest tick is the sine's own: A omega / rate = 0.038 mm.
+        // The largest step is that of the sine: A omega / rate = 0.038 mm.
         assert!(jump < 0.04, "{jump}");
         let refused = Player::new(&sine(1.0, 50, 2), 0.0, RATE_HZ)
             .unwrap()
@@ -473,10 +434,21 @@ mod tests {
     fn a_profile_that_would_begin_with_a_step_is_refused() {
         let mut p = sine(1.0, 5, 2);
         p.blocks[0].segments.remove(0);
-        assert!(matches!(
-            Player::new(&p, 0.0, RATE_HZ),
-            Err(ProfileError::Step { segment: 1, .. })
-        ));
+        let first = Player::new(&p, 0.012, RATE_HZ).unwrap_err();
+        assert!(matches!(first, ProfileError::Step { segment: 1, .. }));
+        assert!(
+            first
+                .to_string()
+                .contains("begins at 20 but the run starts at 0.012"),
+            "{first}"
+        );
+        let mut later = sine(1.0, 5, 2);
+        later.blocks[0].segments[0] = Segment::Hold { duration_s: 1.0 };
+        let second = Player::new(&later, 0.0, RATE_HZ).unwrap_err().to_string();
+        assert!(
+            second.contains("begins at 20 but the one before ends at 0"),
+            "{second}"
+        );
         assert!(Player::new(&p, 20.0, RATE_HZ).is_ok());
         assert!(matches!(
             Player::new(&sine(1.0, 5, 0), 0.0, RATE_HZ),

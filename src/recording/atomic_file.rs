@@ -1,4 +1,4 @@
-//! Writes a file whole or not at all: temporary name, fsync, rename, fsync of the folder. What is in it is the caller's.
+//! Writes a file whole or not at all: temporary name, fsync, rename, fsync of the folder. The caller fills it.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
@@ -16,7 +16,7 @@ pub(crate) fn write<T, E: From<io::Error>>(
         Ok(value)
     });
     if written.is_err() {
-        // Half a file under a hidden name helps nobody; the error that led here is the one to report.
+        // The first error is the one to report, not a failure to remove the temporary file.
         let _ = fs::remove_file(&temporary);
     }
     written
@@ -33,20 +33,23 @@ fn fill_and_sync<T, E: From<io::Error>>(
     Ok(value)
 }
 
-/// Hidden, in the same folder (a rename must not cross file systems) and marked with the process, so that two exports
-/// of one run do not write into each other's file.
+/// A hidden name in the same folder, because a rename must not cross file systems. It contains the process id, so that two
+/// exports of one run do not write into the same file.
 fn temporary_path(path: &Path) -> io::Result<PathBuf> {
     let name = path.file_name().ok_or_else(|| {
         io::Error::new(
             io::ErrorKind::InvalidInput,
-            format!("{} names no file: give a file name", path.display()),
+            format!(
+                "{} is not a file name: add a file name to the folder",
+                path.display()
+            ),
         )
     })?;
     let hidden = format!(".{}.{}.tmp", name.to_string_lossy(), std::process::id());
     Ok(path.with_file_name(hidden))
 }
 
-/// Makes the folder's entry for `path` survive a power cut.
+/// Syncs the folder of `path`, so that its entry survives a power cut.
 pub(crate) fn sync_folder(path: &Path) -> io::Result<()> {
     let folder = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,

@@ -1,4 +1,5 @@
-//! Cycles of a run: reversals that noise cannot make, and peak, valley, energy and rate of each counted cycle.
+//! Cycles of a run: reversals larger than the noise, and peak, valley, energy and rate of each counted cycle. The numbers
+//! themselves are defined in `metrics`.
 
 use std::io::{self, Write};
 
@@ -6,7 +7,7 @@ use super::csv::push_fixed;
 use super::metrics::{LoopIntegral, NrmseMeter, Range, secant_rate_n_per_mm};
 use super::{Flags, Sample};
 
-/// A turning point of a signal.
+/// A reversal of a signal: peak or valley.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Reversal {
     /// Index of the extreme value, counted from the first value given.
@@ -17,8 +18,8 @@ pub(crate) struct Reversal {
     pub is_peak: bool,
 }
 
-/// Finds reversals value by value. A turning point counts once the signal has come back from it by more than `band`;
-/// the sign of a noisy velocity is never asked.
+/// Finds reversals value by value. An extreme value counts once the signal has come back from it by more than `band`.
+/// The sign of the velocity is not used, because it is noisy.
 #[derive(Debug, Clone)]
 pub(crate) struct ReversalFinder {
     band: f64,
@@ -60,7 +61,7 @@ impl ReversalFinder {
                 (_, true) => self.rising = Some(true),
                 _ => return None,
             }
-            // The search for the other extreme starts at the turning point's far side: here.
+            // The search for the next extreme starts here.
             (self.highest, self.lowest) = (Some(here), Some(here));
         }
         turned.map(|((index, value), is_peak)| Reversal {
@@ -77,22 +78,22 @@ pub(crate) fn reversals(values: &[f64], band: f64) -> Vec<Reversal> {
     values.iter().filter_map(|&value| finder.add(value)).collect()
 }
 
-/// One counted cycle.
+/// Peak, valley, energy and rate of one counted cycle.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub(crate) struct CycleSummary {
-    /// Number from 1.
+    /// Number of the cycle, from 1.
     pub cycle: u32,
     /// Time of its first sample in s.
     pub from_s: f64,
     /// Time of its last sample in s.
     pub to_s: f64,
-    /// Samples in it.
+    /// Number of samples in it.
     pub samples: u64,
-    /// Ticks in it without a sample.
+    /// Number of ticks in it without a sample.
     pub lost: u64,
-    /// Samples that a quality bit kept out of the values below.
+    /// Samples left out of the values below because of their flags.
     pub excluded: u64,
-    /// False where the run ended within it.
+    /// False if the run ended within it.
     pub complete: bool,
     /// Peak and valley of the displacement in mm.
     pub displacement_mm: Range,
@@ -100,13 +101,13 @@ pub(crate) struct CycleSummary {
     pub force_n: Range,
     /// Integral of F dx around the loop in J.
     pub loop_energy_j: f64,
-    /// Rate from valley to peak in N/mm; `None` where nothing moved.
+    /// Rate from valley to peak in N/mm; `None` if nothing moved.
     pub secant_rate_n_per_mm: Option<f64>,
-    /// Misfit of the twin over this cycle's force range; `None` where it was off.
+    /// NRMSE of the twin over this cycle; `None` if the twin was off.
     pub twin_nrmse: Option<f64>,
 }
 
-/// Sums a cycle up sample by sample, live or from a file.
+/// Computes the summary of each counted cycle, sample by sample.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct CycleMeter {
     open: Option<OpenCycle>,
@@ -127,17 +128,8 @@ struct OpenCycle {
     twin: NrmseMeter,
 }
 
-/// Bits of samples whose values say nothing about the specimen.
-const NOT_MEASURED: u16 =
-    Flags::FORCE_INVALID.0 | Flags::DISPLACEMENT_INVALID.0 | Flags::SPIKE.0 | Flags::STUCK.0;
-
-/// True where a sample's values say nothing about the specimen.
-pub(super) fn is_excluded(flags: Flags) -> bool {
-    flags.0 & NOT_MEASURED != 0
-}
-
 impl CycleMeter {
-    /// Takes the next sample; returns the cycle that it ends.
+    /// Takes the next sample; returns the summary of the cycle that ended before it.
     pub(crate) fn add(&mut self, sample: &Sample) -> Option<CycleSummary> {
         let mut ended = None;
         if self.open.as_ref().is_some_and(|open| open.cycle != sample.cycle) {
@@ -151,7 +143,7 @@ impl CycleMeter {
         ended
     }
 
-    /// The run is over: the cycle that it ended in. `completed` where the profile ended just there.
+    /// The run is over: returns the summary of its last cycle. `completed`: the profile ran to its end.
     pub(crate) fn finish(&mut self, completed: bool) -> Option<CycleSummary> {
         self.open.take().and_then(|open| open.summary(completed))
     }
@@ -178,7 +170,7 @@ impl OpenCycle {
         self.samples += 1;
         self.last_tick = sample.tick;
         self.to_s = sample.time_s;
-        if is_excluded(sample.flags) {
+        if sample.flags.intersects(Flags::UNUSABLE) {
             self.excluded += 1;
             return;
         }
@@ -190,7 +182,7 @@ impl OpenCycle {
         }
     }
 
-    /// `None` where not one sample could be used.
+    /// `None` if no sample was usable.
     fn summary(self, complete: bool) -> Option<CycleSummary> {
         let (displacement_mm, force_n) = (self.displacement_mm?, self.force_n?);
         Some(CycleSummary {
@@ -232,7 +224,7 @@ pub(crate) const CYCLE_COLUMNS: [&str; 18] = [
     "twin_nrmse",
 ];
 
-/// Writes the cycles CSV: one row a counted cycle.
+/// Writes the cycles CSV: one row for each counted cycle.
 pub(crate) fn write_csv(sink: &mut impl Write, cycles: &[CycleSummary]) -> io::Result<()> {
     write!(sink, "{}\r\n", CYCLE_COLUMNS.join(","))?;
     let mut row = Vec::new();
@@ -261,7 +253,7 @@ pub(crate) fn write_csv(sink: &mut impl Write, cycles: &[CycleSummary]) -> io::R
     Ok(())
 }
 
-/// Cells with a comma before each; empty where there is no value.
+/// Appends cells, each after a comma; the cell is empty where the value is not finite.
 fn push_cells(row: &mut Vec<u8>, values: &[f64], decimals: u32) {
     for &value in values {
         row.push(b',');
@@ -281,7 +273,7 @@ mod tests {
     #[test]
     fn noise_makes_no_reversal() {
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(7);
-        // 10 cycles of a unit sine with noise of +-0.05; the band is twice that.
+        // 10 cycles of a unit sine with noise of +-0.05; the band is a little more than its peak-to-peak value.
         let noisy: Vec<f64> = (0..10_000)
             .map(|i| (TAU * f64::from(i) / 1000.0).sin() + random.random_range(-0.05..0.05))
             .collect();
@@ -290,7 +282,7 @@ mod tests {
         for (i, reversal) in found.iter().enumerate() {
             assert_eq!(reversal.is_peak, i % 2 == 0);
             let exact = 250 + 500 * i;
-            // Noise of 0.1 hides the top of a sine within acos(0.9) = 26 degrees = 72 samples.
+            // Noise of 0.1 peak to peak can move the extreme by acos(0.9) = 26 degrees = 72 samples.
             assert!(reversal.index.abs_diff(exact) <= 72, "{reversal:?}");
         }
         assert_eq!(reversals(&[3.0; 50], 0.1), []);
@@ -303,9 +295,9 @@ mod tests {
         assert_eq!(points, [(3, 2.5, true), (4, -1.0, false)]);
     }
 
-    /// x = 6 sin p mm and F = 300 sin (p - 0.2) N enclose -pi 6 300 sin 0.2: force that lags gives energy back.
+    /// x = 6 sin p mm and F = 300 sin (p - 0.2) N enclose -pi 6 300 sin 0.2: the force lags, so the energy is negative.
     #[test]
-    fn cycles_are_summed_up_as_they_end() {
+    fn a_cycle_is_summarised_when_it_ends() {
         let mut meter = CycleMeter::default();
         let ended: Vec<CycleSummary> = (0..2500).filter_map(|tick| meter.add(&sample(tick))).collect();
         assert_eq!(
@@ -317,7 +309,7 @@ mod tests {
         );
         let first = ended[0];
         let exact_j = -PI * 6.0 * 300.0 * 0.2f64.sin() * 1e-3;
-        // Counts are 0.1 N and 0.0005 mm: their rounding is far below 1e-4 of the loop.
+        // A count is 0.1 N and 0.0005 mm: the rounding is far below 1e-4 of the loop energy.
         assert!(
             (first.loop_energy_j / exact_j - 1.0).abs() < 1e-4,
             "{}",
@@ -331,13 +323,13 @@ mod tests {
     }
 
     #[test]
-    fn bad_samples_are_kept_out_and_counted() {
+    fn unusable_samples_are_left_out_and_counted() {
         let mut meter = CycleMeter::default();
         for tick in (0..1000).filter(|tick| !(100..110).contains(tick)) {
             let mut s = sample(tick);
             if tick == 500 {
                 s.force_n = 99_999.0;
-                s.flags.set(Flags::SPIKE);
+                s.flags.insert(Flags::SPIKE);
             }
             meter.add(&s);
         }
@@ -347,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn the_cycles_csv_has_a_cell_a_column() {
+    fn every_row_of_the_cycles_csv_has_all_columns() {
         let mut meter = CycleMeter::default();
         for tick in 0..1000 {
             let mut s = sample(tick);
@@ -361,6 +353,6 @@ mod tests {
         assert_eq!(rows[0], CYCLE_COLUMNS);
         assert_eq!(rows[1].len(), CYCLE_COLUMNS.len());
         assert_eq!(rows[1][..7], ["1", "0.000000", "0.999000", "1000", "0", "0", "1"]);
-        assert_eq!(rows[1][17], "", "no twin, no misfit");
+        assert_eq!(rows[1][17], "", "no twin, no NRMSE");
     }
 }

@@ -1,4 +1,4 @@
-//! The `NAME.datapackage.json` beside a CSV: a Frictionless Data Package whose Table Schema carries the units.
+//! The `NAME.datapackage.json` beside a CSV: a Frictionless Data Package whose Table Schema has the units.
 
 use std::path::{Path, PathBuf};
 
@@ -12,11 +12,11 @@ use super::{Event, EventKind, Header};
 pub(crate) struct Resource {
     /// File name without folder.
     pub file_name: String,
-    /// Bytes of the file.
+    /// Size of the file in bytes.
     pub bytes: u64,
     /// SHA-256 of the file in hex.
     pub sha256: String,
-    /// Rows without the header row.
+    /// Number of rows without the header row.
     pub rows: u64,
     /// Names of its columns in order.
     pub columns: Vec<&'static str>,
@@ -64,7 +64,7 @@ pub(crate) fn build(run: &RunFile, survey: &Survey, resource: &Resource) -> Valu
     })
 }
 
-/// What a Data Package has no words for.
+/// Facts for which a Data Package has no standard field.
 fn details(header: &Header, survey: &Survey, events: &[Event], run: &RunFile, resource: &Resource) -> Value {
     let firmware = &header.firmware;
     json!({
@@ -113,15 +113,15 @@ fn gap_json(gap: &Gap, survey: &Survey, header: &Header) -> Value {
     })
 }
 
-/// All events but the corrections, which come once a cycle and are counted.
+/// All events except the corrections: there is one per cycle, so only their number is written.
 fn events_json(events: &[Event]) -> Value {
-    let (corrections, told): (Vec<&Event>, Vec<&Event>) = events
+    let (corrections, others): (Vec<&Event>, Vec<&Event>) = events
         .iter()
         .partition(|event| event.kind == EventKind::Correction);
-    json!({ "corrections": corrections.len(), "list": told })
+    json!({ "corrections": corrections.len(), "list": others })
 }
 
-/// A Data Package's name is lower case letters, digits, `.`, `_`, `-`.
+/// A name that a Data Package allows: lower case letters, digits, `.`, `_`, `-`.
 fn slug(text: &str) -> String {
     let lower = text.to_ascii_lowercase();
     let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || ".-_".contains(c);
@@ -147,13 +147,13 @@ const FIELDS: &[(&str, &str, &str, &str)] = &[
         "command_mm",
         "number",
         "mm",
-        "Displacement asked for; empty where none was",
+        "Commanded displacement; empty where none was commanded",
     ),
     (
         "command_n",
         "number",
         "N",
-        "Force asked for; empty where none was",
+        "Commanded force; empty where none was commanded",
     ),
     (
         "cycle",
@@ -165,7 +165,7 @@ const FIELDS: &[(&str, &str, &str, &str)] = &[
         "segment",
         "integer",
         "1",
-        "Segment of the profile from 1; 0 outside",
+        "Segment of the profile from 1; 0 outside the profile",
     ),
     (
         "twin_force_n",
@@ -178,13 +178,13 @@ const FIELDS: &[(&str, &str, &str, &str)] = &[
         "integer",
         "1",
         "Quality, 0 = good; sum of 1 after a gap, 2 late, 4 force invalid, 8 displacement invalid, 16 stuck, 32 spike, \
-         64 no command, 128 not the profile's motion",
+         64 no command, 128 not the motion of the profile",
     ),
     (
         "cycles_averaged",
         "integer",
         "1",
-        "Cycles that this row is the mean of",
+        "Number of cycles averaged in this row",
     ),
 ];
 
@@ -204,7 +204,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_what_a_data_package_allows() {
+    fn names_have_only_the_characters_of_a_data_package() {
         assert_eq!(slug("Run 7/ä=A"), "run-7---a");
     }
 
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn the_package_stands_beside_the_csv() {
+    fn the_package_is_in_the_folder_of_the_csv() {
         assert_eq!(
             path_of(Path::new("out/run.csv")),
             Path::new("out/run.datapackage.json")

@@ -1,4 +1,4 @@
-//! Run files to what others read: CSV with its data package, the cycles CSV, or a [`Recording`] in memory.
+//! Exports a run file: CSV with its data package, and the cycles CSV. `csv` and `datapackage` define what is in them.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -10,19 +10,19 @@ use super::csv::{CsvFormat, CsvWriter};
 use super::cycles::{self, CycleMeter, CycleSummary};
 use super::datapackage::{self, Resource};
 use super::run_file::{CycleSpan, RunFile, Survey};
-use super::{Ending, Recording, Sample, atomic_file};
-use crate::units::{Command, Mode};
+use super::{Ending, Flags, Sample, atomic_file};
+use crate::units::Mode;
 
-/// Which part of a run.
+/// Part of a run that is exported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Selection {
-    /// Every sample.
+    /// All samples of the run.
     Whole,
-    /// One counted cycle.
+    /// The counted cycle of this number.
     Cycle(u32),
-    /// The mean over the complete counted cycles, tick by tick from the start of the cycle.
+    /// The mean over the complete counted cycles, for each tick after the start of the cycle.
     MeanLoop,
-    /// Every n-th tick from the first.
+    /// Every n-th tick, starting with the first; at least 1.
     Every(u64),
 }
 
@@ -37,21 +37,19 @@ impl std::fmt::Display for Selection {
     }
 }
 
-/// What an export made.
+/// The files that an export wrote.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Exported {
-    /// The CSV.
     pub csv: PathBuf,
-    /// Its data package.
     pub datapackage: PathBuf,
-    /// Rows written.
+    /// Number of rows without the header row.
     pub rows: u64,
-    /// Accounts of the run file, with lost and damaged ranges.
+    /// What is in the run file, with its lost and damaged ranges.
     pub survey: Survey,
 }
 
 impl Exported {
-    /// True where blocks of the run file are damaged: what is written is good, but it is not all.
+    /// True if blocks of the run file are damaged: the rows written are correct, but some are missing.
     pub(crate) fn is_partial(&self) -> bool {
         self.survey.damaged > 0
     }
@@ -60,36 +58,22 @@ impl Exported {
 /// Why a run could not be exported.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ExportError {
-    /// The target cannot be written.
-    #[error("{path} cannot be written: check the folder, its rights and its space")]
-    Io {
-        /// The target.
-        path: PathBuf,
-        /// The system's own words.
-        source: io::Error,
-    },
-    /// The run has no such cycle.
-    #[error("{run} has no counted cycle {cycle}: it has {there}")]
+    #[error("{path} cannot be written: check that the folder exists, its permissions and the free space")]
+    Io { path: PathBuf, source: io::Error },
+    #[error("{run} has no counted cycle {cycle}: {advice}")]
     NoCycle {
-        /// The run file.
         run: PathBuf,
-        /// As asked for.
         cycle: u32,
-        /// "cycles 1 to 50" or "none".
-        there: String,
+        /// Which cycles there are, as an order.
+        advice: String,
     },
-    /// No complete counted cycle to average.
     #[error("{run} has no complete counted cycle: export the whole run instead of the mean loop")]
-    NoLoop {
-        /// The run file.
-        run: PathBuf,
-    },
-    /// Every 0th sample.
-    #[error("every 0th sample is none: give 1 or more")]
+    NoLoop { run: PathBuf },
+    #[error("the interval between exported samples is 0: the interval must be at least 1")]
     EveryZero,
 }
 
-/// Writes `csv` and its data package; each appears whole or not at all, and the run file is only read.
+/// Writes `csv` and its data package, each whole or not at all. The run file is only read.
 pub(crate) fn export(run: &RunFile, selection: Selection, csv: &Path) -> Result<Exported, ExportError> {
     let survey = run.survey();
     check(run, selection, &survey)?;
@@ -120,11 +104,13 @@ fn check(run: &RunFile, selection: Selection, survey: &Survey) -> Result<(), Exp
         Selection::Every(0) => Err(ExportError::EveryZero),
         Selection::MeanLoop if survey.cycles_completed() == 0 => Err(ExportError::NoLoop { run }),
         Selection::Cycle(cycle) if !survey.cycles.iter().any(|span| span.cycle == cycle) => {
-            let there = match (survey.cycles.first(), survey.cycles.last()) {
-                (Some(first), Some(last)) => format!("cycles {} to {}", first.cycle, last.cycle),
-                _ => "none".to_owned(),
+            let advice = match (survey.cycles.first(), survey.cycles.last()) {
+                (Some(first), Some(last)) => {
+                    format!("choose one of cycles {} to {}", first.cycle, last.cycle)
+                }
+                _ => "it has no counted cycles, export the whole run".to_owned(),
             };
-            Err(ExportError::NoCycle { run, cycle, there })
+            Err(ExportError::NoCycle { run, cycle, advice })
         }
         _ => Ok(()),
     }
@@ -180,9 +166,9 @@ fn selected(selection: Selection, first_tick: u64, sample: &Sample) -> bool {
     }
 }
 
-/// One tick of the mean loop: sums over the cycles that have a good sample there.
+/// One row of the mean loop: sums over the cycles that have a usable sample at this tick.
 #[derive(Debug, Clone, Copy, Default)]
-struct Bin {
+struct MeanLoopBin {
     count: u32,
     displacement_mm: f64,
     force_n: f64,
@@ -192,7 +178,7 @@ struct Bin {
     twins: u32,
 }
 
-impl Bin {
+impl MeanLoopBin {
     fn add(&mut self, sample: &Sample) {
         self.count += 1;
         self.displacement_mm += sample.displacement_mm;
@@ -208,8 +194,8 @@ impl Bin {
     }
 }
 
-/// Ticks of the same distance from the start of their cycle go into one bin; the usual length of a cycle sets how many.
-fn mean_bins(run: &RunFile, survey: &Survey) -> Vec<Bin> {
+/// One bin for each tick after the start of a cycle. Their number is the median length of a cycle in ticks.
+fn mean_bins(run: &RunFile, survey: &Survey) -> Vec<MeanLoopBin> {
     let complete: Vec<CycleSpan> = survey
         .cycles
         .iter()
@@ -221,8 +207,8 @@ fn mean_bins(run: &RunFile, survey: &Survey) -> Vec<Bin> {
         .map(|span| span.last_tick - span.first_tick + 1)
         .collect();
     lengths.sort_unstable();
-    let usual = lengths.get(lengths.len() / 2).copied().unwrap_or(0);
-    let mut bins = vec![Bin::default(); usual as usize];
+    let median = lengths.get(lengths.len() / 2).copied().unwrap_or(0);
+    let mut bins = vec![MeanLoopBin::default(); median as usize];
     let mut spans = complete.iter().peekable();
     for sample in run.samples() {
         while spans.next_if(|span| span.last_tick < sample.tick).is_some() {}
@@ -230,7 +216,7 @@ fn mean_bins(run: &RunFile, survey: &Survey) -> Vec<Bin> {
             continue;
         };
         if let Some(bin) = bins.get_mut((sample.tick - span.first_tick) as usize)
-            && !cycles::is_excluded(sample.flags)
+            && !sample.flags.intersects(Flags::UNUSABLE)
         {
             bin.add(&sample);
         }
@@ -245,7 +231,7 @@ fn write_mean_loop(
     format: &CsvFormat,
 ) -> io::Result<(u64, Vec<&'static str>)> {
     let mut columns = vec!["time_s", "displacement_mm", "force_n"];
-    // Cycles are of one mode as a rule; with both a mean command has no unit.
+    // If the run used both modes, a mean command has no unit: no command column.
     let mode = match format.command_modes.as_slice() {
         [mode] => Some(*mode),
         _ => None,
@@ -257,7 +243,7 @@ fn write_mean_loop(
     columns.extend(["twin_force_n", "cycles_averaged"]);
     write!(sink, "{}\r\n", columns.join(","))?;
     let mut rows = 0;
-    // A mean has finer steps than a count: one digit more than single samples.
+    // A mean has finer steps than a count: one decimal more than for single samples.
     let (mm, n) = (
         format.displacement_decimals as usize + 1,
         format.force_decimals as usize + 1,
@@ -286,7 +272,7 @@ fn write_mean_loop(
     Ok((rows, columns))
 }
 
-/// An empty cell where there was nothing to average.
+/// Writes a cell with a mean; the cell is empty without a value.
 fn write_mean(sink: &mut impl Write, sum: f64, count: u32, decimals: usize) -> io::Result<()> {
     match count {
         0 => write!(sink, ","),
@@ -294,7 +280,7 @@ fn write_mean(sink: &mut impl Write, sum: f64, count: u32, decimals: usize) -> i
     }
 }
 
-/// Every counted cycle of a run, summed up.
+/// Summary of every counted cycle of a run.
 pub(crate) fn cycle_summaries(run: &RunFile) -> Vec<CycleSummary> {
     let mut meter = CycleMeter::default();
     let mut summaries: Vec<CycleSummary> = run.samples().filter_map(|sample| meter.add(&sample)).collect();
@@ -305,7 +291,7 @@ pub(crate) fn cycle_summaries(run: &RunFile) -> Vec<CycleSummary> {
     summaries
 }
 
-/// Writes the cycles CSV of a run; returns its rows.
+/// Writes the cycles CSV of a run and returns its rows.
 pub(crate) fn export_cycles(run: &RunFile, csv: &Path) -> Result<Vec<CycleSummary>, ExportError> {
     let summaries = cycle_summaries(run);
     atomic_file::write(csv, |file| cycles::write_csv(file, &summaries)).map_err(|source| {
@@ -317,34 +303,7 @@ pub(crate) fn export_cycles(run: &RunFile, csv: &Path) -> Result<Vec<CycleSummar
     Ok(summaries)
 }
 
-/// The whole run in memory, as identification and diagnosis take it. The mode of the first command is the recording's.
-pub(crate) fn recording(run: &RunFile) -> Recording {
-    let mut out = Recording {
-        name: run.header().run_id.clone(),
-        ..Recording::default()
-    };
-    let (mut command, mut cycle, mut flags) = (Vec::new(), Vec::new(), Vec::new());
-    for sample in run.samples() {
-        out.time_s.push(sample.time_s);
-        out.displacement_mm.push(sample.displacement_mm);
-        out.force_n.push(sample.force_n);
-        if out.command_mode.is_none() {
-            out.command_mode = sample.command.map(Command::mode);
-        }
-        let commanded = sample
-            .command
-            .filter(|command| Some(command.mode()) == out.command_mode);
-        command.push(commanded.map_or(f64::NAN, Command::value));
-        cycle.push(sample.cycle);
-        flags.push(sample.flags.0);
-    }
-    out.command = out.command_mode.map(|_| command);
-    out.cycle = Some(cycle);
-    out.flags = Some(flags);
-    out
-}
-
-/// Counts and hashes what passes.
+/// Counts and hashes the bytes that it passes on.
 struct Hashing<W> {
     sink: W,
     sha256: Sha256,
@@ -366,10 +325,10 @@ impl<W: Write> Write for Hashing<W> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Recorder;
     use super::super::csv;
     use super::super::run_file::RunFileWriter;
     use super::super::run_file::test_support::{header, outcome, sample};
-    use super::super::{Flags, Recorder};
     use super::*;
 
     /// Ticks 0 to `ticks` of the sine, without those in `lost`.
@@ -384,21 +343,22 @@ mod tests {
     }
 
     #[test]
-    fn a_run_exported_and_read_back_is_equal_to_the_last_digit() {
+    fn an_exported_run_reads_back_to_the_last_digit() {
         let folder = tempfile::tempdir().unwrap();
         let run = run_in(folder.path(), 3000, 0..0);
         let exported = export(&run, Selection::Whole, &folder.path().join("run.csv")).unwrap();
         assert_eq!((exported.rows, exported.is_partial()), (3000, false));
         let back = csv::read_file(&exported.csv).unwrap();
-        let own = recording(&run);
-        assert_eq!(back.time_s, own.time_s);
-        assert_eq!(
-            (&back.cycle, &back.flags, back.command_mode),
-            (&own.cycle, &own.flags, own.command_mode)
-        );
+        assert_eq!(back.command_mode, Some(Mode::Displacement));
+        let (cycle, flags) = (back.cycle.unwrap(), back.flags.unwrap());
         let head = run.header();
+        assert_eq!(run.samples().count(), back.time_s.len());
         for (i, s) in run.samples().enumerate() {
-            // Half a unit of the last digit, and a hair for the double's own rounding.
+            assert_eq!(
+                (back.time_s[i], cycle[i], flags[i]),
+                (s.time_s, s.cycle, s.flags.bits())
+            );
+            // Half a unit of the last digit, and a little for the rounding of the double.
             assert!((back.displacement_mm[i] - s.displacement_mm).abs() <= 0.5001e-4);
             assert!((back.force_n[i] - s.force_n).abs() <= 0.5001e-2);
             assert_eq!(head.force_channel.counts(back.force_n[i]), s.force_counts);
@@ -410,12 +370,12 @@ mod tests {
         assert_eq!(
             std::fs::read_dir(folder.path()).unwrap().count(),
             3,
-            "run, CSV, package and nothing else"
+            "run, CSV and package only"
         );
     }
 
     #[test]
-    fn the_package_tells_hash_bytes_and_gaps() {
+    fn the_package_has_hash_bytes_and_gaps() {
         let folder = tempfile::tempdir().unwrap();
         let run = run_in(folder.path(), 2000, 700..705);
         let exported = export(&run, Selection::Whole, &folder.path().join("run.csv")).unwrap();
@@ -441,7 +401,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_of_a_run_are_chosen_by_tick() {
+    fn parts_of_a_run_can_be_exported() {
         let folder = tempfile::tempdir().unwrap();
         let run = run_in(folder.path(), 2500, 0..0);
         let path = folder.path().join("part.csv");
@@ -475,16 +435,16 @@ mod tests {
         let text = std::fs::read_to_string(&path).unwrap();
         assert!(
             text.lines().nth(206).unwrap().ends_with(",2"),
-            "two cycles have a sample 0.205 s in"
+            "two cycles have a sample at 0.205 s"
         );
         assert!(
             text.lines().nth(100).unwrap().ends_with(",3"),
-            "and three 0.099 s in"
+            "three cycles have a sample at 0.099 s"
         );
     }
 
     #[test]
-    fn the_cycles_of_a_run_are_summed_up() {
+    fn the_cycles_of_a_run_are_exported() {
         let folder = tempfile::tempdir().unwrap();
         let run = run_in(folder.path(), 2000, 0..0);
         let rows = export_cycles(&run, &folder.path().join("cycles.csv")).unwrap();
@@ -492,7 +452,5 @@ mod tests {
             rows.iter().map(|c| (c.cycle, c.complete)).collect::<Vec<_>>(),
             [(1, true), (2, true)]
         );
-        let lost = Flags::default();
-        assert_eq!(recording(&run).flags.unwrap()[0], lost.0);
     }
 }

@@ -1,21 +1,8 @@
-//! Numbers that a loop or a model's fit is judged by. Where the cycles are is in `cycles`.
+//! Numbers that describe a loop or the fit of a model: energy, range, secant rate, NRMSE. `cycles` finds the cycles.
 
 use crate::units::joules_from_nmm;
 
-/// Root mean square of (measured - model) over the measured range (max - min), as contracts.md defines it.
-/// `None` where the lengths differ, there is no sample, or the measured force does not vary.
-pub(crate) fn nrmse(measured_n: &[f64], model_n: &[f64]) -> Option<f64> {
-    let mut meter = NrmseMeter::default();
-    if measured_n.len() != model_n.len() {
-        return None;
-    }
-    for (&measured, &model) in measured_n.iter().zip(model_n) {
-        meter.add(measured, model);
-    }
-    meter.value()
-}
-
-/// [`nrmse`] sample by sample, for a twin beside a live run.
+/// NRMSE sample by sample: root mean square of (measured - model) over the measured range (max - min), see docs/formats.md.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct NrmseMeter {
     count: u64,
@@ -24,22 +11,22 @@ pub(crate) struct NrmseMeter {
 }
 
 impl NrmseMeter {
-    /// Takes one pair.
+    /// Adds one pair of forces in N.
     pub(crate) fn add(&mut self, measured_n: f64, model_n: f64) {
         self.count += 1;
         self.sum_of_squares += (measured_n - model_n).powi(2);
         self.measured = Some(Range::including(self.measured, measured_n));
     }
 
-    /// The value so far.
+    /// NRMSE of all pairs so far; `None` without a pair or where the measured force does not vary.
     pub(crate) fn value(&self) -> Option<f64> {
         let span = self.measured?.span();
         (span > 0.0).then(|| (self.sum_of_squares / self.count as f64).sqrt() / span)
     }
 }
 
-/// Energy in J that one closed loop dissipates: the integral of F dx by trapezoids, closed from the last sample to the first.
-/// Positive where the specimen takes energy up. Zero for fewer than three samples.
+/// Energy in J that one loop dissipates: the integral of F dx by trapezoids, closed from the last sample to the first.
+/// Positive if the specimen dissipates energy. Zero for fewer than three samples.
 pub(crate) fn loop_energy_j(displacement_mm: &[f64], force_n: &[f64]) -> f64 {
     let mut integral = LoopIntegral::default();
     for (&x, &f) in displacement_mm.iter().zip(force_n) {
@@ -57,7 +44,7 @@ pub(crate) struct LoopIntegral {
 }
 
 impl LoopIntegral {
-    /// Takes the next point of the loop, mm and N.
+    /// Adds the next point of the loop, mm and N.
     pub(crate) fn add(&mut self, displacement_mm: f64, force_n: f64) {
         let point = (displacement_mm, force_n);
         match self.first {
@@ -67,7 +54,7 @@ impl LoopIntegral {
         self.last = point;
     }
 
-    /// Energy of the loop closed from here to its first point.
+    /// Energy in J of the loop, closed from the last point to the first.
     pub(crate) fn energy_j(&self) -> f64 {
         let closing = self.first.map_or(0.0, |first| trapezoid_nmm(self.last, first));
         joules_from_nmm(self.energy_nmm + closing)
@@ -78,7 +65,7 @@ fn trapezoid_nmm(from: (f64, f64), to: (f64, f64)) -> f64 {
     (to.0 - from.0) * (to.1 + from.1) / 2.0
 }
 
-/// Lowest and highest of a signal.
+/// Lowest and highest value of a signal.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub(crate) struct Range {
     /// Highest value: the peak.
@@ -102,7 +89,7 @@ impl Range {
         }
     }
 
-    /// Of a whole signal; `None` where it is empty.
+    /// The range of a whole signal; `None` if it is empty.
     pub(crate) fn of(values: &[f64]) -> Option<Range> {
         values
             .iter()
@@ -119,13 +106,13 @@ impl Range {
         self.span() / 2.0
     }
 
-    /// Level midway between peak and valley.
+    /// Half of peak plus valley.
     pub(crate) fn mean(&self) -> f64 {
         (self.peak + self.valley) / 2.0
     }
 }
 
-/// Spring rate in N/mm from valley to peak, over the whole of a loop; `None` where nothing moved.
+/// Spring rate in N/mm from valley to peak, over a whole loop; `None` where nothing moved.
 pub(crate) fn secant_rate_n_per_mm(displacement_mm: Range, force_n: Range) -> Option<f64> {
     (displacement_mm.span() > 0.0).then(|| force_n.span() / displacement_mm.span())
 }
@@ -158,18 +145,29 @@ mod tests {
         );
         assert!(
             (backwards + energy_j).abs() < 1e-9 * exact_j,
-            "the other way round gives the energy back"
+            "the loop run backwards returns the energy"
         );
     }
 
     #[test]
     fn nrmse_is_rms_over_range() {
-        let measured = [0.0, 10.0, 0.0, -10.0];
-        let model = [1.0, 9.0, -1.0, -9.0];
-        assert_eq!(nrmse(&measured, &model), Some(1.0 / 20.0));
-        assert_eq!(nrmse(&measured, &model[..3]), None);
-        assert_eq!(nrmse(&[5.0, 5.0], &[5.0, 5.0]), None, "no range to compare with");
-        assert_eq!(nrmse(&[], &[]), None);
+        let nrmse = |pairs: &[(f64, f64)]| {
+            let mut meter = NrmseMeter::default();
+            pairs
+                .iter()
+                .for_each(|&(measured, model)| meter.add(measured, model));
+            meter.value()
+        };
+        assert_eq!(
+            nrmse(&[(0.0, 1.0), (10.0, 9.0), (0.0, -1.0), (-10.0, -9.0)]),
+            Some(1.0 / 20.0)
+        );
+        assert_eq!(
+            nrmse(&[(5.0, 5.0), (5.0, 5.0)]),
+            None,
+            "the measured force does not vary"
+        );
+        assert_eq!(nrmse(&[]), None);
     }
 
     #[test]

@@ -1,11 +1,13 @@
-//! Samples, events and recordings: what a run leaves behind, and the seam (`Recorder`) that everything beside the run
-//! hangs on. Files are in `run_file` and `csv`; control, twin and models are elsewhere.
+//! Samples, events and recordings: what a run leaves behind, and the trait [`Recorder`] that passes a run on while it lasts.
+//! Files are in `run_file` and `csv`; control, twin and models are elsewhere.
 
 pub(crate) mod atomic_file;
 pub(crate) mod csv;
 pub(crate) mod cycles;
 pub(crate) mod datapackage;
 pub(crate) mod export;
+#[cfg(test)]
+pub(crate) mod memory;
 pub(crate) mod metrics;
 pub(crate) mod play;
 pub(crate) mod recorder;
@@ -13,36 +15,39 @@ pub(crate) mod run_file;
 
 use crate::units::Command;
 
-/// Quality of one sample; 0 = good. Bits may stand together. Written to CSV as a plain integer.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(crate) struct Flags(pub u16);
+bitflags::bitflags! {
+    /// Quality of one sample; empty = good. CSV and run file hold the sum of the bits.
+    #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+    pub(crate) struct Flags: u16 {
+        /// One or more samples before this one did not arrive.
+        const AFTER_GAP = 1 << 0;
+        /// The sample was older than the link's `silence_ms` when the controller saw it.
+        const LATE = 1 << 1;
+        /// The load cell is at its rail or open.
+        const FORCE_INVALID = 1 << 2;
+        /// The LVDT is at its rail or open.
+        const DISPLACEMENT_INVALID = 1 << 3;
+        /// The value did not move although the command moved. No part of leafbench sets this bit yet.
+        const STUCK = 1 << 4;
+        /// The value changed faster than the channel can. No part of leafbench sets this bit yet.
+        const SPIKE = 1 << 5;
+        /// The rig had no command for this tick (queue empty, hold, taper to a stop).
+        const NO_COMMAND = 1 << 6;
+        /// Motion of a stop, a hold or an unload, not of the profile.
+        const NOT_PROFILE = 1 << 7;
+    }
+}
 
 impl Flags {
-    /// One or more samples before this one never arrived.
-    pub(crate) const AFTER_GAP: Flags = Flags(1 << 0);
-    /// The sample was older than 20 ms when control saw it.
-    pub(crate) const LATE: Flags = Flags(1 << 1);
-    /// Load cell at its rail or open.
-    pub(crate) const FORCE_INVALID: Flags = Flags(1 << 2);
-    /// LVDT at its rail or open.
-    pub(crate) const DISPLACEMENT_INVALID: Flags = Flags(1 << 3);
-    /// Value did not move while the command did.
-    pub(crate) const STUCK: Flags = Flags(1 << 4);
-    /// Faster than the channel can move.
-    pub(crate) const SPIKE: Flags = Flags(1 << 5);
-    /// The rig had no command for this tick (queue dry, hold, taper to stop).
-    pub(crate) const NO_COMMAND: Flags = Flags(1 << 6);
-    /// Motion of a stop, hold or unload, not of the profile.
-    pub(crate) const NOT_PROFILE: Flags = Flags(1 << 7);
-
-    /// Adds the bits of `other`.
-    pub(crate) fn set(&mut self, other: Flags) {
-        self.0 |= other.0;
-    }
+    /// Samples with any of these bits are left out of cycle values, mean loops, fits and diagnoses.
+    pub(crate) const UNUSABLE: Flags = Flags::FORCE_INVALID
+        .union(Flags::DISPLACEMENT_INVALID)
+        .union(Flags::STUCK)
+        .union(Flags::SPIKE);
 
     /// True where all bits of `other` are set.
     pub(crate) fn has(self, other: Flags) -> bool {
-        self.0 & other.0 == other.0
+        self.contains(other)
     }
 }
 
@@ -69,7 +74,7 @@ pub(crate) struct Sample {
     pub segment: u32,
     /// Force of the virtual twin at this displacement in N; `None` where the twin was off or behind.
     pub twin_force_n: Option<f64>,
-    /// Quality bits.
+    /// Quality of this sample.
     pub flags: Flags,
 }
 
@@ -77,9 +82,9 @@ pub(crate) struct Sample {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum EventKind {
-    /// Run started.
+    /// The run started.
     Start,
-    /// Tare taken: old, new, spread.
+    /// A tare was taken: old, new, spread.
     Tare,
     /// Samples were lost: how many, where.
     Gap,
@@ -87,41 +92,40 @@ pub(crate) enum EventKind {
     Correction,
     /// The rig changed its state.
     RigState,
-    /// A limit or detector spoke.
+    /// A limit or a detector tripped.
     Limit,
-    /// The link has a fault: frame dropped, error frame, queue full.
+    /// A fault of the link: frame dropped, error frame, queue full.
     Link,
-    /// An operator asked for something: stop, hold, resume, reset.
+    /// An operator's request: stop, hold, resume, reset.
     Operator,
     /// The twin's residual left its band.
     ModelMismatch,
-    /// The host's own trouble: late loop, slow disk.
+    /// A fault of the host: late loop, slow disk.
     Host,
-    /// Run ended.
+    /// The run ended.
     End,
 }
 
-/// Something that happened at a time in the run.
+/// Something that happened during a run.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Event {
-    /// Rig's tick, unfolded.
+    /// The rig's tick, unfolded as in [`Sample`].
     pub tick: u64,
     /// Seconds since the run's first sample; negative before it.
     pub time_s: f64,
-    /// What it is about.
     pub kind: EventKind,
     /// One sentence: what, where, what to do.
     pub text: String,
 }
 
-/// How one channel's counts become a physical value: `value = counts * scale - offset - tare`.
+/// Scaling of one channel: `value = counts * scale - offset - tare`.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct ChannelScale {
-    /// Physical units a count (N or mm).
+    /// Physical value of one count, N or mm.
     pub scale_per_count: f64,
-    /// Calibration offset in physical units.
+    /// Offset of the calibration, N or mm.
     pub offset: f64,
-    /// Tare in physical units.
+    /// Tare, N or mm.
     pub tare: f64,
 }
 
@@ -137,50 +141,48 @@ impl ChannelScale {
     }
 }
 
-/// What stands at the head of a run: everything needed to read and to repeat it.
+/// Head of a run: everything needed to read and to repeat it.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Header {
     /// Generated id: letters, digits and dashes only.
     pub run_id: String,
     /// Start, UTC, RFC 3339.
     pub started_utc: String,
-    /// Specimen's name from the bench or the request.
+    /// Name of the specimen, from the bench or from the request.
     pub specimen: String,
     /// Operator's name; may be empty.
     pub operator: String,
-    /// Profile's name.
     pub profile_name: String,
-    /// The profile file's text as it was run.
+    /// Text of the profile file as it was run.
     pub profile_toml: String,
-    /// The bench config's text as it was run.
+    /// Text of the bench as it was run.
     pub bench_toml: String,
     /// Hex SHA-256 of `bench_toml`.
     pub bench_sha256: String,
-    /// Identity of the rig's firmware: version, serial, boot id, protocol version.
     pub firmware: FirmwareIdentity,
     /// Version of leafbench.
     pub program_version: String,
-    /// Samples a second.
+    /// Samples per second.
     pub sample_rate_hz: f64,
     /// Load-cell scaling at the start of the run.
     pub force_channel: ChannelScale,
     /// LVDT scaling at the start of the run.
     pub displacement_channel: ChannelScale,
-    /// Name of the twin's model; empty where it is off.
+    /// Name of the twin's model; empty without a twin.
     pub twin: String,
-    /// Counted cycle that the run starts at (1; more where an interrupted test is resumed).
+    /// Counted cycle at which the run starts: 1, or more where it resumes an interrupted test.
     pub first_cycle: u32,
-    /// Run that this one resumes; empty otherwise.
+    /// Id of the run that this one resumes; empty otherwise.
     pub resumes_run: String,
-    /// Counted cycles that the profile asks for.
+    /// Counted cycles of the profile.
     pub cycles_planned: u32,
     /// Planned length in seconds.
     pub duration_planned_s: f64,
-    /// Degradations at the start (no real-time rights ...), one sentence each.
+    /// Limitations at the start (no real-time rights ...), one sentence each.
     pub remarks: Vec<String>,
 }
 
-/// What the rig said about itself at the hello.
+/// What the rig's firmware reported at the hello.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct FirmwareIdentity {
     /// CANopen vendor id (0x1018:1).
@@ -193,7 +195,7 @@ pub(crate) struct FirmwareIdentity {
     pub serial: u32,
     /// Protocol version (0x2000), major << 16 | minor.
     pub protocol: u32,
-    /// Boot id (0x2001): another one means the firmware restarted.
+    /// Boot id (0x2001); it changes when the firmware restarts.
     pub boot_id: u32,
     /// Calibration hash (0x2003).
     pub calibration_hash: u32,
@@ -211,33 +213,32 @@ pub(crate) enum Ending {
     Aborted,
 }
 
-/// The end of a run with its cause and its accounts.
+/// The end of a run: how, why, and how much was recorded.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Outcome {
-    /// How.
     pub ending: Ending,
-    /// Why, in a sentence; empty where completed.
+    /// Cause in a sentence; empty if completed.
     pub cause: String,
-    /// Samples recorded.
+    /// Number of samples recorded.
     pub samples: u64,
-    /// Samples that the rig's ticks say are missing.
+    /// Number of ticks without a sample.
     pub lost: u64,
     /// Counted full-amplitude cycles completed in this run.
     pub cycles_completed: u32,
 }
 
-/// Takes a run as it happens. CSV, run file, twin and live view are recorders; none can delay or change a run.
+/// Receives a run while it lasts. Run file, twin and live view are recorders; none can delay or change a run.
 pub(crate) trait Recorder {
-    /// A run begins.
+    /// The run begins.
     fn begin(&mut self, header: &Header);
-    /// A sample, in the order of ticks.
+    /// The next sample, in the order of ticks.
     fn sample(&mut self, sample: &Sample);
-    /// An event, in the order it happened.
+    /// The next event, in the order of time.
     fn event(&mut self, event: &Event);
     /// The run is over.
     fn end(&mut self, outcome: &Outcome);
-    /// Called about every 10 ms where the run is live: what has come so far must survive a kill of this process.
-    /// A recorder that wraps another one passes it on.
+    /// Called about every 10 ms during a live run: what came so far must survive a kill of this process.
+    /// A recorder that wraps another one passes the call on.
     fn flush(&mut self) {}
 }
 
@@ -263,7 +264,7 @@ impl<R: Recorder + ?Sized> Recorder for Box<R> {
     }
 }
 
-/// A recording in memory, of this bench or foreign: columns of equal length, time strictly increasing.
+/// A recording in memory, from this bench or from another program: columns of equal length, time strictly increasing.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Recording {
     /// File name or run id, for messages.
@@ -274,23 +275,22 @@ pub(crate) struct Recording {
     pub displacement_mm: Vec<f64>,
     /// Force in N.
     pub force_n: Vec<f64>,
-    /// Command in its mode's unit, where recorded; NaN in rows where nothing was commanded.
+    /// Command in the unit of `command_mode`, where recorded; NaN in rows without a command.
     pub command: Option<Vec<f64>>,
     /// Mode of the command column, where recorded.
     pub command_mode: Option<crate::units::Mode>,
-    /// Counted cycle (0 outside), where recorded.
+    /// Counted cycle, 0 outside the counted cycles, where recorded.
     pub cycle: Option<Vec<u32>>,
-    /// Quality bits, where recorded.
+    /// Bits of [`Flags`], where recorded; those of another program may have more.
     pub flags: Option<Vec<u16>>,
 }
 
 impl Recording {
-    /// Number of samples.
+    /// Number of samples in every column.
     pub(crate) fn len(&self) -> usize {
         self.time_s.len()
     }
 
-    /// True where there is no sample.
     pub(crate) fn is_empty(&self) -> bool {
         self.time_s.is_empty()
     }

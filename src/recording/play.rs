@@ -1,8 +1,8 @@
-//! Play: takes the noise out of a displacement without a filter's lag in time.
+//! Play: removes the noise from a displacement without the time lag of a filter.
 //!
-//! A friction model remembers every reversal. Sensor noise of a micrometre a sample, on a ramp that moves less than that,
-//! is a reversal a sample, and the friction of a presliding law fades under it. A play (backlash) of a few standard
-//! deviations passes motion on and swallows the noise; it shifts a branch by its half width and keeps reversals sharp.
+//! A friction model remembers every reversal. If a ramp moves less per sample than the noise of the sensor, every sample is a
+//! reversal, and the friction of a presliding law becomes too small. A play (backlash) of a few standard deviations passes
+//! motion on and removes the noise. It shifts a branch by its half width and keeps reversals sharp.
 
 /// A play of a given half width.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -12,7 +12,7 @@ pub(crate) struct Play {
 }
 
 impl Play {
-    /// Half width in standard deviations of the noise: one sample in 15 000 still moves it the wrong way.
+    /// Half width in standard deviations of the noise. One sample in 15 000 is further out and still moves the output.
     pub(crate) const SIGMAS: f64 = 4.0;
 
     /// A play for a signal with this noise (standard deviation, in the signal's unit).
@@ -23,7 +23,7 @@ impl Play {
         }
     }
 
-    /// Forgets where it stood: the next value passes as it is.
+    /// Forgets the last output: the next value passes unchanged.
     pub(crate) fn reset(&mut self) {
         self.value = None;
     }

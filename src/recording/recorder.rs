@@ -1,7 +1,8 @@
-//! Recorders that stand in front of others: several at once, memory, and a thread of their own behind a bounded ring.
+//! Recorders that pass a run on: to several recorders, and to a thread behind a bounded ring. What is done with the samples
+//! is left to the recorders behind them.
 //!
-//! Control sees `&mut dyn Recorder` and nothing else. In real time that is a [`RecorderInput`], which never waits; in
-//! virtual time it is the chain itself, called inline, so that a slow disk slows the run instead of losing samples.
+//! Control only knows `&mut dyn Recorder`. In real time that is a [`RecorderInput`], which never waits. In virtual time it is
+//! the chain itself, called directly: a slow disk then slows the run down and no samples are lost.
 
 use std::io;
 use std::thread::{self, JoinHandle};
@@ -12,13 +13,13 @@ use rtrb::{Consumer, Producer, RingBuffer};
 use super::{Event, EventKind, Flags, Header, Outcome, Recorder, Sample};
 
 /// Samples that fit between control and the recording thread: 65 s at 1 kHz.
-pub(crate) const RING_SAMPLES: usize = 65_536;
-/// Places that samples leave free, so that events and the end of a run get through a full ring.
+const RING_SAMPLES: usize = 65_536;
+/// Places that samples leave free, so that events and the end of a run still fit into the ring.
 const RESERVED_FOR_EVENTS: usize = 256;
-/// The thread sleeps this long between two looks: with the commit after it well under 20 ms.
+/// Sleep of the thread between two looks at the ring. Sleep and commit together stay well under 20 ms.
 const DRAIN_PERIOD: Duration = Duration::from_millis(8);
 
-/// Passes everything on to several recorders, in order.
+/// Passes everything on to each of its recorders, in order.
 #[derive(Default)]
 pub(crate) struct FanOut(pub Vec<Box<dyn Recorder + Send>>);
 
@@ -44,38 +45,7 @@ impl Recorder for FanOut {
     }
 }
 
-/// Keeps a run in memory.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub(crate) struct Memory {
-    /// Header, once begun.
-    pub header: Option<Header>,
-    /// Samples in order.
-    pub samples: Vec<Sample>,
-    /// Events in order.
-    pub events: Vec<Event>,
-    /// Outcome, once ended.
-    pub outcome: Option<Outcome>,
-}
-
-impl Recorder for Memory {
-    fn begin(&mut self, header: &Header) {
-        self.header = Some(header.clone());
-    }
-
-    fn sample(&mut self, sample: &Sample) {
-        self.samples.push(*sample);
-    }
-
-    fn event(&mut self, event: &Event) {
-        self.events.push(event.clone());
-    }
-
-    fn end(&mut self, outcome: &Outcome) {
-        self.outcome = Some(outcome.clone());
-    }
-}
-
-/// What travels through the ring; one ring keeps samples and events in their order.
+/// Content of the ring. A single ring keeps samples and events in their order.
 enum Item {
     Begin(Box<Header>),
     Sample(Sample),
@@ -83,15 +53,15 @@ enum Item {
     End(Box<Outcome>),
 }
 
-/// Control's end of the ring. Never waits: what does not fit is counted, becomes an event and flags the next sample.
+/// The end of the ring that control writes to. It never waits. It counts what does not fit, reports it as an event and flags
+/// the next sample.
 pub(crate) struct RecorderInput {
     ring: Producer<Item>,
     thread: thread::Thread,
     overrun: Overrun,
-    overruns_total: u64,
 }
 
-/// Items that did not fit since the last that did.
+/// Items that did not fit since the last item that did.
 #[derive(Default)]
 struct Overrun {
     samples: u64,
@@ -102,34 +72,28 @@ struct Overrun {
 }
 
 impl RecorderInput {
-    /// Samples and events that did not fit, since the start.
-    pub(crate) fn overruns(&self) -> u64 {
-        self.overruns_total
-    }
-
-    /// Puts an item in where more than `reserve` places are free.
+    /// Writes an item into the ring if more than `reserve` places are free.
     fn push(&mut self, item: Item, reserve: usize) -> bool {
         self.ring.slots() > reserve && self.ring.push(item).is_ok()
     }
 
-    fn missed(&mut self, tick: u64, time_s: f64) {
+    fn note_overrun(&mut self, tick: u64, time_s: f64) {
         if self.overrun.samples + self.overrun.events == 0 {
             self.overrun.first_tick = tick;
         }
         self.overrun.last_tick = tick;
         self.overrun.last_time_s = time_s;
-        self.overruns_total += 1;
     }
 
-    /// Tells of an overrun as soon as there is room; true where one was told of just now.
-    fn tell_of_overrun(&mut self, reserve: usize) -> bool {
+    /// Reports an overrun as an event as soon as there is room; true if it did so now.
+    fn report_overrun(&mut self, reserve: usize) -> bool {
         let missed = &self.overrun;
         if missed.samples + missed.events == 0 || self.ring.slots() <= reserve + 1 {
             return false;
         }
         let text = format!(
-            "recording fell behind: {} samples and {} events between ticks {} and {} were not recorded; look at the \
-             disk's load",
+            "recording fell behind: {} samples and {} events between ticks {} and {} were not recorded: reduce the load on \
+             the disk",
             missed.samples, missed.events, missed.first_tick, missed.last_tick
         );
         let event = Event {
@@ -138,11 +102,11 @@ impl RecorderInput {
             kind: EventKind::Host,
             text,
         };
-        let told = self.push(Item::Event(event), reserve);
-        if told {
+        let reported = self.push(Item::Event(event), reserve);
+        if reported {
             self.overrun = Overrun::default();
         }
-        told
+        reported
     }
 }
 
@@ -153,51 +117,46 @@ impl Recorder for RecorderInput {
 
     fn sample(&mut self, sample: &Sample) {
         let mut sample = *sample;
-        if self.tell_of_overrun(RESERVED_FOR_EVENTS) {
-            sample.flags.set(Flags::AFTER_GAP);
+        if self.report_overrun(RESERVED_FOR_EVENTS) {
+            sample.flags.insert(Flags::AFTER_GAP);
         }
         let behind = self.overrun.samples > 0;
         if behind || !self.push(Item::Sample(sample), RESERVED_FOR_EVENTS) {
-            self.missed(sample.tick, sample.time_s);
+            self.note_overrun(sample.tick, sample.time_s);
             self.overrun.samples += 1;
         }
     }
 
     fn event(&mut self, event: &Event) {
-        // Two places stay free: one to tell of an overrun, one for the end.
+        // Two places stay free: one to report an overrun, one for the end.
         if !self.push(Item::Event(event.clone()), 2) {
-            self.missed(event.tick, event.time_s);
+            self.note_overrun(event.tick, event.time_s);
             self.overrun.events += 1;
         }
     }
 
     fn end(&mut self, outcome: &Outcome) {
-        self.tell_of_overrun(0);
-        // The last place is kept for this one; without it the thread would still close when this end is dropped.
+        self.report_overrun(0);
+        // The last place is kept for this item. Without it the thread would still end when this input is dropped.
         self.push(Item::End(Box::new(outcome.clone())), 0);
         self.thread.unpark();
     }
 }
 
-/// The recording thread; `join` after the run's end.
+/// Handle of the recording thread; call `join` after the end of the run.
 pub(crate) struct RecorderThread<R> {
     thread: JoinHandle<R>,
 }
 
 impl<R> RecorderThread<R> {
-    /// Waits until all is recorded and hands the chain back; `None` where it panicked.
+    /// Waits until everything is recorded and returns the chain; `None` if the thread panicked.
     pub(crate) fn join(self) -> Option<R> {
         self.thread.join().ok()
     }
-
-    /// True once all is recorded.
-    pub(crate) fn is_finished(&self) -> bool {
-        self.thread.is_finished()
-    }
 }
 
-/// Starts a thread that takes one run from control and passes it through `chain`, flushing it about every 10 ms.
-/// It ends after the run's end, or when the input is dropped.
+/// Starts a thread that takes one run from control and passes it to `chain`, with a flush about every 10 ms.
+/// The thread ends after the end of the run, or when the input is dropped.
 pub(crate) fn spawn<R: Recorder + Send + 'static>(
     chain: R,
 ) -> io::Result<(RecorderInput, RecorderThread<R>)> {
@@ -217,13 +176,12 @@ fn spawn_with_ring<R: Recorder + Send + 'static>(
         ring,
         thread: thread.thread().clone(),
         overrun: Overrun::default(),
-        overruns_total: 0,
     };
     Ok((input, RecorderThread { thread }))
 }
 
-/// Below control and above everything else, so that a busy host does not keep samples from the file. Where the host does
-/// not allow it the ring still holds a minute; control says that real-time rights are missing, once, for both.
+/// Priority below control and above all others, so that a busy host does not delay the recording. If the host does not allow
+/// it, the ring still holds a minute. Control reports missing real-time rights, once, for both threads.
 fn raise_priority() {
     use thread_priority::{
         RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
@@ -240,7 +198,7 @@ fn raise_priority() {
 
 fn record<R: Recorder>(mut chain: R, mut ring: Consumer<Item>) -> R {
     loop {
-        // Looked at before draining: what the input pushed before it was dropped is drained below.
+        // Read before the ring is emptied: what the input wrote before it was dropped is recorded below.
         let abandoned = ring.is_abandoned();
         while let Ok(item) = ring.pop() {
             match item {
@@ -263,8 +221,9 @@ fn record<R: Recorder>(mut chain: R, mut ring: Consumer<Item>) -> R {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::mpsc;
+    use std::sync::{Arc, Mutex, mpsc};
 
+    use super::super::memory::Memory;
     use super::super::run_file::test_support::{header, outcome, sample};
     use super::*;
 
@@ -289,13 +248,12 @@ mod tests {
     }
 
     #[test]
-    fn the_thread_records_what_the_inline_form_records() {
-        let mut inline = Memory::default();
-        drive(&mut inline);
+    fn the_thread_records_the_same_as_a_direct_call() {
+        let mut direct = Memory::default();
+        drive(&mut direct);
         let (mut input, thread) = spawn(Memory::default()).unwrap();
         drive(&mut input);
-        assert_eq!(thread.join().unwrap(), inline);
-        assert_eq!(input.overruns(), 0);
+        assert_eq!(thread.join().unwrap(), direct);
     }
 
     #[test]
@@ -307,7 +265,7 @@ mod tests {
         assert_eq!((memory.samples.len(), memory.outcome), (1, None));
     }
 
-    /// A recorder that stands still until it is told to go on.
+    /// A recorder that waits in `begin` until the test lets it go on.
     struct Stalled {
         memory: Memory,
         go_on: mpsc::Receiver<()>,
@@ -346,12 +304,11 @@ mod tests {
         for tick in 0..150 {
             input.sample(&sample(tick));
         }
-        assert_eq!(input.overruns(), 50, "the ring holds 100 samples");
         input.event(&event(150));
         input.end(&outcome(150));
         go.send(()).unwrap();
         let memory = thread.join().unwrap().memory;
-        assert_eq!(memory.samples.len(), 100);
+        assert_eq!(memory.samples.len(), 100, "the ring holds 100 samples");
         assert_eq!(memory.events[0], event(150));
         assert!(
             memory.events[1]
@@ -362,10 +319,14 @@ mod tests {
     }
 
     #[test]
-    fn a_fan_out_gives_all_the_same() {
-        let mut chain = FanOut(vec![Box::new(Memory::default())]);
+    fn a_fan_out_passes_the_run_to_each_recorder() {
+        let kept: [Arc<Mutex<Memory>>; 2] = std::array::from_fn(|_| Arc::default());
+        let mut chain = FanOut(kept.iter().map(|k| Box::new(Arc::clone(k)) as _).collect());
         drive(&mut chain);
-        chain.flush();
-        assert_eq!(chain.0.len(), 1);
+        let mut direct = Memory::default();
+        drive(&mut direct);
+        for memory in &kept {
+            assert_eq!(*memory.lock().unwrap(), direct);
+        }
     }
 }

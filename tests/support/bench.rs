@@ -9,9 +9,10 @@ use crate::control::run::RunOrder;
 use crate::daemon::header::{self, Planned};
 use crate::profile::{Player, Profile};
 use crate::recording::export::{self, Selection};
-use crate::recording::recorder::{FanOut, Memory};
+use crate::recording::memory::Memory;
+use crate::recording::recorder::FanOut;
 use crate::recording::run_file::{RunFile, RunFileWriter};
-use crate::recording::{Event, Header, Outcome, Recorder, Sample};
+use crate::recording::{Recorder, Sample};
 use crate::twin::Twin;
 
 /// The shipped mock bench.
@@ -30,25 +31,6 @@ pub fn concealing(code: &str, parameters: &[(&str, f64)]) -> Bench {
     bench
 }
 
-/// What a run leaves in memory, to be looked at after the chain has gone.
-#[derive(Clone, Default)]
-pub struct Kept(pub Arc<Mutex<Memory>>);
-
-impl Recorder for Kept {
-    fn begin(&mut self, header: &Header) {
-        self.0.lock().expect("one thread").begin(header);
-    }
-    fn sample(&mut self, sample: &Sample) {
-        self.0.lock().expect("one thread").sample(sample);
-    }
-    fn event(&mut self, event: &Event) {
-        self.0.lock().expect("one thread").event(event);
-    }
-    fn end(&mut self, outcome: &Outcome) {
-        self.0.lock().expect("one thread").end(outcome);
-    }
-}
-
 /// Runs a profile's text on the bench in virtual time, its model as the twin; with a folder also into a run file and a CSV there.
 pub fn play(bench: &Bench, profile_toml: &str, folder: Option<&Path>) -> (Memory, Option<PathBuf>) {
     let profile = Profile::from_toml(profile_toml, "test").expect("a profile");
@@ -60,7 +42,7 @@ pub fn play(bench: &Bench, profile_toml: &str, folder: Option<&Path>) -> (Memory
     let now = "2026-01-01T00:00:00Z".parse().expect("a time");
     let text = profile_toml.to_owned();
     let header = header::new(profile.name.clone(), now, bench, &profile, text, planned);
-    let kept = Kept::default();
+    let kept = Arc::new(Mutex::new(Memory::default()));
     let mut into: Vec<Box<dyn Recorder + Send>> = vec![Box::new(kept.clone())];
     let file = folder.map(|f| f.join(format!("{}.leafrun", profile.name)));
     if let Some(path) = &file {
@@ -86,7 +68,7 @@ pub fn play(bench: &Bench, profile_toml: &str, folder: Option<&Path>) -> (Memory
             .expect("exports")
             .csv
     });
-    let memory = kept.0.lock().expect("one thread").clone();
+    let memory = kept.lock().expect("one thread").clone();
     (memory, csv)
 }
 

@@ -108,7 +108,7 @@ fn flagged_samples_are_left_out() {
     recording.force_n[500] = 1e7;
     recording.flags = Some(
         (0..recording.len())
-            .map(|i| if i == 500 { Flags::SPIKE.0 } else { 0 })
+            .map(|i| if i == 500 { Flags::SPIKE.bits() } else { 0 })
             .collect(),
     );
     let track = one(&recording).expect("conditioned");

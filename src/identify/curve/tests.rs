@@ -99,7 +99,7 @@ fn flagged_samples_and_zero_weights_are_not_compared() {
     let mut measured = recording(&TRUTH, 2, false);
     measured.force_n[700] = 1e6;
     let mut flags = vec![0; measured.len()];
-    flags[700] = Flags::SPIKE.0;
+    flags[700] = Flags::SPIKE.bits();
     measured.flags = Some(flags);
     // The weight is over the range, spike included: what matters is that its place is gone.
     let mut problem = problem(measured, &CurveOptions::default());

@@ -1,182 +1,128 @@
-//! What can be wrong with a CSV: which row, which column, and what to do.
+//! Reasons why a CSV is refused: each says what is wrong, in which row and column, and what to do.
 
-/// Why a CSV is no recording. Rows are lines of the file, counted from 1; the header row is line 1.
+use super::NEEDED;
+
+/// Why a CSV is not a recording. `name` is the name of the file; rows are lines of the file, the header is row 1.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum CsvError {
-    /// The file cannot be read.
-    #[error("{name} cannot be read: check the path and the rights")]
-    Io {
-        /// The file.
-        name: String,
-        /// The system's own words.
-        source: std::io::Error,
-    },
-    /// No header row.
+    #[error("{name} cannot be read: check the path and the permissions")]
+    Io { name: String, source: std::io::Error },
+    /// The file has no row at all.
+    #[error("{name}, row 1: the file is empty: write a header row with {} and one row for each sample", NEEDED.join(","))]
+    Empty { name: String },
+    /// The file has a header row and no other.
+    #[error("{name}, row 2: there are no samples after the header row: export the recording again")]
+    NoRows { name: String },
     #[error(
-        "{name} is empty: a recording has a header row with time_s,displacement_mm,force_n and a row a sample"
+        "{name}, row {row}: this is not UTF-8 text (a spreadsheet or a binary file?): save it as CSV in UTF-8"
     )]
-    Empty {
-        /// The file.
-        name: String,
-    },
-    /// A header row and nothing else.
-    #[error("{name} has a header row and no samples: export the recording again")]
-    NoRows {
-        /// The file.
-        name: String,
-    },
-    /// Not UTF-8 text.
-    #[error(
-        "{name}, row {row}: this is not UTF-8 text (a spreadsheet or a binary file?): save it as CSV, UTF-8"
-    )]
-    NotText {
-        /// The file.
-        name: String,
-        /// Line.
-        row: u64,
-    },
-    /// Another separator than a comma.
+    NotText { name: String, row: u64 },
+    /// The columns are not separated by commas.
     #[error(
         "{name}, row 1: the columns are separated by {separator:?}: save the file with commas between columns and \
          points in numbers"
     )]
-    Separator {
-        /// The file.
-        name: String,
-        /// What stands there.
-        separator: char,
-    },
-    /// A needed column is not there.
-    #[error("{name}, row 1: column {column} is missing; there are {found}: name the column so")]
+    Separator { name: String, separator: char },
+    #[error(
+        "{name}, row 1: column {column} is missing, there are {found}: rename the matching column to {column}"
+    )]
     MissingColumn {
-        /// The file.
         name: String,
-        /// The column needed.
         column: &'static str,
-        /// What is there.
+        /// Names of the columns in the file, shortened.
         found: String,
     },
     /// The quantity is there in another unit.
     #[error(
-        "{name}, row 1: column {found} has the wrong unit, {column} is needed: multiply it by {factor} and name it \
+        "{name}, row 1: column {found} has the wrong unit, {column} is needed: multiply it by {factor} and rename it to \
          {column}"
     )]
     WrongUnit {
-        /// The file.
         name: String,
-        /// The column needed.
+        /// The column that is needed.
         column: &'static str,
-        /// The column that is there.
+        /// The column that is in the file.
         found: String,
-        /// From the found unit to the needed one.
+        /// Factor from the unit found to the unit needed.
         factor: f64,
     },
-    /// Two columns of one name.
-    #[error("{name}, row 1: column {column} stands there twice: rename or remove one")]
-    DuplicateColumn {
-        /// The file.
-        name: String,
-        /// The column.
-        column: String,
-    },
+    #[error("{name}, row 1: duplicate column {column}: rename or remove one of the two")]
+    DuplicateColumn { name: String, column: String },
     /// A row with more or fewer cells than the header.
     #[error(
-        "{name}, row {row}: {found} cells where the header has {expected}: complete or remove the row (decimal commas \
-         also do this: use points)"
+        "{name}, row {row}: the row has {found} cells and the header has {expected}: complete or remove the row (a decimal \
+         comma also splits a cell: use points)"
     )]
     Ragged {
-        /// The file.
         name: String,
-        /// Line.
         row: u64,
-        /// Cells in the header.
+        /// Number of cells in the header.
         expected: u64,
-        /// Cells in the row.
+        /// Number of cells in the row.
         found: u64,
     },
-    /// A cell that needs a value has none.
-    #[error("{name}, row {row}, column {column}: the cell is empty: remove the row or enter the value")]
+    #[error("{name}, row {row}, column {column}: the cell is empty: enter the value or remove the row")]
     EmptyCell {
-        /// The file.
         name: String,
-        /// Line.
         row: u64,
-        /// Column.
         column: &'static str,
     },
-    /// A comma within a number.
     #[error("{name}, row {row}, column {column}: {text:?} has a decimal comma: use a point")]
     DecimalComma {
-        /// The file.
         name: String,
-        /// Line.
         row: u64,
-        /// Column.
         column: &'static str,
-        /// The cell.
         text: String,
     },
-    /// No number at all.
     #[error(
         "{name}, row {row}, column {column}: {text:?} is not {wanted}: correct the cell or remove the row"
     )]
     NotANumber {
-        /// The file.
         name: String,
-        /// Line.
         row: u64,
-        /// Column.
         column: &'static str,
         /// The cell, shortened.
         text: String,
-        /// "a number", "a whole number".
-        wanted: &'static str,
+        /// "a number" or "a whole number from 0 to 65535".
+        wanted: String,
     },
     /// NaN or infinite.
-    #[error("{name}, row {row}, column {column}: {text:?} is not a finite number: remove the row")]
+    #[error(
+        "{name}, row {row}, column {column}: {text:?} is not a finite number: correct the cell or remove the row"
+    )]
     NotFinite {
-        /// The file.
         name: String,
-        /// Line.
         row: u64,
-        /// Column.
         column: &'static str,
-        /// The cell.
         text: String,
     },
-    /// Time stands still or runs back.
     #[error(
-        "{name}, row {row}, column time_s: {time_s} s comes after {before_s} s: time must rise from row to row; sort \
-         the rows or remove the repeated ones"
+        "{name}, row {row}, column time_s: {time_s} s comes after {before_s} s, but time must rise from row to row: sort \
+         the rows by time_s and remove repeated ones"
     )]
     TimeNotRising {
-        /// The file.
         name: String,
-        /// Line.
         row: u64,
-        /// This row's time.
         time_s: f64,
-        /// The row before.
+        /// Time of the row before.
         before_s: f64,
     },
-    /// A line that no recording has.
     #[error(
-        "{name}, row {row}: the line is longer than {limit} bytes: this is no recording, or a quote is not closed"
+        "{name}, row {row}: the row is longer than {limit} bytes: check that the file is a CSV and that every quote is closed"
     )]
     LineTooLong {
-        /// The file.
         name: String,
-        /// Line.
         row: u64,
-        /// Most bytes of a line.
+        /// Largest number of bytes in a row.
         limit: usize,
     },
-    /// More rows than fit in memory.
-    #[error("{name}: more than {limit} rows: split the recording or export every n-th sample")]
+    #[error(
+        "{name}, row {row}: the file has more than {limit} samples: split the recording or export every n-th sample"
+    )]
     TooManyRows {
-        /// The file.
         name: String,
-        /// Most rows.
+        row: u64,
+        /// Largest number of samples.
         limit: usize,
     },
 }

@@ -1,4 +1,4 @@
-//! The CSV of contracts.md: `writer` makes it from samples, `reader` takes it from this bench or from anywhere else.
+//! The recording CSV of docs/formats.md: `writer` writes samples, `reader` reads files of this bench and of other programs.
 
 mod error;
 mod reader;
@@ -12,5 +12,5 @@ pub(crate) use reader::read_file;
 pub(super) use writer::push_fixed;
 pub(crate) use writer::{CsvFormat, CsvWriter};
 
-/// Columns that every recording needs.
+/// Columns that every recording must have.
 pub(crate) const NEEDED: [&str; 3] = ["time_s", "displacement_mm", "force_n"];

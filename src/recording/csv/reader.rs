@@ -1,6 +1,7 @@
-//! CSV from this bench or from anywhere else to a [`Recording`]: columns by name in any order, others ignored.
+//! Reads a CSV of this bench or of another program into a [`Recording`]: columns by name in any order, unknown ones ignored.
+//! `rows` splits the bytes into rows.
 //!
-//! Read as a stream; beyond the columns kept, memory is bounded whatever the bytes.
+//! The file is read as a stream. Apart from the columns kept, the memory used is bounded for any input.
 
 use std::fs::File;
 use std::io::Read;
@@ -13,12 +14,12 @@ use super::{CsvError, NEEDED};
 use crate::recording::Recording;
 use crate::units::Mode;
 
-/// 14 hours at 1 kHz, about 2 GB in memory.
+/// Largest number of samples: 14 hours at 1 kHz, about 2 GB in memory.
 const ROW_LIMIT: usize = 50_000_000;
-/// Cells are quoted in messages up to this many characters.
+/// Messages show at most this many characters of a cell.
 const SHOWN_CHARS: usize = 40;
 
-/// Units that recordings come in by mistake: stem of the column, unit's ending, factor to the contract's unit.
+/// Wrong units that occur: stem of the column, ending of its unit, factor to the unit of docs/formats.md.
 const OTHER_UNITS: &[(&str, &str, f64)] = &[
     ("time", "ms", 1e-3),
     ("time", "us", 1e-6),
@@ -42,7 +43,7 @@ pub(crate) fn read_file(path: &Path) -> Result<Recording, CsvError> {
     }
 }
 
-/// Reads CSV from anything; `name` is for messages.
+/// Reads a CSV from any source; `name` is for messages.
 pub(crate) fn read(name: &str, source: impl Read) -> Result<Recording, CsvError> {
     let mut rows = Rows::new(name, source);
     let mut record = ByteRecord::new();
@@ -55,6 +56,7 @@ pub(crate) fn read(name: &str, source: impl Read) -> Result<Recording, CsvError>
         if recording.len() >= ROW_LIMIT {
             return Err(CsvError::TooManyRows {
                 name: name.into(),
+                row: rows.row(&record),
                 limit: ROW_LIMIT,
             });
         }
@@ -72,7 +74,7 @@ pub(crate) fn read(name: &str, source: impl Read) -> Result<Recording, CsvError>
     Ok(recording)
 }
 
-/// Where the columns are.
+/// Index of each column that is read.
 struct Columns {
     needed: [usize; 3],
     command_mm: Option<usize>,
@@ -175,7 +177,7 @@ impl Columns {
         Ok(())
     }
 
-    /// A command column without a single command is none.
+    /// A command column without any command is left out.
     fn choose_command(&self, recording: &mut Recording) {
         if recording.command_mode.is_none() {
             recording.command = None;
@@ -212,7 +214,7 @@ fn missing(name: &str, column: &'static str, names: &[&str]) -> CsvError {
     }
 }
 
-/// One row with its place, for messages.
+/// One row with its file and row number for messages.
 struct CsvRow<'a> {
     name: &'a str,
     record: &'a ByteRecord,
@@ -231,7 +233,7 @@ impl CsvRow<'_> {
             .and_then(|text| text.parse::<f64>().ok());
         match parsed {
             Some(value) if value.is_finite() => Ok(value),
-            _ => Err(self.wrong(cell, column, parsed.is_some(), "a number")),
+            _ => Err(self.refuse(cell, column, parsed.is_some())),
         }
     }
 
@@ -245,11 +247,11 @@ impl CsvRow<'_> {
             row: self.row,
             column,
             text: shown(&String::from_utf8_lossy(self.cell(at))),
-            wanted: "a whole number in range",
+            wanted: format!("a whole number from 0 to {most}"),
         })
     }
 
-    fn wrong(&self, cell: &[u8], column: &'static str, not_finite: bool, wanted: &'static str) -> CsvError {
+    fn refuse(&self, cell: &[u8], column: &'static str, not_finite: bool) -> CsvError {
         let (name, row) = (self.name.to_owned(), self.row);
         let text = shown(&String::from_utf8_lossy(cell));
         if cell.is_empty() {
@@ -276,12 +278,13 @@ impl CsvRow<'_> {
                 row,
                 column,
                 text,
-                wanted,
+                wanted: "a number".into(),
             }
         }
     }
 }
 
+/// A text for a message, cut after [`SHOWN_CHARS`] characters.
 fn shown(text: &str) -> String {
     let mut short: String = text.chars().take(SHOWN_CHARS).collect();
     if short.len() < text.len() {
@@ -305,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn foreign_columns_in_any_order_are_a_recording() {
+    fn columns_of_another_program_are_found_in_any_order() {
         let text = "\u{feff}note,force_n, displacement_mm ,time_s\r\n\"a, \"\"b\"\"\",-1.5,2e-1,0\r\nc,\"3\",4,0.5\r\n";
         let recording = read("foreign.csv", text.as_bytes()).unwrap();
         assert_eq!(recording.time_s, [0.0, 0.5]);
@@ -318,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn own_columns_are_kept() {
+    fn the_columns_of_this_bench_are_read() {
         let text = "time_s,displacement_mm,force_n,command_mm,command_n,cycle,segment,twin_force_n,flags\n\
                     0,1,2,,,0,1,,1\n1,1,2,,5.5,3,1,7,0\n2,1,2,4,,3,1,7,0\n";
         let recording = read("own.csv", text.as_bytes()).unwrap();
@@ -329,69 +332,71 @@ mod tests {
         assert_eq!(recording.flags, Some(vec![1, 0, 0]));
     }
 
+    /// A text and a part of the message that it is refused with.
+    const HEADER_MISTAKES: &[(&str, &str)] = &[
+        ("", "row 1: the file is empty"),
+        (HEAD, "row 2: there are no samples"),
+        (
+            "time_s,force_n\n0,1\n",
+            "column displacement_mm is missing, there are time_s, force_n",
+        ),
+        (
+            "time_s,displacement_mm,force_kN\n",
+            "force_kN has the wrong unit, force_n is needed: multiply it by 1000",
+        ),
+        (
+            "time_s,displacement_m,force_n\n",
+            "displacement_m has the wrong unit",
+        ),
+        ("time_ms,displacement_mm,force_n\n", "multiply it by 0.001"),
+        (
+            "time_s;displacement_mm;force_n\n0;1;2\n",
+            "row 1: the columns are separated by ';'",
+        ),
+        (
+            "time_s,time_s,displacement_mm,force_n\n",
+            "row 1: duplicate column time_s",
+        ),
+        (
+            "time_s,displacement_mm,force_n,cycle\n0,1,2,-1\n",
+            "row 2, column cycle: \"-1\" is not a whole number from 0 to 4294967295",
+        ),
+        (
+            "time_s,displacement_mm,force_n,flags\n0,1,2,70000\n",
+            "row 2, column flags: \"70000\" is not a whole number from 0 to 65535",
+        ),
+    ];
+
+    /// Rows after [`HEAD`] and a part of the message that they are refused with.
+    const ROW_MISTAKES: &[(&str, &str)] = &[
+        ("0,1,2\n1,2\n", "row 3: the row has 2 cells and the header has 3"),
+        ("0,1,\n", "row 2, column force_n: the cell is empty"),
+        (
+            "0,\"1,5\",2\n",
+            "row 2, column displacement_mm: \"1,5\" has a decimal comma",
+        ),
+        (
+            "0,1,NaN\n",
+            "row 2, column force_n: \"NaN\" is not a finite number",
+        ),
+        ("0,1,1e999\n", "not a finite number"),
+        ("0,1,=1+1\n", "\"=1+1\" is not a number"),
+        ("0,1,2\n\n0,1,2\n", "row 4, column time_s: 0 s comes after 0 s"),
+        ("0,1,2\n-1,1,2\n", "-1 s comes after 0 s"),
+        ("0,1,2\r\n\r\n0,1,2", "row 4, column time_s: 0 s comes after 0 s"),
+        ("0,1,2\r\n1,2", "row 3: the row has 2 cells"),
+        ("0,1,\0\n", "row 2: this is not UTF-8 text"),
+    ];
+
     #[test]
     fn every_mistake_is_told_with_row_column_and_advice() {
-        let with = |rows: &str| message(&format!("{HEAD}{rows}"));
-        let cases = [
-            (message(""), "is empty"),
-            (message(HEAD), "no samples"),
-            (
-                message("time_s,force_n\n0,1\n"),
-                "column displacement_mm is missing; there are time_s, force_n",
-            ),
-            (
-                message("time_s,displacement_mm,force_kN\n"),
-                "force_kN has the wrong unit, force_n is needed: multiply it by 1000",
-            ),
-            (
-                message("time_s,displacement_m,force_n\n"),
-                "displacement_m has the wrong unit",
-            ),
-            (
-                message("time_ms,displacement_mm,force_n\n"),
-                "multiply it by 0.001",
-            ),
-            (
-                message("time_s;displacement_mm;force_n\n0;1;2\n"),
-                "separated by ';'",
-            ),
-            (
-                message("time_s,time_s,displacement_mm,force_n\n"),
-                "time_s stands there twice",
-            ),
-            (with("0,1,2\n1,2\n"), "row 3: 2 cells where the header has 3"),
-            (with("0,1,\n"), "row 2, column force_n: the cell is empty"),
-            (
-                with("0,\"1,5\",2\n"),
-                "row 2, column displacement_mm: \"1,5\" has a decimal comma",
-            ),
-            (
-                with("0,1,NaN\n"),
-                "row 2, column force_n: \"NaN\" is not a finite number",
-            ),
-            (with("0,1,1e999\n"), "not a finite number"),
-            (with("0,1,=1+1\n"), "\"=1+1\" is not a number"),
-            (
-                with("0,1,2\n\n0,1,2\n"),
-                "row 4, column time_s: 0 s comes after 0 s",
-            ),
-            (with("0,1,2\n-1,1,2\n"), "-1 s comes after 0 s"),
-            (
-                with("0,1,2\r\n\r\n0,1,2"),
-                "row 4, column time_s: 0 s comes after 0 s",
-            ),
-            (with("0,1,2\r\n1,2"), "row 3: 2 cells"),
-            (with("0,1,\0\n"), "not UTF-8 text"),
-            (
-                message("time_s,displacement_mm,force_n,cycle\n0,1,2,-1\n"),
-                "column cycle: \"-1\" is not a whole number",
-            ),
-            (
-                message("time_s,displacement_mm,force_n,flags\n0,1,2,70000\n"),
-                "column flags",
-            ),
-        ];
-        for (got, wanted) in cases {
+        let headers = HEADER_MISTAKES
+            .iter()
+            .map(|&(text, wanted)| (message(text), wanted));
+        let rows = ROW_MISTAKES
+            .iter()
+            .map(|&(rows, wanted)| (message(&format!("{HEAD}{rows}")), wanted));
+        for (got, wanted) in headers.chain(rows) {
             assert!(got.contains(wanted), "{got:?} should say {wanted:?}");
         }
         let binary = read("r.bin", &b"SQLite format 3\0\x10\0\xff"[..]).unwrap_err();

@@ -1,4 +1,4 @@
-//! The rows of a CSV as bytes: bounded in memory, of equal length, each with its line. What is in them is `reader`'s.
+//! Splits a CSV into rows of equal length, with bounded memory, each with its row number. `reader` reads the cells.
 
 use std::io::{self, Read};
 
@@ -6,10 +6,10 @@ use csv::{ByteRecord, ErrorKind, ReaderBuilder, Terminator, Trim};
 
 use super::CsvError;
 
-/// Longest row with its quoted cells.
+/// Largest size of a row in bytes, its quoted cells included.
 const LINE_LIMIT_BYTES: usize = 1 << 20;
 
-/// Rows with a cap on the bytes that one may take. Blank lines are skipped and counted.
+/// The rows of a file. Blank lines are skipped, but they count in the row number.
 pub(super) struct Rows<'a, R: Read> {
     name: &'a str,
     reader: csv::Reader<Capped<io::Chain<R, &'static [u8]>>>,
@@ -19,11 +19,11 @@ pub(super) struct Rows<'a, R: Read> {
 impl<'a, R: Read> Rows<'a, R> {
     pub(super) fn new(name: &'a str, source: R) -> Self {
         let capped = Capped {
-            // A last line without its end gets one, so that lines are counted alike.
+            // A last line without a line end gets one, so that the row number is right there too.
             source: source.chain(&b"\n"[..]),
             left: LINE_LIMIT_BYTES,
         };
-        // Lines end at \n alone and \r is trimmed: with both as ends the reader's line count lags by one.
+        // Only \n ends a line and \r is trimmed: with both as line ends the line count of the reader is one too low.
         let reader = ReaderBuilder::new()
             .has_headers(false)
             .flexible(true)
@@ -37,7 +37,7 @@ impl<'a, R: Read> Rows<'a, R> {
         }
     }
 
-    /// The next row that is not blank; false at the end.
+    /// Reads the next row that is not blank; false at the end of the file.
     pub(super) fn next(&mut self, record: &mut ByteRecord) -> Result<bool, CsvError> {
         loop {
             self.reader.get_mut().left = LINE_LIMIT_BYTES;
@@ -60,7 +60,7 @@ impl<'a, R: Read> Rows<'a, R> {
         })
     }
 
-    /// Line that the row just read begins on.
+    /// Line of the file on which the row just read begins.
     pub(super) fn row(&self, record: &ByteRecord) -> u64 {
         let within = record.as_slice().iter().filter(|&&byte| byte == b'\n').count() as u64;
         self.reader.position().line().saturating_sub(1 + within)
@@ -83,7 +83,7 @@ impl<'a, R: Read> Rows<'a, R> {
     }
 }
 
-/// Stops where one row has taken its bytes. The CSV reader's own buffer of 8 KiB makes the cap that much coarser.
+/// Fails when a row is too long. The CSV reader buffers 8 KiB, so the limit is exact to 8 KiB only.
 struct Capped<R> {
     source: R,
     left: usize,

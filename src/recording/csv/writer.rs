@@ -1,28 +1,28 @@
-//! Samples to CSV rows with fixed digits, enough of them that every count survives.
+//! Writes samples as CSV rows with a fixed number of decimals, enough to recover every count.
 
 use std::io::{self, Write};
 
 use crate::recording::{Header, Sample};
 use crate::units::Mode;
 
-/// More digits than a double can carry help nobody.
+/// Largest number of decimals that is useful with a double.
 const MOST_DECIMALS: u32 = 9;
 
-/// Which columns with how many digits.
+/// Columns of a CSV and their number of decimals.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct CsvFormat {
-    /// Decimals of `time_s`.
+    /// Number of decimals of `time_s`.
     pub time_decimals: u32,
-    /// Decimals of millimetres.
+    /// Number of decimals of columns in mm.
     pub displacement_decimals: u32,
-    /// Decimals of newtons.
+    /// Number of decimals of columns in N.
     pub force_decimals: u32,
-    /// Command columns: one a mode that the run used.
+    /// One command column for each mode that the run used, in this order.
     pub command_modes: Vec<Mode>,
 }
 
 impl CsvFormat {
-    /// Digits from the header's calibration and sample rate.
+    /// Takes the decimals from the calibration and the sample rate of the header.
     pub(crate) fn new(header: &Header, command_modes: &[Mode]) -> CsvFormat {
         CsvFormat {
             time_decimals: time_decimals(header.sample_rate_hz),
@@ -32,7 +32,7 @@ impl CsvFormat {
         }
     }
 
-    /// Names of the columns in the order written.
+    /// Names of the columns in the order in which they are written.
     pub(crate) fn columns(&self) -> Vec<&'static str> {
         let mut columns = vec!["time_s", "displacement_mm", "force_n"];
         columns.extend(self.command_modes.iter().map(|mode| match mode {
@@ -43,7 +43,7 @@ impl CsvFormat {
         columns
     }
 
-    /// Decimals of a value in this mode's unit.
+    /// Number of decimals of a command in this mode.
     fn mode_decimals(&self, mode: Mode) -> u32 {
         match mode {
             Mode::Displacement => self.displacement_decimals,
@@ -52,14 +52,14 @@ impl CsvFormat {
     }
 }
 
-/// A quarter of a count or finer: rounding to it can never be taken for the next count, wherever tare has put the zero.
+/// Decimals for a quarter of a count or finer: rounding then never gives another count, for any tare.
 fn decimals(scale_per_count: f64) -> u32 {
     (0..MOST_DECIMALS)
         .find(|&d| 10f64.powi(-(d as i32)) <= scale_per_count.abs() / 4.0)
         .unwrap_or(MOST_DECIMALS)
 }
 
-/// Enough that the period is exact where it is a decimal fraction (1 kHz: 3), else nanoseconds.
+/// Decimals that make the sample period exact (1 kHz: 3); nanoseconds if no number of decimals does.
 fn time_decimals(sample_rate_hz: f64) -> u32 {
     (0..MOST_DECIMALS)
         .find(|&d| {
@@ -69,7 +69,7 @@ fn time_decimals(sample_rate_hz: f64) -> u32 {
         .unwrap_or(MOST_DECIMALS)
 }
 
-/// Writes rows into any sink.
+/// Writes the header row and one row per sample into a sink.
 pub(crate) struct CsvWriter<W: Write> {
     sink: W,
     format: CsvFormat,
@@ -114,24 +114,24 @@ impl<W: Write> CsvWriter<W> {
             push_fixed(row, force_n, format.force_decimals);
         }
         row.push(b',');
-        push_unsigned(row, sample.flags.0.into());
+        push_unsigned(row, sample.flags.bits().into());
         row.extend_from_slice(b"\r\n");
         self.sink.write_all(row)?;
         self.rows += 1;
         Ok(())
     }
 
-    /// Rows written, without the header row.
+    /// Number of rows written, without the header row.
     pub(crate) fn rows(&self) -> u64 {
         self.rows
     }
 }
 
-/// A number with a fixed count of decimals, rounded to nearest; nothing where it is not finite.
+/// Appends a number with a fixed number of decimals, rounded to nearest; nothing if it is not finite.
 pub(in crate::recording) fn push_fixed(out: &mut Vec<u8>, value: f64, decimals: u32) {
     let unit = 10u64.pow(decimals);
     let scaled = (value.abs() * unit as f64).round();
-    // Beyond 2^53 a double has no such decimals: the standard formatter takes over.
+    // Beyond 2^53 a double has no such decimals: the standard formatter writes it.
     if scaled.is_nan() || scaled >= 9e15 {
         if value.is_finite() {
             out.extend_from_slice(format!("{value:.*}", decimals as usize).as_bytes());
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_have_fixed_digits_and_no_negative_zero() {
+    fn numbers_have_fixed_decimals_and_no_negative_zero() {
         assert_eq!(fixed(-1.5, 3), "-1.500");
         assert_eq!(fixed(-0.0004, 3), "0.000");
         assert_eq!(fixed(0.9996, 3), "1.000");
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn digits_follow_the_calibration() {
+    fn decimals_follow_from_the_calibration() {
         let format = CsvFormat::new(&header(), &[Mode::Force, Mode::Displacement]);
         assert_eq!(
             (
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn every_count_survives_the_digits() {
+    fn every_count_is_recovered_from_the_decimals() {
         let head = header();
         for counts in -30_000..30_000 {
             let mm = fixed(head.displacement_channel.value(counts), 4).parse().unwrap();
@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_reads_as_the_contract_has_it() {
+    fn a_row_has_the_documented_form() {
         let mut out = Vec::new();
         let format = CsvFormat::new(&header(), &[Mode::Displacement]);
         let mut writer = CsvWriter::new(&mut out, format).unwrap();

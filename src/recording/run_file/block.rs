@@ -1,13 +1,14 @@
-//! The bytes of one sample block: packed little-endian records and the CRC-32 over them.
+//! The bytes of one sample block: packed little-endian records and their CRC-32.
 //!
 //! A record is 40 bytes: tick offset from the block's first tick u32 · force counts i32 · displacement counts i32 ·
 //! command f64 · twin force in N f64 (NaN = off) · cycle u32 · segment u32 · flags u16 · mode u8 (0 none, 1 displacement,
-//! 2 force) · zero u8. Physical values are not stored: counts and the header's calibration give the same bits again.
+//! 2 force) · zero u8. Physical values are not stored: the counts and the calibration of the header give exactly
+//! the same values again.
 
 use crate::recording::{Flags, Header, Sample};
 use crate::units::{Command, Mode};
 
-/// Bytes of one packed sample.
+/// Size of one packed sample in bytes.
 pub(super) const RECORD_BYTES: usize = 40;
 
 const CRC32: crc::Crc<u32, crc::Table<16>> = crc::Crc::<u32, crc::Table<16>>::new(&crc::CRC_32_ISO_HDLC);
@@ -17,7 +18,7 @@ pub(super) fn crc32(bytes: &[u8]) -> u32 {
     CRC32.checksum(bytes)
 }
 
-/// CRC-32 of a block with its place in the file, so that a row that moved is caught as well.
+/// CRC-32 of a block and of its place in the file, so that a block in the wrong row is found as well.
 pub(super) fn block_crc32(seq: u64, first_tick: u64, count: u64, data: &[u8]) -> u32 {
     let mut digest = CRC32.digest();
     for word in [seq, first_tick, count] {
@@ -42,11 +43,11 @@ pub(super) fn pack(sample: &Sample, first_tick: u64, out: &mut Vec<u8>) {
     out.extend_from_slice(&sample.twin_force_n.unwrap_or(f64::NAN).to_le_bytes());
     out.extend_from_slice(&sample.cycle.to_le_bytes());
     out.extend_from_slice(&sample.segment.to_le_bytes());
-    out.extend_from_slice(&sample.flags.0.to_le_bytes());
+    out.extend_from_slice(&sample.flags.bits().to_le_bytes());
     out.extend_from_slice(&[mode, 0]);
 }
 
-/// Turns records back into samples: the run's first tick for the time, the header's calibration for the values.
+/// Turns one record back into a sample. The first tick of the run gives the time, the calibration of the header the values.
 pub(super) fn unpack(
     record: &[u8; RECORD_BYTES],
     block_first_tick: u64,
@@ -74,7 +75,7 @@ pub(super) fn unpack(
         cycle: u32::from_le_bytes(field(record, 28)),
         segment: u32::from_le_bytes(field(record, 32)),
         twin_force_n: (!twin_force_n.is_nan()).then_some(twin_force_n),
-        flags: Flags(u16::from_le_bytes(field(record, 36))),
+        flags: Flags::from_bits_retain(u16::from_le_bytes(field(record, 36))),
     }
 }
 
@@ -107,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn the_crc_sees_every_flipped_byte_and_a_moved_block() {
+    fn the_crc_detects_every_flipped_byte_and_a_moved_block() {
         let data = vec![7u8; RECORD_BYTES];
         let good = block_crc32(3, 1_000, 1, &data);
         assert_ne!(good, block_crc32(4, 1_000, 1, &data));

@@ -1,36 +1,33 @@
-//! The table of runs in a folder.
+//! Lists the run files in a folder. Each one is opened by `reader`.
 
 use std::path::{Path, PathBuf};
 
 use super::{EXTENSION, RunFile, RunFileError};
 use crate::recording::Outcome;
 
-/// One run of a folder.
+/// One run file, readable or not.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub(crate) struct RunListing {
-    /// The run file.
     pub path: PathBuf,
-    /// Run id; the file's name where the header cannot be read.
+    /// Run id; the name of the file if the header cannot be read.
     pub run_id: String,
     /// Start, UTC, RFC 3339.
     pub started_utc: String,
-    /// Profile's name.
     pub profile_name: String,
-    /// Specimen's name.
     pub specimen: String,
-    /// Samples in the file.
+    /// Number of samples in the file.
     pub samples: u64,
-    /// Ticks without a sample.
+    /// Number of ticks without a sample.
     pub lost: u64,
     /// Counted cycles that ran to their end.
     pub cycles_completed: u32,
-    /// How it ended; `None` where it is open: live, or its daemon was killed.
+    /// How it ended; `None` while the run is live, or if its daemon was killed.
     pub outcome: Option<Outcome>,
-    /// Why the file cannot be read; empty where it can.
+    /// Why the file cannot be read; empty if it can.
     pub problem: String,
 }
 
-/// All run files in `folder`, oldest first. One that cannot be read is in the list with its problem.
+/// All run files in `folder`, oldest first. A file that cannot be read is in the list with its problem.
 pub(crate) fn list(folder: &Path) -> Result<Vec<RunListing>, RunFileError> {
     let io = |source| RunFileError::Io {
         path: folder.to_owned(),
@@ -122,7 +119,7 @@ mod tests {
         std::fs::write(folder.path().join("notes.txt"), "not a run").unwrap();
         let runs = list(folder.path()).unwrap();
         let names: Vec<&str> = runs.iter().map(|run| run.run_id.as_str()).collect();
-        assert_eq!(names, ["c", "a", "b"], "no start is before all starts");
+        assert_eq!(names, ["c", "a", "b"], "a file without a start time comes first");
         assert!(runs[0].problem.contains("c.leafrun"));
         assert!(runs[1].outcome.is_some());
         assert!(runs[2].outcome.is_none());

@@ -1,9 +1,10 @@
-//! One SQLite file a run: `writer` fills it while the run lasts, `reader` opens it afterwards, whole or damaged.
-//! CSV and data packages are made from it by `recording::export`.
+//! One SQLite file for each run: `writer` fills it during the run, `reader` opens it afterwards, whole or damaged.
+//! `recording::export` writes CSV and data package from it.
 //!
-//! Table `run` has one row: header (JSON), first tick, and at the end outcome (JSON), last tick and number of blocks.
-//! Table `events` has one row an event. Table `blocks` has packed samples (layout in `block`) with their CRC-32.
-//! While a run is live a write-ahead log (`-wal`) stands beside the file; a clean end folds it in and leaves one file.
+//! The tables are described in docs/formats.md. Table `run` has one row: header (JSON), first tick, and at the end outcome
+//! (JSON), last tick and number of blocks. Table `events` has one row for each event. Table `blocks` has packed samples
+//! (layout in `block`) with their CRC-32. During a live run there is a write-ahead log (`-wal`) beside the file. A clean end
+//! merges it into the file.
 
 mod block;
 mod listing;
@@ -24,16 +25,16 @@ pub(crate) use reader::{CycleSpan, Gap, RunFile, Survey};
 pub(crate) use status::RunFileStatus;
 pub(crate) use writer::RunFileWriter;
 
-/// Ending of a run file's name, without the dot.
+/// Extension of a run file, without the dot.
 pub(crate) const EXTENSION: &str = "leafrun";
-/// `LEAF`: SQLite's application id of a run file.
-pub(crate) const APPLICATION_ID: i32 = 0x4C45_4146;
+/// SQLite's application id of a run file: the letters `LEAF`.
+const APPLICATION_ID: i32 = 0x4C45_4146;
 /// Version of the tables and of the block layout.
-pub(crate) const FORMAT_VERSION: i32 = 1;
+const FORMAT_VERSION: i32 = 1;
 
-/// Bytes of disk that a second of samples takes at most (records, b-tree and the write-ahead log before it is folded in).
+/// Upper bound of the disk space of one sample in bytes: record, b-tree, and write-ahead log before it is merged.
 const BYTES_PER_SAMPLE_AT_MOST: f64 = 128.0;
-/// What a run file takes before its first sample, and the write-ahead log at its longest.
+/// Upper bound of the disk space of a run without samples in bytes: tables, and the longest write-ahead log.
 const BYTES_OF_A_RUN_AT_MOST: f64 = 160e6;
 
 const SCHEMA: &str = "
@@ -63,70 +64,45 @@ CREATE TABLE blocks (
 );
 ";
 
-/// Why a run file could not be written or read.
+/// Why a run file could not be written or read. `path` is the run file, unless the variant says otherwise.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum RunFileError {
-    /// A run of this name is there already.
-    #[error("{path} is there already: a run file is never overwritten, use a new run id")]
-    Exists {
-        /// The file.
-        path: PathBuf,
-    },
-    /// SQLite or the disk under it refused.
-    #[error("{doing} {path} failed: check the disk's space and rights")]
+    #[error("{path} exists already and a run file is never overwritten: use a new run id")]
+    Exists { path: PathBuf },
+    /// SQLite or the disk failed.
+    #[error("{doing} {path} failed: check the free space and the permissions of the disk")]
     Database {
-        /// The file.
         path: PathBuf,
         /// What was tried: "writing", "opening" ...
         doing: &'static str,
-        /// SQLite's own words.
         source: rusqlite::Error,
     },
-    /// The file system refused.
-    #[error("{doing} {path} failed: check the disk's space and rights")]
+    /// The file system failed; `path` is the file or a folder.
+    #[error("{doing} {path} failed: check the free space and the permissions of the disk")]
     Io {
-        /// The file or folder.
         path: PathBuf,
-        /// What was tried.
+        /// What was tried: "listing", "syncing the folder of" ...
         doing: &'static str,
-        /// The system's own words.
         source: std::io::Error,
     },
-    /// Not a run file at all.
-    #[error("{path} is not a leafbench run file (.leafrun): {reason}")]
-    NotARun {
-        /// The file.
-        path: PathBuf,
-        /// What it is instead.
-        reason: String,
-    },
-    /// Written by a newer leafbench.
+    #[error("{path} is not a leafbench run file ({reason}): give the path of a .leafrun file")]
+    NotARun { path: PathBuf, reason: String },
     #[error(
-        "{path} has run file version {found}, this program reads {FORMAT_VERSION}: use a newer leafbench"
+        "{path} has run file version {found} and this program reads version {FORMAT_VERSION}: use a newer leafbench"
     )]
-    Version {
-        /// The file.
-        path: PathBuf,
-        /// As found.
-        found: i32,
-    },
+    Version { path: PathBuf, found: i32 },
     /// Header or outcome do not match their checksum.
     #[error("{path}: the {part} is damaged ({reason}): restore the file from a copy")]
     Damaged {
-        /// The file.
         path: PathBuf,
         /// "header" or "outcome".
         part: &'static str,
-        /// What was found.
         reason: String,
     },
     /// Only a run that was left open can be closed as aborted.
-    #[error("{path} was closed already: nothing to do")]
-    Closed {
-        /// The file.
-        path: PathBuf,
-    },
-    /// Twice what the run needs is not free.
+    #[error("{path} is already closed: leave it as it is")]
+    Closed { path: PathBuf },
+    /// Less is free than twice the size of the run.
     #[error(
         "{folder} has {free_mb:.0} MB free and this run needs {needed_mb:.0} MB (twice its size): delete or move old \
          runs, or record elsewhere"
@@ -134,9 +110,9 @@ pub(crate) enum RunFileError {
     NoSpace {
         /// Folder of the run files.
         folder: PathBuf,
-        /// Free for this user.
+        /// Free space for this user in MB.
         free_mb: f64,
-        /// Twice the run's size.
+        /// Twice the size of the run in MB.
         needed_mb: f64,
     },
 }
@@ -151,11 +127,11 @@ impl RunFileError {
     }
 }
 
-/// Before a run: refuses where `folder` has not twice the space that the run will take.
+/// Check before a run: refuses if `folder` has less free space than twice the size of the run.
 pub(crate) fn check_space(folder: &Path, duration_s: f64, sample_rate_hz: f64) -> Result<(), RunFileError> {
     let space = nix::sys::statvfs::statvfs(folder).map_err(|errno| RunFileError::Io {
         path: folder.to_owned(),
-        doing: "asking for the free space of",
+        doing: "reading the free space of",
         source: errno.into(),
     })?;
     let free_mb = space.blocks_available() as f64 * space.fragment_size() as f64 / 1e6;
@@ -176,7 +152,7 @@ pub(crate) mod test_support {
     use crate::recording::{ChannelScale, Ending, FirmwareIdentity, Flags, Header, Outcome, Sample};
     use crate::units::Command;
 
-    /// A header with awkward but honest calibration numbers.
+    /// A header with calibration values that are not round numbers.
     pub(crate) fn header() -> Header {
         Header {
             run_id: "20261121-103000-a1b2".into(),
@@ -212,7 +188,7 @@ pub(crate) mod test_support {
         }
     }
 
-    /// A sample of a 6 mm 1 Hz sine (1000 ticks a cycle) whose first tick is 0.
+    /// A sample of a 6 mm 1 Hz sine (1000 ticks per cycle) that starts at tick 0.
     pub(crate) fn sample(tick: u64) -> Sample {
         let header = header();
         let phase_rad = std::f64::consts::TAU * (tick % 1000) as f64 / 1000.0;

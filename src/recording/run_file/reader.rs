@@ -1,4 +1,5 @@
-//! Opens a run file, whole, still being written, or damaged: every block whose checksum holds is read, the rest is a gap.
+//! Opens a run file that is closed, still being written, or damaged. Every block with a correct checksum is read, the rest is
+//! a gap.
 
 use std::path::{Path, PathBuf};
 
@@ -10,10 +11,10 @@ use super::{APPLICATION_ID, FORMAT_VERSION, RunFileError};
 use crate::recording::{Ending, Event, EventKind, Flags, Header, Outcome, Sample};
 use crate::units::{Command, Mode};
 
-/// A file whose index of blocks is damaged is searched block by block until this many in a row are not there.
+/// If the index of blocks is damaged, blocks are looked up one by one until this many in a row are missing.
 const MISSING_BLOCKS_AT_END: u64 = 4096;
 
-/// An open run file.
+/// A run file, opened for reading.
 #[derive(Debug)]
 pub(crate) struct RunFile {
     path: PathBuf,
@@ -29,55 +30,52 @@ pub(crate) struct RunFile {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum GapCause {
-    /// The sample never came from the rig.
+    /// The sample did not arrive from the rig.
     Lost,
     /// The sample was recorded; its block is damaged.
     Damaged,
 }
 
-/// Ticks without a sample.
+/// A range of ticks without a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 pub(crate) struct Gap {
     /// First tick without a sample.
     pub from_tick: u64,
-    /// Last tick without a sample; of a damaged end of an open run only the lower bound is known.
+    /// Last tick without a sample. At the damaged end of an open run only a lower bound is known.
     pub to_tick: u64,
-    /// Why.
     pub cause: GapCause,
 }
 
 impl Gap {
-    /// Ticks in the gap.
+    /// Number of ticks in the gap.
     pub(crate) fn ticks(&self) -> u64 {
         (self.to_tick + 1).saturating_sub(self.from_tick)
     }
 }
 
-/// Where a counted cycle is in the run.
+/// Ticks of one counted cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct CycleSpan {
-    /// Number from 1.
+    /// Number of the cycle, from 1.
     pub cycle: u32,
-    /// Its first sample's tick.
+    /// Tick of its first sample.
     pub first_tick: u64,
-    /// Its last sample's tick.
+    /// Tick of its last sample.
     pub last_tick: u64,
-    /// Samples readable in it.
-    pub samples: u64,
-    /// True where another cycle or the way out followed: the run did not end in it.
+    /// True if the run went on after it: it ran to its end.
     pub complete: bool,
 }
 
-/// What one pass over all samples tells. `samples + lost + damaged` = ticks from first to last.
+/// Result of one pass over all samples. `samples + lost + damaged` = ticks from first to last.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Survey {
-    /// Readable samples.
+    /// Number of readable samples.
     pub samples: u64,
-    /// Ticks that never had a sample.
+    /// Number of ticks whose sample did not arrive.
     pub lost: u64,
-    /// Ticks in damaged blocks.
+    /// Number of ticks in damaged blocks.
     pub damaged: u64,
-    /// Samples with any quality bit, beyond standing after a gap.
+    /// Number of samples with any flag except [`Flags::AFTER_GAP`].
     pub flagged: u64,
     /// First and last tick of the run.
     pub ticks: Option<(u64, u64)>,
@@ -85,7 +83,7 @@ pub(crate) struct Survey {
     pub gaps: Vec<Gap>,
     /// Counted cycles in order.
     pub cycles: Vec<CycleSpan>,
-    /// Modes that were commanded.
+    /// Control modes of the commands, in the order of first use.
     pub modes: Vec<Mode>,
 }
 
@@ -97,8 +95,8 @@ impl Survey {
 
     fn add(&mut self, sample: &Sample) {
         self.samples += 1;
-        let other_bits = sample.flags.0 & !Flags::AFTER_GAP.0;
-        self.flagged += u64::from(other_bits != 0);
+        let other_bits = sample.flags.difference(Flags::AFTER_GAP);
+        self.flagged += u64::from(!other_bits.is_empty());
         if let Some(mode) = sample.command.map(Command::mode)
             && !self.modes.contains(&mode)
         {
@@ -107,7 +105,6 @@ impl Survey {
         match self.cycles.last_mut() {
             Some(span) if span.cycle == sample.cycle => {
                 span.last_tick = sample.tick;
-                span.samples += 1;
                 return;
             }
             Some(span) => span.complete = true,
@@ -118,7 +115,6 @@ impl Survey {
                 cycle: sample.cycle,
                 first_tick: sample.tick,
                 last_tick: sample.tick,
-                samples: 1,
                 complete: false,
             });
         }
@@ -126,14 +122,13 @@ impl Survey {
 }
 
 impl RunFile {
-    /// Opens for reading; file and log stay as they are, unless a kill or power cut left them in a state that SQLite must
-    /// recover first.
+    /// Opens a file for reading. File and log stay unchanged, unless SQLite must first recover them after a kill or power cut.
     pub(crate) fn open(path: &Path) -> Result<RunFile, RunFileError> {
         let failed = |source| RunFileError::database(path, "opening", source);
         if !path.is_file() {
             return Err(RunFileError::NotARun {
                 path: path.to_owned(),
-                reason: "there is no such file".into(),
+                reason: "the file does not exist".into(),
             });
         }
         let plain = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
@@ -147,7 +142,7 @@ impl RunFile {
     }
 
     fn from_database(path: &Path, database: Connection) -> Result<RunFile, RunFileError> {
-        // Without this SQLite refuses a file that is cut off; the readable blocks are what one wants of such a file.
+        // Without this SQLite refuses a file that is cut off, although its other blocks are readable.
         let tolerant = database.pragma_update(None, "writable_schema", true);
         let (application_id, version) = tolerant
             .and_then(|()| {
@@ -192,22 +187,20 @@ impl RunFile {
         })
     }
 
-    /// Where the file is.
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The run's header.
     pub(crate) fn header(&self) -> &Header {
         &self.header
     }
 
-    /// How the run ended; `None` where it is live or its daemon was killed.
+    /// How the run ended; `None` while it is live, or if its daemon was killed.
     pub(crate) fn outcome(&self) -> Option<&Outcome> {
         self.outcome.as_ref()
     }
 
-    /// Events in order. Rows that cannot be read are left out; the samples have their own checksums.
+    /// Events in order. Events that cannot be read are left out.
     pub(crate) fn events(&self) -> Vec<Event> {
         let mut events = Vec::new();
         let Ok(mut statement) = self
@@ -226,13 +219,13 @@ impl RunFile {
             })
         });
         if let Ok(rows) = rows {
-            // A damaged page answers with one error and then ends: no endless loop here.
+            // A damaged page gives one error and then ends, so this loop ends too.
             events.extend(rows.map_while(Result::ok));
         }
         events
     }
 
-    /// All readable samples in the order of ticks, a block at a time in memory.
+    /// All readable samples in the order of ticks, with one block at a time in memory.
     pub(crate) fn samples(&self) -> SampleReader<'_> {
         SampleReader {
             run: self,
@@ -249,7 +242,7 @@ impl RunFile {
         }
     }
 
-    /// One pass over everything: accounts, gaps, cycles.
+    /// Reads all samples once and returns counts, gaps and cycles.
     pub(crate) fn survey(&self) -> Survey {
         let mut survey = Survey::default();
         let mut reader = self.samples();
@@ -269,13 +262,13 @@ impl RunFile {
         }
         survey.ticks = ticks;
         if let (Some(outcome), Some(span)) = (&self.outcome, survey.cycles.last_mut()) {
-            // The last counted cycle of a run without a way out is complete where the run says so.
+            // If the profile ends with a counted cycle, only the outcome says that it is complete.
             span.complete |= outcome.ending == Ending::Completed;
         }
         survey
     }
 
-    /// Closes a run that its daemon left open: says how many samples there are and why it ended.
+    /// Closes a run that its daemon left open: writes an outcome with the number of samples and the cause.
     pub(crate) fn close_as_aborted(self, cause: &str) -> Result<Outcome, RunFileError> {
         if self.outcome.is_some() {
             return Err(RunFileError::Closed { path: self.path });
@@ -295,13 +288,13 @@ impl RunFile {
         let close = || -> rusqlite::Result<()> {
             let database = Connection::open_with_flags(&path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
             writer::write_outcome(&database, &outcome, last_tick, blocks)?;
-            writer::fold_log(&database)
+            writer::merge_log(&database)
         };
         close().map_err(|source| RunFileError::database(&path, "closing", source))?;
         Ok(outcome)
     }
 
-    /// Number of the last block, where the file can still tell.
+    /// Number of the last block, if the file still has it.
     fn last_block(&self) -> Option<u64> {
         let indexed: Option<i64> = self
             .database
@@ -317,7 +310,7 @@ impl RunFile {
     }
 }
 
-/// Samples of a run file one by one. A block that cannot be read is skipped and stands in `gaps`, as do lost ticks.
+/// Samples of a run file one by one. Blocks that cannot be read and lost ticks are noted in `gaps`.
 pub(crate) struct SampleReader<'a> {
     run: &'a RunFile,
     next_block: u64,
@@ -326,20 +319,16 @@ pub(crate) struct SampleReader<'a> {
     data: Vec<u8>,
     block_first_tick: u64,
     at: usize,
-    /// Tick that the next sample has if nothing is missing.
+    /// Tick of the next sample if none is missing.
     next_tick: Option<u64>,
     run_first_tick: Option<u64>,
     /// A block since the last good one could not be read.
     unreadable: bool,
-    gaps: Vec<Gap>,
+    /// Gaps up to the last sample returned; complete after the end of the iterator.
+    pub(super) gaps: Vec<Gap>,
 }
 
 impl SampleReader<'_> {
-    /// Gaps up to the sample returned last; complete after the iterator has ended.
-    pub(crate) fn gaps(&self) -> &[Gap] {
-        &self.gaps
-    }
-
     /// Loads the next good block; false at the end.
     fn load(&mut self) -> bool {
         loop {
@@ -362,7 +351,7 @@ impl SampleReader<'_> {
         }
     }
 
-    /// A block with a good checksum. Looked up by its number alone, so that damage beside it does no harm.
+    /// A block, if its checksum is correct. It is looked up by its number alone, so that damage to other blocks does not matter.
     fn read_block(&self, seq: u64) -> Option<(u64, Vec<u8>)> {
         let sql = "SELECT first_tick, sample_count, crc32, data FROM blocks WHERE seq = ?1";
         let row = self
@@ -390,7 +379,7 @@ impl SampleReader<'_> {
         good.then_some((first_tick, data))
     }
 
-    /// Notes the ticks between the last sample and `tick`; true where there are any.
+    /// Notes the missing ticks between the last sample and `tick`; true if there are any.
     fn note_gap(&mut self, tick: u64) -> bool {
         let unreadable = std::mem::take(&mut self.unreadable);
         let from_tick = self.next_tick.unwrap_or(tick);
@@ -409,7 +398,7 @@ impl SampleReader<'_> {
         true
     }
 
-    /// Damage at the end: up to the run's last tick where the file knows it.
+    /// Notes damage at the end: up to the last tick of the run, if the file has it.
     fn note_end(&mut self) {
         let end = match (self.run.last_tick, self.next_tick) {
             (Some(last), _) => last + 1,
@@ -436,7 +425,7 @@ impl Iterator for SampleReader<'_> {
                 let mut sample = block::unpack(record, self.block_first_tick, run_first, &self.run.header);
                 self.at += RECORD_BYTES;
                 if self.note_gap(sample.tick) {
-                    sample.flags.set(Flags::AFTER_GAP);
+                    sample.flags.insert(Flags::AFTER_GAP);
                 }
                 self.next_tick = Some(sample.tick + 1);
                 return Some(sample);
@@ -449,6 +438,7 @@ impl Iterator for SampleReader<'_> {
     }
 }
 
+/// The row of table `run`.
 struct RunRow {
     header_json: String,
     header_crc32: i64,
@@ -474,7 +464,7 @@ fn read_run_row(database: &Connection) -> rusqlite::Result<RunRow> {
     })
 }
 
-/// What a column of JSON says, if its checksum holds.
+/// Content of a JSON column, if its checksum is correct.
 fn checked_json<T>(path: &Path, part: &'static str, json: &str, crc32: i64) -> Result<T, RunFileError>
 where
     T: serde::de::DeserializeOwned,
@@ -485,7 +475,7 @@ where
         reason,
     };
     if i64::from(block::crc32(json.as_bytes())) != crc32 {
-        return Err(damaged("its checksum does not hold".into()));
+        return Err(damaged("its checksum is wrong".into()));
     }
     serde_json::from_str(json).map_err(|error| damaged(error.to_string()))
 }

@@ -1,7 +1,7 @@
-//! The thread that brings a live run's write-ahead log to the disk, so that no commit waits for an fsync.
+//! The thread that syncs the write-ahead log of a live run to the disk, so that no commit waits for an fsync.
 //!
-//! Every 100 ms it syncs the log: a power cut costs about that much. When the log has grown long it copies the bulk into the
-//! run file and asks the writer to finish the small rest, which only the writer can do between two of its commits.
+//! It syncs the log every 100 ms, so a power cut costs about 100 ms of samples. When the log is long, it copies most of it into
+//! the run file and requests that the writer copies the small rest, because only the writer can do so between two commits.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -13,10 +13,10 @@ use std::time::Duration;
 use rusqlite::Connection;
 
 const SYNC_PERIOD: Duration = Duration::from_millis(100);
-/// About 100 s of a live run at 1 kHz.
+/// Length at which the log is copied into the run file: about 100 s of a live run at 1 kHz.
 const LONG_LOG_BYTES: u64 = 64 << 20;
 
-/// Handle of the thread; dropping it stops and joins.
+/// Handle of the thread. Dropping it stops and joins the thread.
 pub(super) struct Syncer {
     shared: Arc<SyncState>,
     thread: Option<JoinHandle<()>>,
@@ -30,7 +30,7 @@ struct SyncState {
 }
 
 impl Syncer {
-    /// Starts the thread for the run file at `path`, whose log is there already.
+    /// Starts the thread for the run file at `path`. Its log must exist.
     pub(super) fn spawn(path: &Path) -> std::io::Result<Syncer> {
         let shared = Arc::new(SyncState::default());
         let mut worker = Worker {
@@ -47,12 +47,12 @@ impl Syncer {
         })
     }
 
-    /// True once after the bulk of a long log is in the run file: the writer should finish the rest now.
+    /// True once after most of a long log is in the run file: the writer must copy the rest now.
     pub(super) fn take_finish_request(&self) -> bool {
         self.shared.finish_checkpoint.swap(false, Ordering::AcqRel)
     }
 
-    /// True where a sync failed. The kernel may have dropped the bytes, so it is no use to try again.
+    /// True if a sync failed. The kernel may have dropped the bytes, so a second try would prove nothing.
     pub(super) fn failed(&self) -> bool {
         self.shared.failed.load(Ordering::Acquire)
     }
@@ -63,7 +63,7 @@ impl Drop for Syncer {
         self.shared.stop.store(true, Ordering::Release);
         if let Some(thread) = self.thread.take() {
             thread.thread().unpark();
-            // The worker returns nothing and does not panic; there is nothing to pass on.
+            // The worker returns nothing and does not panic.
             let _ = thread.join();
         }
     }
@@ -89,7 +89,7 @@ impl Worker {
         }
     }
 
-    /// Only the log is opened beside SQLite: closing a second handle on the run file itself would drop SQLite's locks.
+    /// Opens the log only: closing a second handle on the run file itself would drop SQLite's locks.
     fn sync_log(&mut self) -> std::io::Result<()> {
         let log = match &self.log {
             Some(log) => log,
@@ -103,7 +103,7 @@ impl Worker {
         Ok(())
     }
 
-    /// A passive checkpoint never blocks the writer; what is committed meanwhile is left for the writer to finish.
+    /// A passive checkpoint never blocks the writer. What is committed meanwhile is left for the writer to copy.
     fn copy_bulk(&self) -> rusqlite::Result<()> {
         let connection = Connection::open(&self.path)?;
         connection.pragma_update(None, "wal_autocheckpoint", 0)?;
@@ -111,7 +111,7 @@ impl Worker {
     }
 }
 
-/// Where SQLite keeps the write-ahead log of `path`.
+/// Path of SQLite's write-ahead log of `path`.
 pub(super) fn log_path(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push("-wal");

@@ -1,9 +1,9 @@
-//! Writes one run's file: a block of samples at least every 10 ms, so that a kill costs no more than the last 20 ms.
+//! Writes the file of one run: a block of samples at least every 10 ms, so that a kill costs at most the last 20 ms. The
+//! layout of a block is in `block`; `sync` brings the data to the disk.
 //!
-//! The first write error is final for the file: it stays as it is, the cause is in the status, and the samples go on into
-//! memory for at most 60 s. Nothing is called saved that is not.
+//! The first write error is final for the file: it stays as it is, and the status has the cause and counts the samples that
+//! are not in the file.
 
-use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -17,16 +17,14 @@ use super::sync::Syncer;
 use super::{APPLICATION_ID, FORMAT_VERSION, RunFileError, SCHEMA};
 use crate::recording::{Event, Header, Outcome, Recorder, Sample, atomic_file};
 
-/// Samples in the largest block: what a run in virtual time commits at once.
+/// Number of samples in the largest block: a run in virtual time commits this many at once.
 const BLOCK_SAMPLES: usize = 2048;
-/// A block is committed no later than this after the one before it.
+/// A block is committed at the latest this long after the one before it.
 const COMMIT_PERIOD: Duration = Duration::from_millis(10);
-/// Seconds of samples kept in memory after the file failed.
-const RESCUE_S: f64 = 60.0;
-/// Reading a clock costs more than packing a sample: look at it every this many.
+/// Number of samples between two looks at the clock, because reading it costs more than packing a sample.
 const SAMPLES_PER_CLOCK_LOOK: usize = 8;
 
-/// A [`Recorder`] into one run file.
+/// A [`Recorder`] that writes one run file.
 pub(crate) struct RunFileWriter {
     path: PathBuf,
     /// `None` after a failure or the end.
@@ -39,13 +37,13 @@ pub(crate) struct RunFileWriter {
     first_tick: Option<u64>,
     last_tick: Option<u64>,
     last_commit: Instant,
-    rescue: VecDeque<Sample>,
-    rescue_samples: usize,
+    /// Number of samples in the file.
+    saved: u64,
     status: Arc<RunFileStatus>,
 }
 
 impl RunFileWriter {
-    /// Makes the file with its header, on the disk before this returns: a disk that cannot take a run refuses it here.
+    /// Makes the file with its header and syncs it, so that a disk that cannot be written is found before the run.
     pub(crate) fn create(path: &Path, header: &Header) -> Result<RunFileWriter, RunFileError> {
         if path.exists() {
             return Err(RunFileError::Exists {
@@ -74,20 +72,14 @@ impl RunFileWriter {
             first_tick: None,
             last_tick: None,
             last_commit: Instant::now(),
-            rescue: VecDeque::new(),
-            rescue_samples: (RESCUE_S * header.sample_rate_hz).clamp(1.0, 1e6) as usize,
+            saved: 0,
             status: Arc::default(),
         })
     }
 
-    /// What others may ask while the run lasts.
+    /// The state of the file, for other threads.
     pub(crate) fn status(&self) -> Arc<RunFileStatus> {
         self.status.clone()
-    }
-
-    /// Samples that came after the file failed, oldest first: a second file can be made of them.
-    pub(crate) fn unsaved(&self) -> impl Iterator<Item = &Sample> {
-        self.rescue.iter().chain(&self.pending)
     }
 
     /// Commits what is pending; a failure is final.
@@ -101,12 +93,10 @@ impl RunFileWriter {
         }
         match self.try_commit() {
             Ok(()) => {
-                self.status
-                    .saved
-                    .fetch_add(self.pending.len() as u64, Ordering::Relaxed);
+                self.saved += self.pending.len() as u64;
                 self.pending.clear();
                 self.events.clear();
-                self.finish_checkpoint_if_asked();
+                self.finish_checkpoint_if_requested();
             }
             Err(error) => self.fail(error.to_string()),
         }
@@ -162,39 +152,34 @@ impl RunFileWriter {
         Ok(())
     }
 
-    /// The sync thread has copied the bulk of a long log; the few frames since then are copied here, between two commits.
-    fn finish_checkpoint_if_asked(&mut self) {
+    /// The sync thread has copied most of a long log; the few frames since then are copied here, between two commits.
+    fn finish_checkpoint_if_requested(&mut self) {
         let (Some(database), Some(syncer)) = (&self.database, &self.syncer) else {
             return;
         };
         if syncer.take_finish_request() {
-            // A reader of the live run can hold this up: then the log grows and the thread asks again.
+            // A reader of the live run can prevent this. The log then grows and the thread requests it again.
             let _ = database.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |_| Ok(()));
         }
     }
 
-    /// Gives the file up as it stands and keeps the samples in memory.
+    /// Closes the file as it is. From here on samples are only counted.
     fn fail(&mut self, cause: String) {
-        tracing::error!(path = %self.path.display(), cause, "run file failed; samples go to memory");
-        // Only the first cause is kept: the later ones follow from it.
+        tracing::error!(path = %self.path.display(), cause, "the run file failed: the samples from here on are not saved");
+        // Only the first cause is kept: later ones follow from it.
         let _ = self.status.failure.set(cause);
         self.syncer = None;
         self.database = None;
         self.events.clear();
-        self.keep_in_memory();
+        self.drop_pending();
     }
 
-    fn keep_in_memory(&mut self) {
-        self.rescue.extend(self.pending.drain(..));
-        let excess = self.rescue.len().saturating_sub(self.rescue_samples);
-        self.rescue.drain(..excess);
-        self.status.dropped.fetch_add(excess as u64, Ordering::Relaxed);
-        self.status
-            .in_memory
-            .store(self.rescue.len() as u64, Ordering::Relaxed);
+    fn drop_pending(&mut self) {
+        let dropped = self.pending.drain(..).count() as u64;
+        self.status.unsaved.fetch_add(dropped, Ordering::Relaxed);
     }
 
-    /// Outcome in, log folded in, one file left, all of it on the disk.
+    /// Writes the outcome, merges the log, leaves one file and syncs it.
     fn close(&mut self, outcome: &Outcome) -> Result<(), String> {
         self.syncer = None;
         let Some(database) = self.database.take() else {
@@ -202,15 +187,15 @@ impl RunFileWriter {
         };
         let last = self.last_tick.map(|tick| tick as i64);
         write_outcome(&database, outcome, last, self.blocks)
-            .and_then(|()| fold_log(&database))
+            .and_then(|()| merge_log(&database))
             .map_err(|error| error.to_string())?;
         database.close().map_err(|(_, error)| error.to_string())?;
         atomic_file::sync_folder(&self.path).map_err(|error| error.to_string())
     }
 
-    /// The control's outcome with the accounts of this file: samples + lost = ticks from the first to the last sample.
-    fn with_own_accounts(&self, outcome: &Outcome) -> Outcome {
-        let samples = self.status.saved();
+    /// The outcome with the counts of this file: samples + lost = ticks from the first to the last sample.
+    fn with_own_counts(&self, outcome: &Outcome) -> Outcome {
+        let samples = self.saved;
         let span = match (self.first_tick, self.last_tick) {
             (Some(first), Some(last)) => last - first + 1,
             _ => 0,
@@ -232,7 +217,7 @@ impl RunFileWriter {
 }
 
 impl Recorder for RunFileWriter {
-    /// Header as it is at the first sample: a tare taken since `create` changes it.
+    /// Writes the header again: a tare since `create` has changed it.
     fn begin(&mut self, header: &Header) {
         if let Some(database) = &self.database
             && let Err(error) = write_header(database, header)
@@ -243,14 +228,13 @@ impl Recorder for RunFileWriter {
 
     fn sample(&mut self, sample: &Sample) {
         if self.last_tick.is_some_and(|last| sample.tick <= last) {
-            self.status.out_of_order.fetch_add(1, Ordering::Relaxed);
             return;
         }
         self.first_tick.get_or_insert(sample.tick);
         self.last_tick = Some(sample.tick);
         self.pending.push(*sample);
         if self.database.is_none() {
-            return self.keep_in_memory();
+            return self.drop_pending();
         }
         let pending = self.pending.len();
         let look = pending.is_multiple_of(SAMPLES_PER_CLOCK_LOOK);
@@ -270,10 +254,9 @@ impl Recorder for RunFileWriter {
         if self.database.is_none() {
             return;
         }
-        let outcome = self.with_own_accounts(outcome);
-        match self.close(&outcome) {
-            Ok(()) => self.status.complete.store(true, Ordering::Release),
-            Err(cause) => self.fail(cause),
+        let outcome = self.with_own_counts(outcome);
+        if let Err(cause) = self.close(&outcome) {
+            self.fail(cause);
         }
     }
 
@@ -283,26 +266,26 @@ impl Recorder for RunFileWriter {
 }
 
 impl Drop for RunFileWriter {
-    /// A writer that is dropped without an end leaves an open run with everything that came.
+    /// A writer that is dropped without an end leaves an open run with all samples so far.
     fn drop(&mut self) {
         self.commit();
     }
 }
 
-/// Under a hidden name first: a kill in here leaves no half-made run behind, only a file that nobody lists.
+/// Makes the tables under another name first: a kill in between leaves a file that is not listed as a run.
 fn create_database(path: &Path, header: &Header) -> rusqlite::Result<Connection> {
-    let hidden = path.with_extension("making");
-    let _ = std::fs::remove_file(&hidden);
-    make_tables(&hidden, header)?;
-    std::fs::rename(&hidden, path)
+    let unfinished = path.with_extension("making");
+    let _ = std::fs::remove_file(&unfinished);
+    make_tables(&unfinished, header)?;
+    std::fs::rename(&unfinished, path)
         .map_err(|error| rusqlite::Error::ToSqlConversionFailure(Box::new(error)))?;
     let database = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
-    // The log takes each commit without an fsync, and only the sync thread says when it is folded in.
+    // A commit goes to the log without an fsync. The log is merged only when the sync thread requests it.
     database.query_row("PRAGMA journal_mode = WAL", [], |_| Ok(()))?;
     database.pragma_update(None, "synchronous", "NORMAL")?;
     database.query_row("PRAGMA wal_autocheckpoint = 0", [], |_| Ok(()))?;
     database.busy_timeout(Duration::ZERO)?;
-    // The log exists from the first write on; the sync thread opens it by name.
+    // The first write makes the log, which the sync thread opens by name.
     database.execute("UPDATE run SET first_tick = NULL", [])?;
     Ok(database)
 }
@@ -327,7 +310,7 @@ fn write_header(database: &Connection, header: &Header) -> rusqlite::Result<()> 
     Ok(())
 }
 
-/// The outcome with what the reader needs where the file is damaged: where the samples end and how many blocks there are.
+/// Writes the outcome, and the last tick and number of blocks, which the reader needs if the file is damaged.
 pub(super) fn write_outcome(
     database: &Connection,
     outcome: &Outcome,
@@ -342,13 +325,13 @@ pub(super) fn write_outcome(
     Ok(())
 }
 
-/// Folds the write-ahead log in and leaves one plain file; syncs it.
-pub(super) fn fold_log(database: &Connection) -> rusqlite::Result<()> {
-    // A live view may be reading just now.
+/// Merges the write-ahead log into the file, so that one plain file is left, and syncs it.
+pub(super) fn merge_log(database: &Connection) -> rusqlite::Result<()> {
+    // The page of a live run may be reading at this moment.
     database.busy_timeout(Duration::from_secs(2))?;
     database.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |_| Ok(()))?;
     match database.query_row("PRAGMA journal_mode = DELETE", [], |_| Ok(())) {
-        // All is in the file; a reader that keeps it open only keeps an empty log beside it.
+        // Everything is in the file. A reader that has it open only keeps an empty log beside it.
         Err(error) if error.sqlite_error_code() == Some(rusqlite::ErrorCode::DatabaseBusy) => Ok(()),
         other => other,
     }
@@ -379,7 +362,6 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.leafrun");
         let mut writer = RunFileWriter::create(&path, &header()).unwrap();
-        let status = writer.status();
         writer.begin(&header());
         writer.event(&event(0));
         let samples: Vec<Sample> = (0..5000).filter(|tick| tick % 1700 != 7).map(sample).collect();
@@ -387,7 +369,6 @@ mod tests {
             writer.sample(s);
         }
         writer.end(&outcome(1));
-        assert!(status.complete());
         assert_eq!(
             std::fs::read_dir(folder.path()).unwrap().count(),
             1,
@@ -414,20 +395,19 @@ mod tests {
     }
 
     #[test]
-    fn late_and_repeated_samples_are_counted_not_stored() {
+    fn late_and_repeated_samples_are_not_stored() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.leafrun");
         let mut writer = RunFileWriter::create(&path, &header()).unwrap();
         for tick in [5, 6, 6, 4, 7] {
             writer.sample(&sample(tick));
         }
-        assert_eq!(writer.status().out_of_order(), 2);
         writer.end(&outcome(0));
         let run = RunFile::open(&path).unwrap();
         assert_eq!(run.samples().map(|s| s.tick).collect::<Vec<_>>(), [5, 6, 7]);
     }
 
-    /// Fault K1: what is in the file stays, the rest is in memory, nothing is called saved that is not.
+    /// Fault K1: what is in the file stays, and every other sample is counted as not saved.
     #[test]
     fn a_full_disk_keeps_the_file_and_the_samples() {
         let folder = tempfile::tempdir().unwrap();
@@ -439,17 +419,19 @@ mod tests {
             writer.sample(&sample(tick));
         }
         writer.end(&outcome(100_000));
-        assert!(status.failure().is_some() && !status.complete());
-        let saved = status.saved();
-        assert!(saved > 0);
-        assert_eq!(status.in_memory(), 60_000);
-        assert_eq!(saved + status.in_memory() + status.dropped(), 100_000);
-        assert_eq!(writer.unsaved().last().map(|s| s.tick), Some(99_999));
 
         let run = RunFile::open(&path).unwrap();
-        assert!(run.outcome().is_none(), "never closed, so it stands as open");
+        assert!(run.outcome().is_none(), "the run was not closed, so it is open");
         let back: Vec<Sample> = run.samples().collect();
+        let saved = back.len() as u64;
+        assert!(saved > 0);
         assert_eq!(back, (0..saved).map(sample).collect::<Vec<_>>());
+        assert_eq!(status.unsaved.load(Ordering::Relaxed), 100_000 - saved);
+        let problem = status.problem().unwrap();
+        assert!(
+            problem.ends_with(&format!("; {} samples are not in the file", 100_000 - saved)),
+            "{problem}"
+        );
     }
 
     #[test]
@@ -467,7 +449,7 @@ mod tests {
     #[test]
     fn a_run_that_would_fill_the_disk_is_refused() {
         let folder = tempfile::tempdir().unwrap();
-        // A million hours at 1 kHz are 460 TB: more than any disk that runs this test.
+        // A million hours at 1 kHz are 460 TB: more than the disk of any test machine.
         let refused = check_space(folder.path(), 3.6e9, 1000.0);
         assert!(matches!(refused, Err(RunFileError::NoSpace { .. })));
     }
