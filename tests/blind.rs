@@ -26,7 +26,7 @@ fn codes(d: &Diagnosis) -> Vec<&str> {
 /// Same specimen, motion and sensors: what is found with the effect is not found without.
 #[test]
 fn an_effect_that_is_removed_is_not_found() {
-    let (with, without) = Case::pair_of_controls("coulomb_friction", 3, 40.0).expect("visible");
+    let (with, without) = Case::with_and_without("coulomb_friction", 3, 40.0).expect("visible");
     let found = ask(&with.recordings, &with);
     assert_ne!(found.verdict, Verdict::Adequate, "{}", found.summary);
     let nothing = ask(&without.recordings, &without);
@@ -36,7 +36,7 @@ fn an_effect_that_is_removed_is_not_found() {
 /// What the effect adds, in another order, has no structure left: nothing may be named.
 #[test]
 fn shuffled_residuals_hold_no_physics() {
-    let (with, without) = Case::pair_of_controls("viscous_damping", 4, 40.0).expect("visible");
+    let (with, without) = Case::with_and_without("viscous_damping", 4, 40.0).expect("visible");
     let found = ask(&with.recordings, &with);
     assert_ne!(found.verdict, Verdict::Adequate, "{}", found.summary);
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(4);

@@ -303,4 +303,18 @@ pub(crate) mod tests {
         assert_eq!(m.claims(), [(0.9, true)]);
         assert_eq!(overlap([0.0, 1.0], [2.0, 3.0]), 0.0);
     }
+
+    #[test]
+    fn every_compared_parameter_is_one_of_the_effect_with_that_code() {
+        for physics in crate::truth::hidden::PHYSICS.iter().filter(|p| p.in_library) {
+            let effect = crate::effect::find(physics.code).expect("a code of the library");
+            for name in physics.compared.iter().flatten() {
+                assert!(
+                    effect.parameters.iter().any(|p| p.name == *name),
+                    "effect {} has no parameter {name}",
+                    effect.code
+                );
+            }
+        }
+    }
 }

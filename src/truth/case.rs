@@ -85,28 +85,6 @@ impl Case {
         Case::of(Family::None, seed, number, strength, &mut random).expect("nothing hidden needs no size")
     }
 
-    /// A case with one chosen effect, for tests by hand; none where no believable size is visible.
-    pub(crate) fn single(code: &str, seed: u64, strength: f64) -> Option<Case> {
-        Some(Case::pair_of_controls(code, seed, strength)?.0)
-    }
-
-    /// A case with one effect, and the same specimen, motion and sensors with the effect removed.
-    pub(crate) fn pair_of_controls(code: &str, seed: u64, strength: f64) -> Option<(Case, Case)> {
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let draft = (0..TRIES).find_map(|_| Draft::new(&mut random, Family::Single, &[code], strength))?;
-        let removed = Draft {
-            family: Family::None,
-            hidden: Vec::new(),
-            strength: 0.0,
-            ..draft.clone()
-        };
-        let mut again = random.clone();
-        Some((
-            draft.finish(seed, 0, &mut random)?,
-            removed.finish(seed, 0, &mut again)?,
-        ))
-    }
-
     fn of(
         family: Family,
         seed: u64,
@@ -390,6 +368,46 @@ fn tuned(specimen: &TruthSpecimen, hidden: &[Hidden], motions: &[Programme]) -> 
         spring.friction_ratio,
         spring.presliding_mm,
     ])
+}
+
+/// Cases with chosen effects, for tests.
+#[cfg(test)]
+impl Case {
+    /// A case of one family with the effects `codes`; none where a believable size of one of them is not visible.
+    pub(crate) fn hiding(family: Family, codes: &[&str], seed: u64, strength: f64) -> Option<Case> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        Draft::visible(&mut random, family, codes, strength)?.finish(seed, 0, &mut random)
+    }
+
+    /// A case with one effect.
+    pub(crate) fn single(code: &str, seed: u64, strength: f64) -> Option<Case> {
+        Case::hiding(Family::Single, &[code], seed, strength)
+    }
+
+    /// A case with one effect, and the same specimen, motion and sensors with the effect removed.
+    pub(crate) fn with_and_without(code: &str, seed: u64, strength: f64) -> Option<(Case, Case)> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let draft = Draft::visible(&mut random, Family::Single, &[code], strength)?;
+        let removed = Draft {
+            family: Family::None,
+            hidden: Vec::new(),
+            strength: 0.0,
+            ..draft.clone()
+        };
+        let mut again = random.clone();
+        Some((
+            draft.finish(seed, 0, &mut random)?,
+            removed.finish(seed, 0, &mut again)?,
+        ))
+    }
+}
+
+#[cfg(test)]
+impl Draft {
+    /// The first draft of at most [`TRIES`] in which every effect is visible.
+    fn visible(random: &mut ChaCha8Rng, family: Family, codes: &[&str], strength: f64) -> Option<Draft> {
+        (0..TRIES).find_map(|_| Draft::new(random, family, codes, strength))
+    }
 }
 
 #[cfg(test)]
