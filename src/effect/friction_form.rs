@@ -1,24 +1,27 @@
-//! The model's own load-proportional friction in another form: how it turns round after a reversal, free of any one law.
+//! The friction of the model in a general form: its transition after a reversal follows no particular law.
 //!
 //! ```text
-//! F = F_in + E sum c_i r_i,   r_i: mean of three elements dr = dx / l held within [-1, 1],  l within band i
+//! F = F_in + E sum c_i r_i,   r_i: mean of three elements with dr = dx / l, limited to [-1, 1], l within band i
 //! ```
-//! E: load carried. Elastic-plastic elements (Jenkins) in parallel, a Prandtl-Ishlinskii model; Iwan (1966). Any friction that
-//! turns round over 0.01 to 10 mm and returns to where it turned (Masing 1926) is such a sum. It names no missing physics:
-//! a model that has presliding friction may have another law of it than the spring. The strengths are linear, so that a fit
-//! needs no luck with its start.
+//! E: load that the contacts carry, N. c_i: `ratio_i`, friction divided by load of band i. l: length of an element, mm.
+//! F_in: force of the plant inside, N.
+//! Source: elastic-plastic (Jenkins) elements in parallel, a Prandtl-Ishlinskii model; W. D. Iwan (1966).
+//! Range: any friction that reverses over 0.01 to 10 mm and closes its nested loops (Masing 1926).
+//! It is not missing physics: the friction law is generalised first, so that its shape is not reported as missing physics.
+//! The ratios are linear, so the result of a fit does not depend on its start.
 
 use super::motion::Steady;
 use super::{Effect, Stage, Wrap, everywhere, load_n, wrapped};
 use crate::model::friction::elements::Elements;
 use crate::model::{Motion, Parameter, Plant};
 
-/// Bands of length, mm: the first is what no sampling resolves, the others grow by about 1.5.
+/// Edges of the length bands, mm. No usual sampling resolves the first band; the others grow by about 1.5.
 const BANDS_MM: [f64; COUNT + 1] = [
     0.004, 0.02, 0.035, 0.055, 0.08, 0.12, 0.18, 0.26, 0.38, 0.56, 0.82, 1.2, 1.8, 2.6, 3.8, 5.6, 8.0,
 ];
-/// Bands, and elements in each.
+/// Number of length bands.
 const COUNT: usize = 16;
+/// Number of elements in a band.
 const EACH: usize = 3;
 
 const fn strength(name: &'static str) -> Parameter {
@@ -28,7 +31,7 @@ const fn strength(name: &'static str) -> Parameter {
         start: 0.0,
         bounds: [0.0, 0.9],
         belief: [0.0, 0.2],
-        what: "friction over load of the elements in the band with this number, shortest first",
+        what: "friction divided by load of the elements in this length band; band 0 is the shortest",
     }
 }
 
@@ -36,7 +39,6 @@ const fn strength(name: &'static str) -> Parameter {
 pub(crate) const FORM: Effect = Effect {
     code: "friction_form",
     stage: Stage::Interleaf,
-    what: "the model's own friction with another way of turning round",
     parameters: &[
         strength("ratio_0"),
         strength("ratio_1"),
@@ -61,7 +63,7 @@ pub(crate) const FORM: Effect = Effect {
     starts: |_| vec![vec![0.002; COUNT]],
     statement: |v| {
         format!(
-            "The model's own friction turns round in another form: {:.1} % of the load over travels of 0.01 to 10 mm.",
+            "The friction of the model reverses in another form: {:.1} % of the load, over travels of 0.01 to 10 mm.",
             100.0 * v.iter().sum::<f64>()
         )
     },
@@ -126,7 +128,7 @@ mod tests {
 
     #[test]
     fn force_by_hand() {
-        // Slid far up, then back by 1 mm: the first band is turned, of the last (5.6 to 8 mm) each element by 1 mm.
+        // Full sliding upwards, then 1 mm back: the first band has reversed; in the last band (5.6 to 8 mm) each element moved by 1 mm.
         let mut strengths = [0.0; COUNT];
         (strengths[0], strengths[15]) = (0.02, 0.04);
         let mut plant = (FORM.attach)(&strengths, spring());
