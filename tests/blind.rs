@@ -17,7 +17,7 @@ fn diagnosed(recordings: &[Recording], case: &Case) -> Diagnosis {
         threads: 0,
         limits: None,
     };
-    diagnose(recordings, &baseline(&case.start), &options, &mut |_, _| {}).expect("valid recordings")
+    diagnose(recordings, &baseline(&case.baseline), &options, &mut |_, _| {}).expect("valid recordings")
 }
 
 fn codes(d: &Diagnosis) -> Vec<&str> {

@@ -19,7 +19,7 @@ use rayon::prelude::*;
 use crate::diagnose::{Baseline, DiagnoseError, DiagnoseOptions, Diagnosis, diagnose};
 use crate::model::equivalent;
 use crate::recording::Recording;
-use crate::truth::{Case, Family, Start};
+use crate::truth::{BaselineSettings, Case, Family};
 
 pub(crate) use score::{Answer, CaseScore};
 pub(crate) use seal::SealedLabel;
@@ -63,14 +63,14 @@ impl BlindRequest {
 }
 
 /// The baseline for a case.
-pub(crate) fn baseline(start: &Start) -> Baseline {
+pub(crate) fn baseline(settings: &BaselineSettings) -> Baseline {
     let mut baseline = Baseline::of(&equivalent::MODEL);
-    baseline.known = start
+    baseline.known = settings
         .known
         .as_ref()
         .map(|codes| codes.iter().map(|c| (*c).to_owned()).collect());
-    baseline.start = start.tuned.map(|values| values.to_vec());
-    if let Some(speed) = start.smoothing_mm_s {
+    baseline.start = settings.tuned.map(|values| values.to_vec());
+    if let Some(speed) = settings.smoothing_mm_s {
         baseline.structure.insert("friction".to_owned(), "tanh".into());
         baseline
             .structure
@@ -90,7 +90,7 @@ pub(crate) fn examine(
         limits: Some(settle::limits(case)),
         ..DiagnoseOptions::default()
     };
-    diagnose(recordings, &baseline(&case.start), &options, &mut |_, _| {})
+    diagnose(recordings, &baseline(&case.baseline), &options, &mut |_, _| {})
 }
 
 /// Draws, seals, diagnoses and scores every case. Calls `sealed` with all sealed labels before the first diagnosis, and `done`
@@ -103,7 +103,12 @@ pub(crate) fn run(
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(request.threads.max(1))
         .build()
-        .map_err(|e| format!("{} threads cannot be started: {e}", request.threads))?;
+        .map_err(|e| {
+            format!(
+                "{} threads cannot be started ({e}): close other programs and repeat the command",
+                request.threads
+            )
+        })?;
     let labels: Vec<SealedLabel> = pool.install(|| {
         let numbers = request.numbers().into_par_iter().with_max_len(1);
         numbers
@@ -140,7 +145,7 @@ fn scored(case: Case, label: &SealedLabel) -> Result<CaseScore, String> {
     };
     if !label.matches(&case.label) {
         return Err(format!(
-            "case {}: the label is not the sealed label",
+            "case {}: the label differs from the sealed label",
             label.number
         ));
     }

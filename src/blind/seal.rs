@@ -11,7 +11,7 @@ use crate::truth::Label;
 pub(crate) struct SealedLabel {
     /// Number of the case.
     pub number: u64,
-    /// SHA-256 of nonce and label, in hexadecimal. The nonce prevents guessing the label.
+    /// SHA-256 of nonce and label, in hexadecimal. With the nonce, equal labels have different hashes.
     pub sha256: String,
     #[serde(skip)]
     nonce: [u8; 16],

@@ -191,7 +191,7 @@ fn export(request: &BlindRequest, number: u64, folder: &Path, output: &Output) -
         write(&path, &sensors::csv(recording))?;
         written.push(path);
     }
-    let label = serde_json::json!({ "label": case.label, "told": case.start });
+    let label = serde_json::json!({ "label": case.label, "told": case.baseline });
     let path = folder.join(format!("case-{number:04}-label.json"));
     write(&path, &format!("{label:#}\n"))?;
     written.push(path);

@@ -16,20 +16,20 @@ pub(crate) const REVERSAL_MM: f64 = 0.2;
 /// Travel without noise. Steps in the direction of motion count at once. Steps against it count when together they are
 /// longer than [`BAND_MM`].
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(crate) struct Steady {
+pub(crate) struct BandedTravel {
     at_mm: f64,
     direction: f64,
     free_of_noise: bool,
 }
 
-impl Steady {
+impl BandedTravel {
     /// Tells that the next displacement is smoothed and has no noise, so that every reversal counts.
     pub(crate) fn tell(&mut self) {
         self.free_of_noise = true;
     }
 
     /// Moves to `displacement_mm` and returns the travel in mm since the last call.
-    pub(crate) fn travel(&mut self, displacement_mm: f64) -> f64 {
+    pub(crate) fn advance(&mut self, displacement_mm: f64) -> f64 {
         let travel_mm = displacement_mm - self.at_mm;
         let trusted = std::mem::take(&mut self.free_of_noise);
         if !trusted && travel_mm * self.direction < 0.0 && travel_mm.abs() <= BAND_MM {
@@ -51,7 +51,7 @@ const DRAG_ELEMENTS: usize = 32;
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Drag {
     elements: Elements<DRAG_ELEMENTS>,
-    steady: Steady,
+    travel: BandedTravel,
 }
 
 impl Drag {
@@ -59,24 +59,24 @@ impl Drag {
     pub(crate) fn new(length_mm: f64, shape: f64) -> Drag {
         Drag {
             elements: Elements::new(spread(length_mm, shape)),
-            steady: Steady::default(),
+            travel: BandedTravel::default(),
         }
     }
 
-    /// Tells that the next displacement has no noise, see [`Steady::tell`].
+    /// Tells that the next displacement has no noise, see [`BandedTravel::tell`].
     pub(crate) fn tell(&mut self) {
-        self.steady.tell();
+        self.travel.tell();
     }
 
     /// Back to rest at zero displacement.
     pub(crate) fn reset(&mut self) {
-        self.steady = Steady::default();
+        self.travel = BandedTravel::default();
         self.elements.reset();
     }
 
     /// Moves to `displacement_mm` and returns the mean drag.
     pub(crate) fn step(&mut self, displacement_mm: f64) -> f64 {
-        let travel_mm = self.steady.travel(displacement_mm);
+        let travel_mm = self.travel.advance(displacement_mm);
         self.elements.advance(travel_mm).iter().sum::<f64>() / DRAG_ELEMENTS as f64
     }
 }
@@ -86,7 +86,9 @@ impl Drag {
 pub(crate) struct Rates {
     displacement_mm: Option<f64>,
     told: Option<Motion>,
+    /// Speed after the first filter.
     once_mm_s: f64,
+    /// Speed after both filters.
     twice_mm_s: f64,
     /// Speed in mm/s.
     pub velocity_mm_s: f64,

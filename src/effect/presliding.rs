@@ -122,8 +122,8 @@ impl Wrap for Presliding {
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let force_n = inside.step(displacement_mm, dt_s);
-        let lag = self.drag.step(displacement_mm) - self.direction.step(displacement_mm);
-        force_n + (self.ratio * load_n(&**inside, force_n) + self.friction_n) * lag
+        let difference = self.drag.step(displacement_mm) - self.direction.step(displacement_mm);
+        force_n + (self.ratio * load_n(&**inside, force_n) + self.friction_n) * difference
     }
 }
 
@@ -143,14 +143,14 @@ mod tests {
         let mut plant = (EFFECT.attach)(&[0.1, 10.0, 0.5, 1.0], spring());
         plant.step(50.0, 0.1);
         let x = 49.5;
-        let (spring_n, lag) = (100.0 + 80.0 * x, 2.0 * (-1.0f64).exp());
+        let (spring_n, difference) = (100.0 + 80.0 * x, 2.0 * (-1.0f64).exp());
         let force_n = 0.1 * spring_n + 10.0;
         // 32 elements approximate the exponential by a polygon of 32 corners.
-        assert!((plant.step(x, 0.1) - (spring_n + force_n * lag)).abs() < 2e-3 * force_n);
+        assert!((plant.step(x, 0.1) - (spring_n + force_n * difference)).abs() < 2e-3 * force_n);
     }
 
     #[test]
-    fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[0.06, 8.0, 0.6, 0.8]);
+    fn parameters_are_recovered_from_clean_data() {
+        parameters_are_recovered(&EFFECT, &[0.06, 8.0, 0.6, 0.8]);
     }
 }

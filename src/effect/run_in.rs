@@ -16,7 +16,7 @@ use super::{Effect, LookAlike, Stage, Wrap, everywhere, load_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// Friction divided by load below which the plant inside counts as frictionless.
-const LEAST_RATIO: f64 = 1e-3;
+const SMALLEST_RATIO: f64 = 1e-3;
 
 /// The entry of [`super::EFFECTS`].
 pub(crate) const EFFECT: Effect = Effect {
@@ -79,7 +79,7 @@ pub(crate) const EFFECT: Effect = Effect {
                 rate_change: v[1],
                 cycles: v[2],
                 drag: Drag::new(v[3], 1.0),
-                sliding: Sliding::default(),
+                largest: LargestFriction::default(),
                 reversals: Reversals::default(),
             },
             inside,
@@ -106,20 +106,20 @@ struct RunIn {
     rate_change: f64,
     cycles: f64,
     drag: Drag,
-    sliding: Sliding,
+    largest: LargestFriction,
     reversals: Reversals,
 }
 
-/// Largest friction of the plant inside so far. There, all contacts slid.
+/// Largest friction of the plant inside so far. At that instant, all contacts slid.
 #[derive(Clone, Default)]
-struct Sliding {
+struct LargestFriction {
     /// Largest friction force so far, N.
     friction_n: f64,
     /// Friction divided by load at that instant.
     ratio: f64,
 }
 
-impl Sliding {
+impl LargestFriction {
     /// Drag of the contacts, -1 to 1; `None` without friction.
     fn drag(&mut self, friction_n: f64, carried_n: f64) -> Option<f64> {
         if carried_n <= 0.0 {
@@ -129,14 +129,14 @@ impl Sliding {
         if friction_n.abs() > self.friction_n {
             (self.friction_n, self.ratio) = (friction_n.abs(), ratio.abs());
         }
-        (self.ratio > LEAST_RATIO).then(|| (ratio / self.ratio).clamp(-1.0, 1.0))
+        (self.ratio > SMALLEST_RATIO).then(|| (ratio / self.ratio).clamp(-1.0, 1.0))
     }
 }
 
 impl Wrap for RunIn {
     fn reset(&mut self) {
         self.drag.reset();
-        self.sliding = Sliding::default();
+        self.largest = LargestFriction::default();
         self.reversals = Reversals::default();
     }
 
@@ -151,7 +151,7 @@ impl Wrap for RunIn {
         let done = -(-self.reversals.cycles() / self.cycles).exp_m1();
         let carried_n = load_n(&**inside, force_n);
         let own = self.drag.step(displacement_mm);
-        let drag = self.sliding.drag(force_n - carried_n, carried_n).unwrap_or(own);
+        let drag = self.largest.drag(force_n - carried_n, carried_n).unwrap_or(own);
         let friction_n = self.friction_change * drag * carried_n;
         force_n + done * (friction_n + self.rate_change * force_n)
     }
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[0.05, -0.02, 3.0, 0.4]);
+    fn parameters_are_recovered_from_clean_data() {
+        parameters_are_recovered(&EFFECT, &[0.05, -0.02, 3.0, 0.4]);
     }
 }

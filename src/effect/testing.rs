@@ -60,7 +60,7 @@ pub(crate) fn neutral_changes_nothing(effect: &Effect) {
 }
 
 /// Asserts that a fit from one of the starts of the effect ends at `truth`, within a share of 1e-3.
-pub(crate) fn comes_back(effect: &Effect, truth: &[f64]) {
+pub(crate) fn parameters_are_recovered(effect: &Effect, truth: &[f64]) {
     let wanted = forces(effect, truth);
     let close = |values: &[f64]| {
         values

@@ -27,7 +27,7 @@ const LOOK_ALIKES: [(&str, &str); 5] = [
 
 /// The baseline for the diagnosis: settings of the model `equivalent`.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
-pub(crate) struct Start {
+pub(crate) struct BaselineSettings {
     /// Codes of physics for `--known`; `None` for the list of the model.
     pub known: Option<Vec<&'static str>>,
     /// Transition speed of a smoothed friction in the baseline, mm/s.
@@ -59,7 +59,7 @@ pub(crate) struct Label {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Case {
     pub label: Label,
-    pub start: Start,
+    pub baseline: BaselineSettings,
     pub recordings: Vec<Recording>,
     /// Takes further recordings.
     pub(super) rig: TruthRig,
@@ -132,21 +132,21 @@ struct Draft {
     motions: Vec<Programme>,
     hidden: Vec<Hidden>,
     strength: f64,
-    start: Start,
+    baseline: BaselineSettings,
 }
 
 impl Draft {
     /// Draws specimen, sensors and motions, and scales the effects; `None` if an effect is not visible.
     fn new(random: &mut ChaCha8Rng, family: Family, codes: &[&str], strength: f64) -> Option<Draft> {
         let mut specimen = specimen(random);
-        let mut start = Start::default();
+        let mut baseline = BaselineSettings::default();
         let units: Vec<(&'static hidden::Physics, Hidden)> = codes
             .iter()
             .filter_map(|c| hidden::find(c))
             .map(|p| (p, p.draw(random, &specimen)))
             .collect();
         for (physics, unit) in &units {
-            reduce(physics.code, unit, &mut specimen, &mut start);
+            reduce(physics.code, unit, &mut specimen, &mut baseline);
         }
         let sensors = Sensors::draw(random, specimen.range_n, family == Family::NoneNoisy);
         let motions = motions(random, &specimen, &sensors, family == Family::Confounded);
@@ -165,7 +165,7 @@ impl Draft {
             return None;
         }
         if family == Family::Concealed {
-            start.tuned = Some(tuned(&specimen, &hidden, &motions)?);
+            baseline.tuned = Some(tuned(&specimen, &hidden, &motions)?);
         }
         drop(meter);
         Some(Draft {
@@ -175,7 +175,7 @@ impl Draft {
             motions,
             strength: if codes.is_empty() { 0.0 } else { strength },
             hidden,
-            start,
+            baseline,
         })
     }
 
@@ -213,7 +213,7 @@ impl Draft {
         };
         Some(Case {
             label,
-            start: self.start,
+            baseline: self.baseline,
             recordings,
             rig: TruthRig {
                 specimen: self.specimen,
@@ -238,14 +238,14 @@ fn specimen(random: &mut ChaCha8Rng) -> TruthSpecimen {
 }
 
 /// Removes the hidden physics from the baseline, if the baseline has it.
-fn reduce(code: &str, unit: &Hidden, specimen: &mut TruthSpecimen, start: &mut Start) {
+fn reduce(code: &str, unit: &Hidden, specimen: &mut TruthSpecimen, baseline: &mut BaselineSettings) {
     match code {
         // The force is zero below the first contact, so a preload would be a step.
         "lift_off" => specimen.preload_n = 0.0,
         "load_dependent_friction" => {
             specimen.bushing_n = specimen.friction_ratio * 0.4 * specimen.range_n;
             specimen.friction_ratio = 0.0;
-            start.known = Some(vec![
+            baseline.known = Some(vec![
                 "coulomb_friction",
                 "rate_independent_friction",
                 "presliding",
@@ -253,7 +253,7 @@ fn reduce(code: &str, unit: &Hidden, specimen: &mut TruthSpecimen, start: &mut S
         }
         "presliding" => {
             specimen.form = Form::Sharp;
-            start.known = Some(vec!["rate_independent_friction", "load_dependent_friction"]);
+            baseline.known = Some(vec!["rate_independent_friction", "load_dependent_friction"]);
         }
         "rate_independent_friction" => {
             specimen.form = Form::Smoothed {
@@ -262,8 +262,8 @@ fn reduce(code: &str, unit: &Hidden, specimen: &mut TruthSpecimen, start: &mut S
             // The true contact reverses over a tenth of its usual travel, so that presliding is not missing as well.
             specimen.presliding_mm *= 0.08;
             specimen.friction_ratio = 0.0;
-            start.known = Some(vec!["load_dependent_friction"]);
-            start.smoothing_mm_s = Some(unit.place);
+            baseline.known = Some(vec!["load_dependent_friction"]);
+            baseline.smoothing_mm_s = Some(unit.place);
         }
         _ => {}
     }
@@ -445,7 +445,7 @@ mod tests {
         let draft = (0..TRIES)
             .find_map(|_| Draft::new(&mut random, Family::Concealed, &["viscous_damping"], 10.0))
             .expect("drawn");
-        let [preload_n, rate_n_per_mm, friction_ratio, presliding_mm] = draft.start.tuned.expect("tuned");
+        let [preload_n, rate_n_per_mm, friction_ratio, presliding_mm] = draft.baseline.tuned.expect("tuned");
         let spring = TruthSpecimen {
             preload_n,
             rate_n_per_mm,
@@ -469,10 +469,18 @@ mod tests {
     }
 
     #[test]
+    fn every_code_is_in_the_catalogue() {
+        let look_alikes = LOOK_ALIKES.iter().flat_map(|(a, b)| [a, b]);
+        for code in look_alikes.chain(&REDUCED) {
+            assert!(hidden::find(code).is_some_and(|p| p.in_library), "{code}");
+        }
+    }
+
+    #[test]
     fn a_reduced_baseline_does_not_know_the_hidden_physics() {
         for code in REDUCED {
             let case = Case::single(code, 3, 5.0).expect("visible");
-            let known = case.start.known.expect("told");
+            let known = case.baseline.known.expect("told");
             assert!(!known.contains(&code), "{code}: {known:?}");
         }
     }

@@ -16,7 +16,7 @@ pub(crate) mod rig;
 pub(crate) mod sensors;
 pub(crate) mod specimen;
 
-pub(crate) use case::{Case, Label, Start};
+pub(crate) use case::{BaselineSettings, Case, Label};
 pub(crate) use family::Family;
 pub(crate) use hidden::Hidden;
 pub(crate) use motion::Programme;
