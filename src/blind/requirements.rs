@@ -1,7 +1,7 @@
 //! The requirements of the blind test: for each one, the required and the reached value.
 
 use super::CaseScore;
-use super::statistics::{calibration_error, median, share};
+use super::statistics::{ReachedValue, calibration_error, median, share};
 use crate::diagnose::Verdict;
 use crate::truth::Family;
 
@@ -45,8 +45,8 @@ struct Row {
     required: &'static str,
     unit: &'static str,
     met: fn(f64) -> bool,
-    /// Reached value and number of values behind it, from the scores and from those of the look-alikes after them.
-    reached: fn(&[CaseScore], &[CaseScore]) -> (Option<f64>, usize),
+    /// The reached value, from the scores of all cases and those of the further cases with a look-alike.
+    reached: fn(&[CaseScore], &[CaseScore]) -> ReachedValue,
 }
 
 static ROWS: &[Row] = &[

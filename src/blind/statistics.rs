@@ -22,8 +22,11 @@ pub(crate) struct ConfidenceBin {
     pub right: f64,
 }
 
+/// A value and the number of values behind it; `None` if there are none.
+pub(super) type ReachedValue = (Option<f64>, usize);
+
 /// Share of true flags in percent, and the number of flags.
-pub(super) fn share(flags: impl Iterator<Item = bool>) -> (Option<f64>, usize) {
+pub(super) fn share(flags: impl Iterator<Item = bool>) -> ReachedValue {
     let (mut yes, mut all) = (0usize, 0usize);
     for flag in flags {
         all += 1;
@@ -33,7 +36,7 @@ pub(super) fn share(flags: impl Iterator<Item = bool>) -> (Option<f64>, usize) {
 }
 
 /// Median of the finite values, and their number.
-pub(super) fn median(mut values: Vec<f64>) -> (Option<f64>, usize) {
+pub(super) fn median(mut values: Vec<f64>) -> ReachedValue {
     values.retain(|v| v.is_finite());
     values.sort_by(f64::total_cmp);
     let n = values.len();
@@ -69,7 +72,7 @@ pub(crate) fn reliability(scores: &[CaseScore]) -> Vec<ConfidenceBin> {
 
 /// Mean difference between mean confidence and share of true effects over the bins, weighted with their number of effects;
 /// and the number of all named effects.
-pub(super) fn calibration_error(scores: &[CaseScore]) -> (Option<f64>, usize) {
+pub(super) fn calibration_error(scores: &[CaseScore]) -> ReachedValue {
     let bins = reliability(scores);
     let all: usize = bins.iter().map(|b| b.count).sum();
     let sum: f64 = bins

@@ -333,7 +333,7 @@ fn tuned(specimen: &TruthSpecimen, hidden: &[Hidden], motions: &[Programme]) -> 
     let times: Vec<f64> = (0..4000)
         .map(|k| from_s + (motion.duration_s() - from_s) * f64::from(k) / 4000.0)
         .collect();
-    // Peak force in N and loop energy in mJ.
+    // Peak force in N and work in mJ over the second half of the motion.
     let measure = |s: &TruthSpecimen, h: &[Hidden]| {
         let forces = s.forces(h, motion, &times);
         let peak = forces.iter().copied().fold(f64::NEG_INFINITY, f64::max);

@@ -229,9 +229,9 @@ impl<'a> SlidingContact<'a> {
             let travel = x - self.position_mm;
             let drag = match self.form {
                 Form::Smoothed { .. } => self.drag,
-                Form::Gradual | Form::Sharp => dragged(&self.elements, travel),
+                Form::Gradual | Form::Sharp => mean_after(&self.elements, travel),
             };
-            let own = dragged(&self.bushings[0], travel);
+            let own = mean_after(&self.bushings[0], travel);
             x + compliance_mm_per_n * (self.carried(x) + self.friction(x, drag, own)) > pin_mm
         };
         let (mut low, mut high) = (pin_mm - compliance_mm_per_n * 2.0 * self.specimen.top_n(), pin_mm);
@@ -352,7 +352,7 @@ fn mean(elements: &[[f64; 2]]) -> f64 {
 }
 
 /// Mean drag of elements after a trial travel in mm.
-fn dragged(elements: &[[f64; 2]], travel_mm: f64) -> f64 {
+fn mean_after(elements: &[[f64; 2]], travel_mm: f64) -> f64 {
     let moved = elements
         .iter()
         .map(|[stiffness, drag]| (drag + travel_mm * stiffness).clamp(-1.0, 1.0));
