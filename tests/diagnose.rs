@@ -1,27 +1,19 @@
-//! Concealed effects are found, absent ones are not named, strangers are called unknown. The truth is in `support/truth.rs`,
-//! which shares no code with the library.
+//! The diagnosis on cases of `truth` with chosen effects: hidden effects are named, absent effects are not, and physics that
+//! the library does not have is reported as unknown. Random cases are in `blind.rs`.
 
-use super::support::truth;
 use crate::diagnose::{Baseline, DiagnoseOptions, Diagnosis, Verdict, diagnose};
-use crate::recording::Recording;
+use crate::truth::{Case, Family};
 
-fn recordings(codes: &[&'static str], strength: f64, seed: u64) -> Vec<Recording> {
-    let mut random = truth::seeded(seed);
-    let mut bench = truth::Bench::drawn(&mut random);
-    if codes.contains(&"lift_off") {
-        bench.preload_n = 0.0;
-    }
-    let hidden: Vec<_> = codes
-        .iter()
-        .map(|c| bench.effect(c, strength, &mut random))
-        .collect();
-    bench.record(&hidden, &mut random)
+/// Strength, in detection limits, at which an effect changes the force by about twice the noise.
+const CLEAR: f64 = 10.0;
+
+fn judge(case: &Case) -> Diagnosis {
+    let options = DiagnoseOptions::default();
+    diagnose(&case.recordings, &equivalent(), &options, &mut |_, _| {}).expect("diagnosed")
 }
 
-fn judge(recordings: &[Recording]) -> Diagnosis {
-    let baseline = Baseline::of(crate::model::find("equivalent").expect("listed"));
-    let options = DiagnoseOptions::default();
-    diagnose(recordings, &baseline, &options, &mut |_, _| {}).expect("diagnosed")
+fn equivalent() -> Baseline {
+    Baseline::of(crate::model::find("equivalent").expect("listed"))
 }
 
 fn codes(diagnosis: &Diagnosis) -> Vec<&str> {
@@ -33,7 +25,8 @@ fn codes(diagnosis: &Diagnosis) -> Vec<&str> {
 #[test]
 fn nothing_hidden_nothing_named() {
     for seed in [1, 2] {
-        let diagnosis = judge(&recordings(&[], 0.0, seed));
+        let case = Case::hiding(Family::None, &[], seed, 0.0).expect("nothing hidden needs no size");
+        let diagnosis = judge(&case);
         assert_eq!(
             diagnosis.verdict,
             Verdict::Adequate,
@@ -51,12 +44,12 @@ fn single_effects_are_named_and_the_fit_improves_to_the_noise() {
         "sensor_drift",
         "backlash",
     ] {
-        let diagnosis = judge(&recordings(&[code], 5.0, 11));
+        let diagnosis = judge(&Case::single(code, 11, CLEAR).expect("visible"));
         assert_eq!(codes(&diagnosis), [code], "{}", diagnosis.summary);
         let fit = &diagnosis.fit;
         assert!(
             fit.improved.nrmse_heldout < 0.6 * fit.baseline.nrmse_heldout,
-            "{code}"
+            "{code}: {fit:?}"
         );
         assert!(
             fit.improved.nrmse_heldout < 1.6 * fit.noise_floor_nrmse,
@@ -72,27 +65,22 @@ fn single_effects_are_named_and_the_fit_improves_to_the_noise() {
 
 #[test]
 fn two_effects_are_found_as_two() {
-    let diagnosis = judge(&recordings(&["coulomb_friction", "sensor_drift"], 5.0, 21));
-    for row in diagnosis.candidates.iter().take(14) {
-        println!(
-            "{:.1} {:.1} {:?} {}",
-            row.gain, row.gain_heldout, row.codes, row.chosen
-        );
-    }
+    let pair = ["coulomb_friction", "sensor_drift"];
+    let case = Case::hiding(Family::Pair, &pair, 21, CLEAR).expect("visible");
+    let diagnosis = judge(&case);
     assert_eq!(
         codes(&diagnosis),
-        ["coulomb_friction", "sensor_drift"],
-        "{}",
-        diagnosis.summary
+        pair,
+        "{}; best candidates: {:?}",
+        diagnosis.summary,
+        diagnosis.candidates.iter().take(14).collect::<Vec<_>>()
     );
 }
 
 #[test]
 fn what_no_library_has_is_unknown_and_located() {
-    let mut random = truth::seeded(31);
-    let bench = truth::Bench::drawn(&mut random);
-    let hidden = bench.effect("local_friction", 5.0, &mut random);
-    let diagnosis = judge(&bench.record(&[hidden], &mut random));
+    let case = Case::hiding(Family::Outside, &["local_friction"], 31, CLEAR).expect("visible");
+    let diagnosis = judge(&case);
     assert_eq!(diagnosis.verdict, Verdict::Unexplained, "{}", diagnosis.summary);
     assert!(diagnosis.effects.is_empty());
     let place = diagnosis
@@ -100,22 +88,26 @@ fn what_no_library_has_is_unknown_and_located() {
         .iter()
         .find(|l| l.axis == crate::effect::Axis::DisplacementMm)
         .expect("located along the displacement");
-    let (low, high) = (hidden.place - 1.5, hidden.place + 1.5);
+    let (_, low, high) = case.label.hidden[0]
+        .interval(case.label.top[0])
+        .expect("a local friction has an interval");
     let both = (place.to.min(high) - place.from.max(low)).max(0.0);
     assert!(
         both / (place.to.max(high) - place.from.min(low)) > 0.5,
-        "{place:?}"
+        "{place:?} for {low} to {high}"
     );
 }
 
 #[test]
 fn a_look_alike_is_reported_with_the_test_that_would_tell() {
-    let diagnosis = judge(&recordings(&["viscous_damping"], 2.0, 41));
+    let case = Case::hiding(Family::Confounded, &["viscous_damping"], 41, 2.0).expect("visible");
+    let diagnosis = judge(&case);
     let named: Vec<&str> = codes(&diagnosis)
         .into_iter()
         .chain(diagnosis.alternatives.iter().map(|a| a.code.as_str()))
         .collect();
     assert!(named.contains(&"viscous_damping"), "{}", diagnosis.summary);
+    assert!(!diagnosis.alternatives.is_empty(), "{}", diagnosis.summary);
     assert!(
         diagnosis
             .alternatives
@@ -126,15 +118,15 @@ fn a_look_alike_is_reported_with_the_test_that_would_tell() {
 
 #[test]
 fn same_input_same_diagnosis_whatever_the_cores() {
-    let recordings = recordings(&["coulomb_friction"], 3.0, 51);
-    let baseline = Baseline::of(crate::model::find("equivalent").expect("listed"));
+    let case = Case::single("coulomb_friction", 51, 3.0).expect("visible");
     let run = |threads| {
         let options = DiagnoseOptions {
             points: 600,
             threads,
             ..DiagnoseOptions::default()
         };
-        let diagnosis = diagnose(&recordings, &baseline, &options, &mut |_, _| {}).expect("diagnosed");
+        let diagnosis =
+            diagnose(&case.recordings, &equivalent(), &options, &mut |_, _| {}).expect("diagnosed");
         serde_json::to_string(&diagnosis).expect("serialises")
     };
     assert_eq!(run(1), run(2));

@@ -1,8 +1,8 @@
-//! Diagnosis from a leaf pack: the specimen on the mock rig is a whole pack, so is the baseline, and a surrogate stands for it
-//! while candidates are compared.
+//! Diagnosis of a leaf pack: the specimen on the mock rig and the baseline are leaf packs. A surrogate replaces the pack while
+//! candidates are compared.
 //!
-//! The full case, five recordings of some 3000 samples, prints its times:
-//! `cargo test --release --lib diagnose_leaf_pack -- --ignored --nocapture`.
+//! The full case has five recordings of about 3000 samples and takes minutes:
+//! `cargo test --release --lib diagnose_leaf_pack -- --ignored`.
 
 use std::path::Path;
 use std::time::Instant;
@@ -13,11 +13,11 @@ use crate::diagnose::{Baseline, DiagnoseOptions, Diagnosis, Verdict, diagnose};
 use crate::model::Plant;
 use crate::recording::Recording;
 
-/// Seconds for five recordings of 3000 samples on two cores.
+/// Largest duration in s of a diagnosis of five recordings of 3000 samples on two cores.
 const AT_MOST_S: f64 = 60.0;
 
-/// The first paper's spring on the rail, its force followed with every step of the hydraulics: once a millisecond would be a
-/// lag of half of that, and rightly be named.
+/// The spring of Kadziela et al. without shackle. The mock rig updates its force in every step of the hydraulics, because
+/// once a millisecond would be a channel delay of half a millisecond, and the diagnosis would name it.
 fn rail() -> Bench {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("bench-configs/benches/samurai-rail.toml");
     let mut bench = Bench::load(&path).expect("shipped");
@@ -25,7 +25,7 @@ fn rail() -> Bench {
     bench
 }
 
-/// A run on the mock rig, thinned to `samples`.
+/// Records a run on the mock rig and keeps about `samples` samples.
 fn recorded(bench: &Bench, profile_toml: &str, samples: usize) -> Recording {
     let (memory, _) = play(bench, profile_toml, None);
     let kept: Vec<_> = memory.samples.iter().filter(|s| s.segment > 0).collect();
@@ -38,7 +38,7 @@ fn recorded(bench: &Bench, profile_toml: &str, samples: usize) -> Recording {
     recording
 }
 
-/// Up and down three times.
+/// A profile of three ramps up and down.
 fn ramps(to_mm: f64, duration_s: f64) -> String {
     let ramp = |to_mm: f64| {
         format!("[[block.segment]]\nkind = \"ramp\"\nto_mm = {to_mm:?}\nduration_s = {duration_s:?}\n")
@@ -47,10 +47,13 @@ fn ramps(to_mm: f64, duration_s: f64) -> String {
     format!("name = \"ramps\"\ncontrol = \"displacement\"\n[[block]]\nrepeat = 3\n{up}{down}")
 }
 
-/// A specimen that differs from what the bench's file says of it.
+/// Differences between the specimen and the bench file.
 struct Truth {
+    /// Code of an effect that the bench file does not have; empty for none.
     code: &'static str,
+    /// Parameters of that effect.
     effect: &'static [(&'static str, f64)],
+    /// Parameters of the pack that differ.
     pack: &'static [(&'static str, f64)],
 }
 
@@ -71,7 +74,7 @@ impl Truth {
     }
 }
 
-/// Diagnoses from what the bench's file says of the specimen; the recordings are of what it is.
+/// Records the real specimen and diagnoses it with the baseline of the bench file. Also returns the duration in s.
 fn judge(
     bench: &Bench,
     truth: &Truth,
@@ -93,11 +96,6 @@ fn judge(
     )
     .expect("diagnosed");
     let took_s = begun.elapsed().as_secs_f64();
-    let points: Vec<usize> = recordings.iter().map(Recording::len).collect();
-    println!(
-        "{:?} of {points:?} samples: {took_s:.1} s, {}",
-        truth.code, diagnosis.summary
-    );
     (diagnosis, recordings, took_s)
 }
 
@@ -105,7 +103,7 @@ fn codes(diagnosis: &Diagnosis) -> Vec<&str> {
     diagnosis.effects.iter().map(|e| e.code.as_str()).collect()
 }
 
-/// Down to what the recordings, and the model's steps over them, leave open.
+/// Asserts that the held-out error is not much above the noise floor.
 fn explained(diagnosis: &Diagnosis) {
     let fit = &diagnosis.fit;
     assert!(
@@ -114,8 +112,8 @@ fn explained(diagnosis: &Diagnosis) {
     );
 }
 
-/// Error of a plant run by itself over a recording, every noisy displacement as it is.
-fn alone(mut plant: Box<dyn Plant>, zero_n: f64, recording: &Recording) -> f64 {
+/// NRMSE of a plant that is stepped over a recording with its noisy displacement.
+fn nrmse(mut plant: Box<dyn Plant>, zero_n: f64, recording: &Recording) -> f64 {
     let (mut squares, mut before_s) = (0.0, 0.0);
     for i in 0..recording.len() {
         let dt_s = (recording.time_s[i] - before_s).max(1e-6);
@@ -127,23 +125,26 @@ fn alone(mut plant: Box<dyn Plant>, zero_n: f64, recording: &Recording) -> f64 {
     (squares / recording.len() as f64).sqrt() / most_n
 }
 
+/// A pack with wrong parameters and no missing effect.
 const WRONG: Truth = Truth {
     code: "",
     effect: &[],
     pack: &[("interleaf_mu", 0.22), ("clamp_length_mm", 92.0)],
 };
-/// One that adds a force, one that shifts the displacement.
+/// An effect that adds a force.
 const DAMPED: Truth = Truth {
     code: "viscous_damping",
     effect: &[("damping_n_s_per_mm", 0.3)],
     pack: &[],
 };
+/// An effect that shifts the displacement.
 const LAGGING: Truth = Truth {
     code: "channel_delay",
     effect: &[("delay_ms", 2.0)],
     pack: &[],
 };
 
+/// The bench with a coarser pack, and two short profiles.
 fn small() -> (Bench, [String; 2]) {
     let mut bench = rail();
     for model in [&mut bench.model, &mut bench.specimen.model] {
@@ -164,7 +165,7 @@ fn a_pack_whose_parameters_are_wrong_is_refitted_and_nothing_is_named() {
     }
     let nominal = diagnosis.fit.ladder[0].errors;
     assert!(nominal.nrmse_heldout > 5.0 * diagnosis.fit.improved.nrmse_heldout);
-    // What the recordings say nothing of is held, and that is said.
+    // A parameter that the recordings cannot identify is held, and the diagnosis says so.
     let held = |name: &str| {
         diagnosis
             .alarms
@@ -177,25 +178,20 @@ fn a_pack_whose_parameters_are_wrong_is_refitted_and_nothing_is_named() {
         diagnosis.alarms
     );
     explained(&diagnosis);
-    // The pack itself, not its surrogate, is what is written to the improved model.
+    // The improved model is the pack itself and not its surrogate.
     let improved = diagnosis
         .improved
         .plant()
         .expect("the improved model can be built");
-    let improved = alone(improved, diagnosis.improved.force_zero_n, &recordings[0]);
+    let improved = nrmse(improved, diagnosis.improved.force_zero_n, &recordings[0]);
     let model = crate::model::find("leaf-pack").expect("listed");
     let wrong = model.plant(&bench.model.values().expect("shipped"), &bench.model.structure);
-    let wrong = alone(wrong.expect("shipped"), 0.0, &recordings[0]);
-    println!(
-        "  by itself: wrong {:.3} %, improved {:.3} %",
-        100.0 * wrong,
-        100.0 * improved
-    );
+    let wrong = nrmse(wrong.expect("shipped"), 0.0, &recordings[0]);
     assert!(improved < 0.5 * wrong, "{improved} of {wrong}");
 }
 
 #[test]
-fn what_a_pack_lacks_is_named() {
+fn the_missing_effect_of_a_pack_is_named() {
     let (bench, profiles) = small();
     for truth in [&DAMPED, &LAGGING] {
         let (diagnosis, _, _) = judge(&bench, truth, &profiles, 700);
@@ -207,7 +203,7 @@ fn what_a_pack_lacks_is_named() {
 }
 
 #[test]
-#[ignore = "minutes; prints the times of the full case"]
+#[ignore = "takes minutes"]
 fn five_recordings_within_a_minute() {
     let bench = rail();
     let profiles = [

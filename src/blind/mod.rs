@@ -1,46 +1,49 @@
-//! Proof on concealed effects: sealed cases of `truth`, diagnosed without sight of their labels, opened and scored after.
+//! Blind test of the diagnosis: cases of `truth` are diagnosed without their labels, then the labels are opened and the answers
+//! are scored.
 //!
-//! `seal` holds the labels, `score` judges one answer, `figures` puts many together, `page` prints them. Files and progress
-//! bars are for the command line.
+//! `seal` hashes the labels, `score` compares one answer with its label, `statistics` and `requirements` evaluate many scores,
+//! `page` writes the results as text. `cli` writes the files and shows the progress.
 
-pub(crate) mod figures;
 pub(crate) mod page;
+pub(crate) mod requirements;
 pub(crate) mod score;
 pub(crate) mod seal;
 pub(crate) mod settle;
+pub(crate) mod statistics;
 
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
+
+use rayon::prelude::*;
 
 use crate::diagnose::{Baseline, DiagnoseError, DiagnoseOptions, Diagnosis, diagnose};
 use crate::model::equivalent;
 use crate::recording::Recording;
-use crate::truth::{Case, Family, Start};
+use crate::truth::{BaselineSettings, Case, Family};
 
-pub(crate) use score::{Answer, Mark};
-pub(crate) use seal::Seal;
+pub(crate) use score::{Answer, CaseScore};
+pub(crate) use seal::SealedLabel;
 
-/// The run that is asked for.
+/// Settings of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct BlindRequest {
-    /// How many cases.
+    /// Number of cases.
     pub cases: u64,
-    /// Seed of all of them.
+    /// Seed of all cases.
     pub seed: u64,
-    /// Strength of every effect; drawn where `None`.
+    /// Strength of every effect in detection limits; `None` to draw it.
     pub strength: Option<f64>,
-    /// Only the cases of this family, under the numbers that they have among all.
+    /// Only the cases of this family. They keep their numbers.
     pub family: Option<Family>,
-    /// Numbers after `cases` among which those with a look-alike are examined too: the row of `--run-next` alone counts them,
-    /// for too few of the others have anything to settle.
+    /// How many further case numbers are searched for cases with a look-alike. These cases count only for the rows of
+    /// `--run-next`, because too few of the others need further tests.
     pub look_alikes: u64,
-    /// Cores; one case runs on one.
+    /// Number of threads. Each case runs on one thread.
     pub threads: usize,
 }
 
 impl BlindRequest {
-    /// Numbers of the cases that are examined.
+    /// Numbers of all cases in the run.
     pub(crate) fn numbers(&self) -> Vec<u64> {
         let drawn = (0..self.cases).filter(|&n| self.family.is_none_or(|f| Family::of(n) == f));
         let beyond =
@@ -48,21 +51,26 @@ impl BlindRequest {
         drawn.chain(beyond).collect()
     }
 
-    /// The marks of the cases asked for, and those of the look-alikes after them.
-    pub(crate) fn split<'m>(&self, marks: &'m [Mark]) -> (&'m [Mark], &'m [Mark]) {
-        marks.split_at(marks.partition_point(|m| m.label.number < self.cases))
+    /// The case with this number.
+    fn case(&self, number: u64) -> Case {
+        Case::draw(self.seed, number, self.strength)
+    }
+
+    /// Splits into the scores of the first `cases` numbers and those of the further cases with a look-alike.
+    pub(crate) fn split<'s>(&self, scores: &'s [CaseScore]) -> (&'s [CaseScore], &'s [CaseScore]) {
+        scores.split_at(scores.partition_point(|s| s.label.number < self.cases))
     }
 }
 
-/// The baseline that a case's start tells.
-pub(crate) fn baseline(start: &Start) -> Baseline {
+/// The baseline for a case.
+pub(crate) fn baseline(settings: &BaselineSettings) -> Baseline {
     let mut baseline = Baseline::of(&equivalent::MODEL);
-    baseline.known = start
+    baseline.known = settings
         .known
         .as_ref()
         .map(|codes| codes.iter().map(|c| (*c).to_owned()).collect());
-    baseline.start = start.tuned.map(|values| values.to_vec());
-    if let Some(speed) = start.smoothing_mm_s {
+    baseline.start = settings.tuned.map(|values| values.to_vec());
+    if let Some(speed) = settings.smoothing_mm_s {
         baseline.structure.insert("friction".to_owned(), "tanh".into());
         baseline
             .structure
@@ -71,79 +79,77 @@ pub(crate) fn baseline(start: &Start) -> Baseline {
     baseline
 }
 
-/// Diagnoses recordings of a case with what it tells of its start and its bench, and nothing of its label.
+/// Diagnoses recordings of a case with its baseline and its bench limits, without its label.
 pub(crate) fn examine(
-    case_shown: &Case,
+    case: &Case,
     recordings: &[Recording],
     threads: usize,
 ) -> Result<Diagnosis, DiagnoseError> {
     let options = DiagnoseOptions {
         threads,
-        limits: Some(settle::limits(case_shown)),
+        limits: Some(settle::limits(case)),
         ..DiagnoseOptions::default()
     };
-    diagnose(recordings, &baseline(&case_shown.start), &options, &mut |_, _| {})
+    diagnose(recordings, &baseline(&case.baseline), &options, &mut |_, _| {})
 }
 
-/// Draws, seals, diagnoses, opens and marks every case. `sealed` hears all seals before the first diagnosis begins;
-/// `done` hears how many cases are finished.
+/// Draws, seals, diagnoses and scores every case. Calls `sealed` with all sealed labels before the first diagnosis, and `done`
+/// with the number of finished cases after each case.
 pub(crate) fn run(
     request: &BlindRequest,
-    sealed: &mut dyn FnMut(&[Seal]),
+    sealed: &mut dyn FnMut(&[SealedLabel]),
     done: &(dyn Fn(u64) + Sync),
-) -> Result<Vec<Mark>, String> {
-    let numbers = request.numbers();
-    let seals = side_by_side(&numbers, request.threads, &|&n| {
-        seal::Seal::of(&Case::draw(request.seed, n, request.strength).label, request.seed)
+) -> Result<Vec<CaseScore>, String> {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(request.threads.max(1))
+        .build()
+        .map_err(|e| {
+            format!(
+                "{} threads cannot be started ({e}): close other programs and repeat the command",
+                request.threads
+            )
+        })?;
+    let labels: Vec<SealedLabel> = pool.install(|| {
+        let numbers = request.numbers().into_par_iter().with_max_len(1);
+        numbers
+            .map(|n| SealedLabel::new(&request.case(n).label, request.seed))
+            .collect()
     });
-    sealed(&seals);
+    sealed(&labels);
     let finished = AtomicU64::new(0);
-    let marks = side_by_side(&seals, request.threads, &|seal| {
-        let n = seal.number;
-        let case = Case::draw(request.seed, n, request.strength);
-        let begun = Instant::now();
-        let first = examine(&case, &case.recordings, 1);
-        let seconds = begun.elapsed().as_secs_f64();
-        let answer = first.as_ref().map(Answer::of).map_err(ToString::to_string);
-        let settling = match first {
-            Ok(first) if settle::is_open(&case, &Answer::of(&first)) => Some(settle::settle(&case, first)),
-            _ => None,
-        };
-        let opened = seal.open(&case.label);
-        done(finished.fetch_add(1, Ordering::Relaxed) + 1);
-        (
-            n,
-            opened.then(|| Mark::new(case.label, answer, seconds, settling)),
-        )
+    let scores: Vec<Result<CaseScore, String>> = pool.install(|| {
+        // One case at a time for each thread: the cases take very different times.
+        let labels = labels.par_iter().with_max_len(1);
+        labels
+            .map(|label| {
+                let score = scored(request.case(label.number), label);
+                done(finished.fetch_add(1, Ordering::Relaxed) + 1);
+                score
+            })
+            .collect()
     });
-    marks
-        .into_iter()
-        .map(|(n, mark)| mark.ok_or_else(|| format!("case {n}: the label is not the one that was sealed")))
-        .collect()
+    scores.into_iter().collect()
 }
 
-/// Results in the order of `list`, computed on several cores.
-fn side_by_side<T: Sync, R: Send>(list: &[T], threads: usize, f: &(dyn Fn(&T) -> R + Sync)) -> Vec<R> {
-    let next = AtomicU64::new(0);
-    let results = Mutex::new(Vec::with_capacity(list.len()));
-    std::thread::scope(|scope| {
-        for _ in 0..threads.max(1) {
-            scope.spawn(|| {
-                while let Some((i, item)) = {
-                    let i = next.fetch_add(1, Ordering::Relaxed) as usize;
-                    list.get(i).map(|item| (i, item))
-                } {
-                    let result = f(item);
-                    if let Ok(mut results) = results.lock() {
-                        results.push((i, result));
-                    }
-                }
-            });
+/// Diagnoses a case on one core, runs its further tests if it needs them, opens its label and scores the answer.
+fn scored(case: Case, label: &SealedLabel) -> Result<CaseScore, String> {
+    let begun = Instant::now();
+    let first = examine(&case, &case.recordings, 1);
+    let seconds = begun.elapsed().as_secs_f64();
+    let answer = first.as_ref().map(Answer::of).map_err(ToString::to_string);
+    let settling = match first {
+        Ok(first) if settle::needs_further_tests(&case, &Answer::of(&first)) => {
+            Some(settle::settle(&case, first))
         }
-    });
-    let mut results = results.into_inner().unwrap_or_default();
-    results.sort_by_key(|(i, _)| *i);
-    results.into_iter().map(|(_, r)| r).collect()
+        _ => None,
+    };
+    if !label.matches(&case.label) {
+        return Err(format!(
+            "case {}: the label differs from the sealed label",
+            label.number
+        ));
+    }
+    Ok(CaseScore::new(case.label, answer, seconds, settling))
 }
 
 #[cfg(test)]
@@ -151,7 +157,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn look_alikes_beyond_the_cases_are_drawn_and_kept_apart() {
+    fn further_cases_with_a_look_alike_are_drawn_and_split_off() {
         let request = BlindRequest {
             cases: 40,
             seed: 1,
@@ -162,17 +168,17 @@ mod tests {
         };
         let numbers = request.numbers();
         assert!(numbers[..40].iter().copied().eq(0..40));
-        // Every kind comes once in 20.
+        // 1 of 20 cases is confounded.
         assert_eq!(numbers.len(), 40 + 160 / 20);
         assert!(numbers[40..].iter().all(|&n| Family::of(n) == Family::Confounded));
-        let marks: Vec<Mark> = [39, 40]
+        let scores: Vec<CaseScore> = [39, 40]
             .map(|number| {
-                let mut mark = score::tests::mark(&["inertia"], &["inertia"], &[]);
-                mark.label.number = number;
-                mark
+                let mut score = score::tests::score(&["inertia"], &["inertia"], &[]);
+                score.label.number = number;
+                score
             })
             .into();
-        let (drawn, beyond) = request.split(&marks);
+        let (drawn, beyond) = request.split(&scores);
         assert_eq!((drawn[0].label.number, beyond[0].label.number), (39, 40));
     }
 }

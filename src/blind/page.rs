@@ -1,17 +1,19 @@
-//! The figures as plain text and as a page in Markdown.
+//! The results of a blind test as plain text and as a page in Markdown.
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-use super::figures::{Figure, by_strength, confusion, figures, reliability};
-use super::{BlindRequest, Mark};
+use super::requirements::{Requirement, requirements};
+use super::statistics::{by_strength, confusion, reliability};
+use super::{BlindRequest, CaseScore};
 use crate::truth::{Family, limit};
 
-/// Strength from which the confusion matrix counts.
+/// Smallest strength of the cases in the confusion matrix.
 const SHOWN_FROM: f64 = 2.0;
 
-fn reached(f: &Figure) -> String {
-    match (f.reached, f.unit) {
+/// The reached value with its unit.
+fn reached(requirement: &Requirement) -> String {
+    match (requirement.reached, requirement.unit) {
         (None, _) => "no case".to_owned(),
         (Some(v), "%") => format!("{v:.1} %"),
         (Some(v), "s") => format!("{v:.2} s"),
@@ -19,92 +21,96 @@ fn reached(f: &Figure) -> String {
     }
 }
 
-/// The table for a terminal.
-pub(crate) fn text(request: &BlindRequest, marks: &[Mark]) -> String {
-    let (drawn, look_alikes) = request.split(marks);
-    let list = figures(drawn, look_alikes);
-    let width = list.iter().map(|f| f.what.len()).max().unwrap_or(0);
+/// The table of requirements for a terminal.
+pub(crate) fn text(request: &BlindRequest, scores: &[CaseScore]) -> String {
+    let (drawn, look_alikes) = request.split(scores);
+    let list = requirements(drawn, look_alikes);
+    let width = list.iter().map(|r| r.what.len()).max().unwrap_or(0);
     let mut out = String::new();
-    for f in &list {
-        let met = if f.met { "met" } else { "NOT MET" };
+    for r in &list {
+        let met = if r.met { "met" } else { "NOT MET" };
         let _ = writeln!(
             out,
             "{:width$}  {:>10}  (n = {:4})  {:32}  {met}",
-            f.what,
-            reached(f),
-            f.count,
-            f.asked
+            r.what,
+            reached(r),
+            r.count,
+            r.required
         );
     }
     out
 }
 
-/// The page kept under `docs/`.
-pub(crate) fn markdown(request: &BlindRequest, seal: &str, marks: &[Mark]) -> String {
+/// The page `docs/blind.md`.
+pub(crate) fn markdown(request: &BlindRequest, hash: &str, scores: &[CaseScore]) -> String {
     let mut page = String::new();
     // Writing into a string cannot fail.
-    let _ = write_page(&mut page, request, seal, marks);
+    let _ = write_page(&mut page, request, hash, scores);
     page
 }
 
-fn write_page(page: &mut String, request: &BlindRequest, seal: &str, all: &[Mark]) -> std::fmt::Result {
-    let (marks, look_alikes) = request.split(all);
+fn write_page(page: &mut String, request: &BlindRequest, hash: &str, all: &[CaseScore]) -> std::fmt::Result {
+    let (scores, look_alikes) = request.split(all);
     let strength = request
         .strength
         .map_or(String::new(), |s| format!(" --strength {s}"));
     let kind = request
         .family
         .map_or(String::new(), |f| format!(" --kind {}", f.key()));
-    writeln!(page, "# Proof on concealed effects\n")?;
+    writeln!(page, "# Blind test of the diagnosis\n")?;
     writeln!(
         page,
-        "`leafbench blind --cases {} --seed {}{strength}{kind}`; SHA-256 over all sealed labels, taken before the first diagnosis:\n`{seal}`\n",
+        "Made by `leafbench blind --cases {} --seed {}{strength}{kind}`. SHA-256 over all sealed labels, printed before the first\n\
+         diagnosis:\n`{hash}`\n",
         request.cases, request.seed
     )?;
     writeln!(
         page,
-        "The truth shares no code with the diagnosis (`src/truth`, held by a test). A strength of 1 is the detection limit: the\n\
-         part of an effect that no refit of the baseline absorbs has an RMS of {} sigma / sqrt(n), n at most {} effective samples\n\
-         for each branch of the motion. Anything under 200 cases is an anecdote; this page stands on {}{}.\n",
+        "The cases are made by `src/truth`, which shares no code with the diagnosis; a test checks this. A strength of 1 is the\n\
+         detection limit: the part of an effect that no refit of the baseline absorbs has an RMS of {} sigma / sqrt(n), with n at\n\
+         most {} effective samples for each branch of the motion. A run of fewer than 200 cases is not conclusive; this page\n\
+         has {} cases{}.\n",
         limit::MULTIPLE,
         limit::SAMPLES_PER_BRANCH,
-        marks.len(),
+        scores.len(),
         match look_alikes.len() {
             0 => String::new(),
             n => format!(
-                ", and\nits rows of `--run-next` on {n} more with a look-alike, the next of the same seed: few have anything to settle"
+                ". The rows of\n`--run-next` also use the next {n} cases with a look-alike of the same seed, because few cases need\nfurther tests"
             ),
         }
     )?;
     writeln!(
         page,
-        "## Figures\n\n| | asked for | reached | n | met |\n|---|---|---|---|---|"
+        "## Requirements\n\n| | required | reached | n | met |\n|---|---|---|---|---|"
     )?;
-    for f in figures(marks, look_alikes) {
-        let met = if f.met { "yes" } else { "**no**" };
+    for r in requirements(scores, look_alikes) {
+        let met = if r.met { "yes" } else { "**no**" };
         writeln!(
             page,
             "| {} | {} | {} | {} | {met} |",
-            f.what,
-            f.asked,
-            reached(&f),
-            f.count
+            r.what,
+            r.required,
+            reached(&r),
+            r.count
         )?;
     }
-    write_strengths(page, marks)?;
+    write_strengths(page, scores)?;
     write_settlings(page, all)?;
-    write_reliability(page, marks)?;
-    write_confusion(page, marks)?;
-    write_wrong(page, marks)
+    write_reliability(page, scores)?;
+    write_confusion(page, scores)?;
+    write_wrong(page, scores)
 }
 
-fn write_strengths(page: &mut String, marks: &[Mark]) -> std::fmt::Result {
+fn write_strengths(page: &mut String, scores: &[CaseScore]) -> std::fmt::Result {
     writeln!(
         page,
-        "\n## Right answers by kind and strength\n\nRight: the exact set; `unknown` for outsiders; named or an alternative for confounded cases.\n\n\
+        "\n## Right answers by kind and strength\n\n\
+         An answer is right if it names exactly the hidden effects. Outside the library, the right answer is `unknown`. With a\n\
+         look-alike, the hidden effect is named or is an alternative.\n\n\
          | kind | strength | right | of |\n|---|---|---|---|"
     )?;
-    for ((family, strength), (right, all)) in by_strength(marks) {
+    for ((family, strength), (right, all)) in by_strength(scores) {
         let strength = if strength == 0 {
             String::new()
         } else {
@@ -121,49 +127,49 @@ fn family_name(family: Family) -> &'static str {
         Family::NoneNoisy => "nothing hidden, high noise",
         Family::Single => "one effect",
         Family::Pair => "two effects",
-        Family::Confounded => "one with a look-alike, poor programme",
+        Family::Confounded => "one effect with a look-alike, ramp and one sine",
         Family::Outside => "outside the library",
-        Family::Concealed => "one, concealed by a tuned baseline",
+        Family::Concealed => "one effect, concealed by a tuned baseline",
     }
 }
 
-/// Every case that had something to settle, test by test.
-fn write_settlings(page: &mut String, marks: &[Mark]) -> std::fmt::Result {
+/// One row for each case that needed further tests.
+fn write_settlings(page: &mut String, scores: &[CaseScore]) -> std::fmt::Result {
     writeln!(
         page,
-        "\n## Settled by the tests it asks for\n\n\
-         Cases with a look-alike whose first answer was neither the true effect alone nor none at all. What `--run-next` does:\n\
-         the profile that the diagnosis proposes is played on the case's own specimen and sensors, its recording is added, the\n\
-         diagnosis judges again, {} tests at most. The bench is as fast as the shipped one and allows a quarter more travel than\n\
-         was recorded. Settled: at the end the true effect is named, it alone, and nothing is left that it could be instead.\n\
-         What is wrong and sure of it, or `unknown`, counts as not settled.\n\n\
+        "\n## Settled by further tests\n\n\
+         Cases with a look-alike whose first answer named something other than exactly the hidden effect. `--run-next` records\n\
+         the proposed profile with the specimen and the sensors of the case, adds the recording and repeats the diagnosis, with\n\
+         {} tests at most. The bench has the speed of the shipped bench and a quarter more travel than was recorded. A case is\n\
+         settled if the last answer names exactly the hidden effect and has no alternative. Any other last answer counts as not\n\
+         settled, `unknown` too.\n\n\
          | case | strength | hidden | answers | tests | settled |\n|---|---|---|---|---|---|",
         super::settle::ROUNDS
     )?;
-    for m in marks {
-        let Some(s) = &m.settling else { continue };
-        let settled = match m.settled() {
+    for s in scores {
+        let Some(tests) = &s.settling else { continue };
+        let settled = match s.settled() {
             Some(true) => "yes".to_owned(),
-            _ => format!("**no**: {}", s.ended),
+            _ => format!("**no**: {}", tests.ended),
         };
-        let (hidden, answers) = (m.truth().join(", "), s.path.join("; "));
+        let (hidden, answers) = (s.truth().join(", "), tests.path.join("; "));
         writeln!(
             page,
             "| {} | {} | {hidden} | {answers} | {} | {settled} |",
-            m.label.number,
-            m.label.strength,
-            s.tests.join(", ")
+            s.label.number,
+            s.label.strength,
+            tests.tests.join(", ")
         )?;
     }
     Ok(())
 }
 
-fn write_reliability(page: &mut String, marks: &[Mark]) -> std::fmt::Result {
+fn write_reliability(page: &mut String, scores: &[CaseScore]) -> std::fmt::Result {
     writeln!(
         page,
-        "\n## Confidence against truth\n\n| confidence | claims | mean confidence | right |\n|---|---|---|---|"
+        "\n## Confidence against truth\n\n| confidence | named effects | mean confidence | share of true effects |\n|---|---|---|---|"
     )?;
-    for b in reliability(marks) {
+    for b in reliability(scores) {
         writeln!(
             page,
             "| {:.1} to {:.1} | {} | {:.2} | {:.2} |",
@@ -173,13 +179,13 @@ fn write_reliability(page: &mut String, marks: &[Mark]) -> std::fmt::Result {
     Ok(())
 }
 
-fn write_confusion(page: &mut String, marks: &[Mark]) -> std::fmt::Result {
-    let counts = confusion(marks, SHOWN_FROM);
+fn write_confusion(page: &mut String, scores: &[CaseScore]) -> std::fmt::Result {
+    let counts = confusion(scores, SHOWN_FROM);
     let rows: BTreeSet<&String> = counts.keys().map(|(t, _)| t).collect();
     let columns: BTreeSet<&String> = counts.keys().map(|(_, a)| a).collect();
     writeln!(
         page,
-        "\n## Confusion matrix\n\nRows: what was hidden (strength {SHOWN_FROM} and up, pairs left out); columns: what was answered.\n"
+        "\n## Confusion matrix\n\nRows: hidden effect, strength {SHOWN_FROM} and up, without pairs. Columns: answer.\n"
     )?;
     let numbered: Vec<String> = columns.iter().map(|c| c.replace('_', " ")).collect();
     writeln!(page, "| | {} |", numbered.join(" | "))?;
@@ -198,22 +204,22 @@ fn write_confusion(page: &mut String, marks: &[Mark]) -> std::fmt::Result {
     Ok(())
 }
 
-/// Every case that was not answered right, so that it can be looked at.
-fn write_wrong(page: &mut String, marks: &[Mark]) -> std::fmt::Result {
+/// One row for each case without the right answer, strength 5 and up.
+fn write_wrong(page: &mut String, scores: &[CaseScore]) -> std::fmt::Result {
     writeln!(
         page,
-        "\n## Cases that were not exact, strength 5 and up\n\n| case | kind | strength | hidden | answered | alternatives |\n|---|---|---|---|---|---|"
+        "\n## Cases without the right answer, strength 5 and up\n\n| case | kind | strength | hidden | answered | alternatives |\n|---|---|---|---|---|---|"
     )?;
-    for m in marks {
-        let right = match m.label.family {
-            Family::Outside => m.verdict() == crate::diagnose::Verdict::Unexplained,
-            _ => m.exact(),
+    for s in scores {
+        let right = match s.label.family {
+            Family::Outside => s.verdict() == crate::diagnose::Verdict::Unexplained,
+            _ => s.exact(),
         };
-        if right || (m.label.strength < 5.0 && !m.label.hidden.is_empty()) {
+        if right || (s.label.strength < 5.0 && !s.label.hidden.is_empty()) {
             continue;
         }
-        let (named, others) = m.answer.as_ref().map_or_else(
-            || (m.refused.clone().unwrap_or_default(), String::new()),
+        let (named, others) = s.answer.as_ref().map_or_else(
+            || (s.refused.clone().unwrap_or_default(), String::new()),
             |a| {
                 let word = match a.codes().len() {
                     0 => a.word(),
@@ -225,10 +231,10 @@ fn write_wrong(page: &mut String, marks: &[Mark]) -> std::fmt::Result {
         writeln!(
             page,
             "| {} | {} | {} | {} | {named} | {others} |",
-            m.label.number,
-            family_name(m.label.family),
-            m.label.strength,
-            m.truth().join(", ")
+            s.label.number,
+            family_name(s.label.family),
+            s.label.strength,
+            s.truth().join(", ")
         )?;
     }
     Ok(())
@@ -236,14 +242,14 @@ fn write_wrong(page: &mut String, marks: &[Mark]) -> std::fmt::Result {
 
 #[cfg(test)]
 mod tests {
-    use super::super::score::tests::mark;
+    use super::super::score::tests::score;
     use super::*;
 
     #[test]
-    fn text_and_page_carry_every_figure_and_the_matrix() {
-        let marks = [
-            mark(&["inertia"], &["inertia"], &[]),
-            mark(&["inertia"], &["relaxation"], &["inertia"]),
+    fn text_and_page_have_every_requirement_and_the_confusion_matrix() {
+        let scores = [
+            score(&["inertia"], &["inertia"], &[]),
+            score(&["inertia"], &["relaxation"], &["inertia"]),
         ];
         let request = BlindRequest {
             cases: 2,
@@ -253,12 +259,12 @@ mod tests {
             look_alikes: 0,
             threads: 1,
         };
-        let page = markdown(&request, "abc", &marks);
+        let page = markdown(&request, "abc", &scores);
         assert!(
             page.contains("--seed 7") && page.contains("`abc`") && page.contains("| inertia | **1** | 1 |")
         );
         assert!(page.contains("| 0 | one effect | 5 | inertia | relaxation | inertia |"));
-        let text = text(&request, &marks);
-        assert!(text.contains("50.0 %") && text.lines().count() == figures(&marks, &[]).len());
+        let text = text(&request, &scores);
+        assert!(text.contains("50.0 %") && text.lines().count() == requirements(&scores, &[]).len());
     }
 }

@@ -1,30 +1,28 @@
-//! One answer against one label.
+//! Compares the answer of one diagnosis with the label of its case.
 
 use super::settle::Settling;
 use crate::diagnose::{Diagnosis, Verdict};
 use crate::truth::{Family, Label};
 
-/// What of a diagnosis is judged.
+/// The parts of a diagnosis that are scored.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub(crate) struct Answer {
-    /// In one word.
     pub verdict: Verdict,
-    /// Code and confidence of what is named.
+    /// Code and confidence of each named effect.
     pub effects: Vec<(String, f64)>,
-    /// Code, parameter, value and interval of what is named.
+    /// Code, parameter, value and 95 % interval of each parameter of the named effects.
     pub parameters: Vec<(String, String, f64, Option<[f64; 2]>)>,
-    /// Codes given as alternatives to something named.
+    /// Codes of the alternatives to the named effects.
     pub alternatives: Vec<String>,
-    /// Axis, from, to.
+    /// Axis, lower end and upper end of each location.
     pub locations: Vec<(String, f64, f64)>,
-    /// Held-out error after, in units of the noise floor.
+    /// Held-out error of the improved model divided by the noise floor.
     pub heldout: f64,
-    /// The same before.
+    /// Held-out error of the baseline divided by the noise floor.
     pub heldout_before: f64,
 }
 
 impl Answer {
-    /// From a diagnosis.
     pub(crate) fn of(d: &Diagnosis) -> Answer {
         let floor = d.fit.noise_floor_nrmse.max(1e-12);
         Answer {
@@ -55,19 +53,19 @@ impl Answer {
         }
     }
 
-    /// Codes named, sorted.
+    /// Codes of the named effects, sorted.
     pub(crate) fn codes(&self) -> Vec<&str> {
         let mut codes: Vec<&str> = self.effects.iter().map(|(c, _)| c.as_str()).collect();
         codes.sort_unstable();
         codes
     }
 
-    /// Are exactly these effects named, with nothing that it could be instead?
-    pub(crate) fn is_just(&self, truth: &[&str]) -> bool {
+    /// True if exactly these effects are named and there is no alternative.
+    pub(crate) fn is_exactly(&self, truth: &[&str]) -> bool {
         self.verdict != Verdict::Unexplained && self.codes() == truth && self.alternatives.is_empty()
     }
 
-    /// What is named, and what it could be instead.
+    /// The named effects and their alternatives.
     pub(crate) fn in_words(&self) -> String {
         let named = match (self.verdict, self.codes().as_slice()) {
             (Verdict::MissingPhysics, codes) => codes.join(" and "),
@@ -79,7 +77,7 @@ impl Answer {
         }
     }
 
-    /// In one word for the confusion matrix.
+    /// The answer in one word, for the confusion matrix.
     pub(crate) fn word(&self) -> String {
         match (self.verdict, self.codes().as_slice()) {
             (Verdict::Unexplained, _) => "unknown".to_owned(),
@@ -90,7 +88,7 @@ impl Answer {
     }
 }
 
-/// Name of an axis in contracts.md.
+/// Name of an axis, as in `docs/formats.md`.
 fn axis_name(axis: crate::diagnose::diagnosis::Axis) -> String {
     serde_json::to_value(axis)
         .ok()
@@ -98,31 +96,38 @@ fn axis_name(axis: crate::diagnose::diagnosis::Axis) -> String {
         .unwrap_or_default()
 }
 
-/// A case that was judged.
+/// A parameter of a named effect, compared with its true value.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct ComparedParameter {
+    /// Lower and upper end of the 95 % interval.
+    pub ci95: Option<[f64; 2]>,
+    /// The true value.
+    pub truth: f64,
+}
+
+/// A case with its label and its answer.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub(crate) struct Mark {
-    /// What was true.
+pub(crate) struct CaseScore {
     pub label: Label,
-    /// What was answered; none where the input was refused.
+    /// The answer; `None` if the recordings were refused.
     pub answer: Option<Answer>,
-    /// Why it was refused.
+    /// Error text if the recordings were refused.
     pub refused: Option<String>,
-    /// Time of the diagnosis on one core.
+    /// Duration of the diagnosis on one core, s.
     pub seconds: f64,
-    /// The tests that followed, where there was something to settle.
+    /// The further tests of a case that needs them.
     pub settling: Option<Settling>,
 }
 
-impl Mark {
-    /// Puts label and answer together.
+impl CaseScore {
     pub(crate) fn new(
         label: Label,
         answer: Result<Answer, String>,
         seconds: f64,
         settling: Option<Settling>,
-    ) -> Mark {
+    ) -> CaseScore {
         let refused = answer.as_ref().err().cloned();
-        Mark {
+        CaseScore {
             label,
             answer: answer.ok(),
             refused,
@@ -131,14 +136,14 @@ impl Mark {
         }
     }
 
-    /// True codes, sorted; outsiders too.
+    /// Codes of all hidden effects, sorted.
     pub(crate) fn truth(&self) -> Vec<&'static str> {
         let mut codes: Vec<_> = self.label.hidden.iter().map(|h| h.code).collect();
         codes.sort_unstable();
         codes
     }
 
-    /// In one word for the confusion matrix.
+    /// The truth in one word, for the confusion matrix.
     pub(crate) fn word(&self) -> String {
         match self.truth().as_slice() {
             [] => "none".to_owned(),
@@ -147,46 +152,46 @@ impl Mark {
         }
     }
 
-    /// Verdict, or `Unexplained` where the input was refused.
+    /// Verdict of the answer; `Unexplained` if the recordings were refused.
     pub(crate) fn verdict(&self) -> Verdict {
         self.answer.as_ref().map_or(Verdict::Unexplained, |a| a.verdict)
     }
 
-    /// Were exactly the true effects named?
+    /// True if exactly the hidden effects are named.
     pub(crate) fn exact(&self) -> bool {
         self.label.family != Family::Outside
             && self.verdict() != Verdict::Unexplained
             && self.answer.as_ref().is_some_and(|a| a.codes() == self.truth())
     }
 
-    /// Whether the rounds ended with the true effects alone; none where there was nothing to settle.
+    /// True if the last answer after the further tests is exactly the truth; `None` without further tests.
     pub(crate) fn settled(&self) -> Option<bool> {
         let settling = self.settling.as_ref()?;
         let answer = settling.answer.as_ref();
-        Some(answer.is_some_and(|a| a.is_just(&self.truth())))
+        Some(answer.is_some_and(|a| a.is_exactly(&self.truth())))
     }
 
-    /// One entry a true effect: is it named or among the alternatives?
-    pub(crate) fn covered(&self) -> Vec<bool> {
+    /// For each hidden effect: true if it is named or an alternative.
+    pub(crate) fn named_or_alternative(&self) -> Vec<bool> {
         let Some(answer) = &self.answer else {
             return vec![false; self.label.hidden.len()];
         };
-        let sound = answer.verdict != Verdict::Unexplained;
+        let explained = answer.verdict != Verdict::Unexplained;
         self.truth()
             .iter()
-            .map(|t| sound && (answer.codes().contains(t) || answer.alternatives.iter().any(|a| a == t)))
+            .map(|t| explained && (answer.codes().contains(t) || answer.alternatives.iter().any(|a| a == t)))
             .collect()
     }
 
-    /// Intersection over union of the best place on the true axis, one a local effect.
+    /// For each local effect: largest intersection over union of a location on the true axis.
     pub(crate) fn overlaps(&self) -> Vec<f64> {
         self.label
             .hidden
             .iter()
             .filter_map(|h| h.interval(self.label.top[0]))
             .map(|(axis, from, to)| {
-                let places = self.answer.iter().flat_map(|a| &a.locations);
-                places
+                let locations = self.answer.iter().flat_map(|a| &a.locations);
+                locations
                     .filter(|l| l.0 == axis)
                     .map(|l| overlap([from, to], [l.1, l.2]))
                     .fold(0.0, f64::max)
@@ -194,8 +199,8 @@ impl Mark {
             .collect()
     }
 
-    /// Name, value, interval and truth of every parameter that can be compared.
-    pub(crate) fn intervals(&self) -> Vec<(&'static str, f64, Option<[f64; 2]>, f64)> {
+    /// The named parameters whose true value is known.
+    pub(crate) fn compared_parameters(&self) -> Vec<ComparedParameter> {
         let Some(answer) = &self.answer else {
             return Vec::new();
         };
@@ -206,15 +211,15 @@ impl Mark {
                     .parameters
                     .iter()
                     .find(|(code, parameter, ..)| code == hidden.code && parameter == name);
-                if let Some((_, _, value, ci95)) = found {
-                    list.push((name, *value, *ci95, truth));
+                if let Some(&(.., ci95)) = found {
+                    list.push(ComparedParameter { ci95, truth });
                 }
             }
         }
         list
     }
 
-    /// Confidence of each named effect, and whether it is true.
+    /// Confidence of each named effect, and true if it is hidden.
     pub(crate) fn claims(&self) -> Vec<(f64, bool)> {
         let truth = self.truth();
         let claims = self.answer.iter().flat_map(|a| &a.effects);
@@ -224,6 +229,7 @@ impl Mark {
     }
 }
 
+/// Intersection over union of two intervals.
 fn overlap(a: [f64; 2], b: [f64; 2]) -> f64 {
     let common = (a[1].min(b[1]) - a[0].max(b[0])).max(0.0);
     let union = a[1].max(b[1]) - a[0].min(b[0]);
@@ -235,8 +241,8 @@ pub(crate) mod tests {
     use super::*;
     use crate::truth::Hidden;
 
-    /// A case with one knee at 10 of 25 mm, named or not.
-    pub(crate) fn mark(truth: &[&'static str], named: &[&str], alternatives: &[&str]) -> Mark {
+    /// A score with the hidden effects `truth`, each at 10 of 25 mm, and an answer with these named effects and alternatives.
+    pub(crate) fn score(truth: &[&'static str], named: &[&str], alternatives: &[&str]) -> CaseScore {
         let hidden = truth
             .iter()
             .map(|code| Hidden {
@@ -278,29 +284,47 @@ pub(crate) mod tests {
             heldout: 1.05,
             heldout_before: 3.0,
         };
-        Mark::new(label, Ok(answer), 1.0, None)
+        CaseScore::new(label, Ok(answer), 1.0, None)
     }
 
     #[test]
-    fn exact_means_all_and_nothing_else() {
+    fn exact_means_all_hidden_effects_and_no_other() {
         let knee = "progressive_stiffness";
-        assert!(mark(&[knee], &[knee], &[]).exact());
-        assert!(!mark(&[knee], &[knee, "inertia"], &[]).exact());
-        assert!(!mark(&[knee, "inertia"], &[knee], &["inertia"]).exact());
+        assert!(score(&[knee], &[knee], &[]).exact());
+        assert!(!score(&[knee], &[knee, "inertia"], &[]).exact());
+        assert!(!score(&[knee, "inertia"], &[knee], &["inertia"]).exact());
         assert_eq!(
-            mark(&[knee, "inertia"], &["relaxation"], &["inertia"]).covered(),
+            score(&[knee, "inertia"], &["relaxation"], &["inertia"]).named_or_alternative(),
             [true, false]
         );
-        assert!(mark(&[], &[], &[]).exact());
+        assert!(score(&[], &[], &[]).exact());
     }
 
     #[test]
-    fn overlap_interval_and_claims_by_hand() {
-        let m = mark(&["progressive_stiffness"], &["progressive_stiffness"], &[]);
+    fn overlaps_parameters_and_claims_by_hand() {
+        let s = score(&["progressive_stiffness"], &["progressive_stiffness"], &[]);
         // 10..25 against 13..25: 12 of 15.
-        assert_eq!(m.overlaps(), [0.8]);
-        assert_eq!(m.intervals(), [("knee_mm", 10.1, Some([9.8, 10.4]), 10.0)]);
-        assert_eq!(m.claims(), [(0.9, true)]);
+        assert_eq!(s.overlaps(), [0.8]);
+        let knee = ComparedParameter {
+            ci95: Some([9.8, 10.4]),
+            truth: 10.0,
+        };
+        assert_eq!(s.compared_parameters(), [knee]);
+        assert_eq!(s.claims(), [(0.9, true)]);
         assert_eq!(overlap([0.0, 1.0], [2.0, 3.0]), 0.0);
+    }
+
+    #[test]
+    fn every_compared_parameter_is_one_of_the_effect_with_that_code() {
+        for physics in crate::truth::hidden::PHYSICS.iter().filter(|p| p.in_library) {
+            let effect = crate::effect::find(physics.code).expect("a code of the library");
+            for name in physics.compared.iter().flatten() {
+                assert!(
+                    effect.parameters.iter().any(|p| p.name == *name),
+                    "effect {} has no parameter {name}",
+                    effect.code
+                );
+            }
+        }
     }
 }

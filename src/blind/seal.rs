@@ -1,4 +1,4 @@
-//! A label locked by its hash: printed before the diagnosis, checked when it is opened.
+//! Sealed labels: the hash of each label is printed before the diagnosis and checked after it.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -6,38 +6,38 @@ use sha2::{Digest, Sha256};
 
 use crate::truth::Label;
 
-/// Commitment to a label.
+/// Hash of a label, so that the label cannot be changed after the diagnosis.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
-pub(crate) struct Seal {
+pub(crate) struct SealedLabel {
     /// Number of the case.
     pub number: u64,
-    /// Hex SHA-256 of nonce and label; says nothing about the label.
+    /// SHA-256 of nonce and label, in hexadecimal. With the nonce, equal labels have different hashes.
     pub sha256: String,
     #[serde(skip)]
     nonce: [u8; 16],
 }
 
-impl Seal {
-    /// Locks a label. The nonce comes from a stream of the seed that no case uses.
-    pub(crate) fn of(label: &Label, seed: u64) -> Seal {
+impl SealedLabel {
+    /// Seals a label. The nonce is from a random stream of the seed that no case uses.
+    pub(crate) fn new(label: &Label, seed: u64) -> SealedLabel {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream(u64::MAX - label.number);
         let nonce: [u8; 16] = random.random();
-        Seal {
+        SealedLabel {
             number: label.number,
             sha256: hash(&nonce, label),
             nonce,
         }
     }
 
-    /// Is this the label that was sealed?
-    pub(crate) fn open(&self, label: &Label) -> bool {
+    /// True if this is the label that was sealed.
+    pub(crate) fn matches(&self, label: &Label) -> bool {
         hash(&self.nonce, label) == self.sha256
     }
 }
 
-/// One hash over all seals, to be kept with the result.
-pub(crate) fn of_all(seals: &[Seal]) -> String {
+/// SHA-256 over the hashes of all labels, in hexadecimal.
+pub(crate) fn hash_of_all(seals: &[SealedLabel]) -> String {
     let text: Vec<&str> = seals.iter().map(|s| s.sha256.as_str()).collect();
     hex(&Sha256::digest(text.join("\n")))
 }
@@ -59,18 +59,18 @@ mod tests {
     use crate::truth::Case;
 
     #[test]
-    fn a_seal_opens_for_its_own_label_only() {
+    fn a_sealed_label_matches_that_label_only() {
         let label = Case::draw(9, 0, Some(5.0)).label;
-        let seal = Seal::of(&label, 9);
-        assert!(seal.open(&label));
+        let seal = SealedLabel::new(&label, 9);
+        assert!(seal.matches(&label));
         let mut other = label.clone();
         other.strength += 1e-9;
-        assert!(!seal.open(&other));
+        assert!(!seal.matches(&other));
         assert_ne!(
             seal.sha256,
-            Seal::of(&label, 10).sha256,
+            SealedLabel::new(&label, 10).sha256,
             "the nonce depends on the seed"
         );
-        assert_eq!(of_all(std::slice::from_ref(&seal)).len(), 64);
+        assert_eq!(hash_of_all(std::slice::from_ref(&seal)).len(), 64);
     }
 }

@@ -1,5 +1,5 @@
-//! What `diagnose --run-next` does, on a sealed case: the test that the diagnosis asks for is played on the case's own
-//! specimen and sensors, its recording is added, and the diagnosis judges again.
+//! `diagnose --run-next` on a sealed case: it records the proposed test with the specimen and the sensors of the case, adds
+//! the recording and repeats the diagnosis.
 
 use std::time::Instant;
 
@@ -8,34 +8,34 @@ use crate::diagnose::Diagnosis;
 use crate::profile::{Player, Profile, ProfileLimits};
 use crate::truth::{Case, Family};
 
-/// Tests that are played at most, as many as `--rounds` allows where nothing is said.
+/// Largest number of further tests, the default of `--rounds`.
 pub(crate) const ROUNDS: usize = 4;
-/// The bench's commands a second.
+/// Rate of the commands of the bench, Hz.
 const COMMANDS_HZ: f64 = 1000.0;
 
-/// How the rounds of a case ended.
+/// The further tests of a case and their result.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub(crate) struct Settling {
-    /// Names of the profiles played.
+    /// Names of the profiles that were run.
     pub tests: Vec<String>,
-    /// Effects named, or those it could be instead, after each test.
+    /// Named effects and their alternatives: before the first test, and after each test.
     pub path: Vec<String>,
-    /// The last answer; none where the recordings were refused.
+    /// The last answer; `None` if the recordings were refused.
     pub answer: Option<Answer>,
-    /// Why no further test was played.
+    /// Reason why there was no further test.
     pub ended: String,
-    /// Time of all rounds on one core.
+    /// Duration of all tests and diagnoses on one core, s.
     pub seconds: f64,
 }
 
-/// Whether there is something to settle: a case with a look-alike where something is named, and not the truth alone.
-pub(crate) fn is_open(case: &Case, first: &Answer) -> bool {
+/// True if a case needs further tests: it has a look-alike, and the answer names something other than exactly the truth.
+pub(crate) fn needs_further_tests(case: &Case, first: &Answer) -> bool {
     let truth: Vec<&str> = case.label.hidden.iter().map(|h| h.code).collect();
-    let nothing_claimed = first.word() == "none";
-    case.label.family == Family::Confounded && !nothing_claimed && !first.is_just(&truth)
+    let names_something = first.word() != "none";
+    case.label.family == Family::Confounded && names_something && !first.is_exactly(&truth)
 }
 
-/// What the bench allows a test: as fast as the shipped mock bench, and a quarter beyond what was recorded.
+/// Limits of the bench for further tests: the speed of the shipped mock bench, and a quarter more travel than was recorded.
 pub(crate) fn limits(case: &Case) -> ProfileLimits {
     let [top_mm, top_n] = case.label.top;
     ProfileLimits {
@@ -48,7 +48,7 @@ pub(crate) fn limits(case: &Case) -> ProfileLimits {
     }
 }
 
-/// Plays the rounds that follow a first diagnosis.
+/// Runs the tests that follow a first diagnosis.
 pub(crate) fn settle(case: &Case, first: Diagnosis) -> Settling {
     let begun = Instant::now();
     let mut recordings = case.recordings.clone();
@@ -90,7 +90,7 @@ pub(crate) fn settle(case: &Case, first: Diagnosis) -> Settling {
     settling
 }
 
-/// Name of a profile, and what a bench at rest at zero is told to do: time in s, displacement in mm.
+/// Name of a profile, and its commands for a bench at rest at zero: time in s, displacement in mm.
 fn motion(profile_toml: &str) -> Result<(String, Vec<[f64; 2]>), String> {
     let play = || {
         let profile = Profile::from_toml(profile_toml, "next-test.toml")?;
@@ -101,7 +101,7 @@ fn motion(profile_toml: &str) -> Result<(String, Vec<[f64; 2]>), String> {
         }
         Ok((profile.name, points))
     };
-    play().map_err(|e: crate::profile::ProfileError| format!("the bench will not run the next test: {e}"))
+    play().map_err(|e: crate::profile::ProfileError| format!("the bench cannot run the next test: {e}"))
 }
 
 #[cfg(test)]
@@ -109,7 +109,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_profile_becomes_the_motion_that_the_bench_would_make() {
+    fn a_profile_becomes_the_motion_of_the_bench() {
         let text = "name = \"up\"\ncontrol = \"displacement\"\n[[block]]\n[[block.segment]]\nkind = \"ramp\"\nto_mm = 4.0\nduration_s = 2.0\n";
         let (name, points) = motion(text).expect("a profile");
         assert_eq!((name.as_str(), points.len()), ("up", 2001));
@@ -119,21 +119,27 @@ mod tests {
     }
 
     #[test]
-    fn only_what_is_claimed_and_not_just_the_truth_is_open() {
+    fn only_a_claim_that_is_not_exactly_the_truth_needs_further_tests() {
         let case = Case::draw(1, 11, Some(5.0));
         assert_eq!(case.label.family, Family::Confounded);
         let code = case.label.hidden[0].code;
         let answer = |named: &[&str], others: &[&str]| {
-            super::super::score::tests::mark(&["inertia"], named, others)
+            super::super::score::tests::score(&["inertia"], named, others)
                 .answer
                 .expect("answered")
         };
-        assert!(!is_open(&case, &answer(&[code], &[])), "settled from the start");
-        assert!(!is_open(&case, &answer(&[], &[])), "nothing is claimed");
-        assert!(is_open(&case, &answer(&[code], &["backlash"])));
         assert!(
-            is_open(&case, &answer(&["backlash"], &[])),
-            "wrong and sure of it"
+            !needs_further_tests(&case, &answer(&[code], &[])),
+            "the answer is the truth"
+        );
+        assert!(
+            !needs_further_tests(&case, &answer(&[], &[])),
+            "nothing is claimed"
+        );
+        assert!(needs_further_tests(&case, &answer(&[code], &["backlash"])));
+        assert!(
+            needs_further_tests(&case, &answer(&["backlash"], &[])),
+            "the answer is wrong and has no alternative"
         );
     }
 }

@@ -8,8 +8,9 @@ use clap::{Arg, ArgMatches};
 
 use super::progress::{Progress, ProgressMark};
 use super::{CliError, Command, Done, Output};
-use crate::blind::figures::{ConfidenceBin, Figure, figures, reliability};
-use crate::blind::{BlindRequest, Mark, page, run as run_cases, seal};
+use crate::blind::requirements::{Requirement, requirements};
+use crate::blind::statistics::{ConfidenceBin, reliability};
+use crate::blind::{BlindRequest, CaseScore, page, run as run_cases, seal};
 use crate::truth::{Case, Family, sensors};
 
 /// See [`super::COMMANDS`].
@@ -80,7 +81,7 @@ struct Summary {
     cases: u64,
     seed: u64,
     sealed_sha256: String,
-    figures: Vec<Figure>,
+    figures: Vec<Requirement>,
     reliability: Vec<ConfidenceBin>,
 }
 
@@ -128,7 +129,7 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
     let marks = run_cases(
         &request,
         &mut |seals| {
-            sealed = seal::of_all(seals);
+            sealed = seal::hash_of_all(seals);
             if !output.json {
                 eprintln!("{} labels sealed, SHA-256 over all: {sealed}", seals.len());
             }
@@ -157,7 +158,7 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
         cases: drawn.len() as u64,
         seed: request.seed,
         sealed_sha256: sealed,
-        figures: figures(drawn, look_alikes),
+        figures: requirements(drawn, look_alikes),
         reliability: reliability(drawn),
     };
     output.result(&result, || page::text(&request, &marks))?;
@@ -168,7 +169,7 @@ fn write_results(
     folder: &Path,
     request: &BlindRequest,
     sealed: &str,
-    marks: &[Mark],
+    marks: &[CaseScore],
 ) -> Result<(), CliError> {
     std::fs::create_dir_all(folder).map_err(CliError::file(folder, "making the folder"))?;
     write(&folder.join("blind.md"), &page::markdown(request, sealed, marks))?;
@@ -190,7 +191,7 @@ fn export(request: &BlindRequest, number: u64, folder: &Path, output: &Output) -
         write(&path, &sensors::csv(recording))?;
         written.push(path);
     }
-    let label = serde_json::json!({ "label": case.label, "told": case.start });
+    let label = serde_json::json!({ "label": case.label, "told": case.baseline });
     let path = folder.join(format!("case-{number:04}-label.json"));
     write(&path, &format!("{label:#}\n"))?;
     written.push(path);

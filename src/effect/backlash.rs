@@ -1,10 +1,12 @@
-//! Lost motion at a reversal.
+//! Lost motion after a reversal.
 //!
 //! ```text
-//! F = F_in(y)                y follows x behind a play of gap_mm: it moves only while pushed by either side
+//! F(x) = F_in(y),  y = min(max(y, x - g / 2), x + g / 2)
 //! ```
-//! Source: play operator, M. A. Krasnosel'skii and A. V. Pokrovskii, Systems with Hysteresis (1989). The force stands
-//! still for gap_mm of travel after each reversal.
+//! x: displacement, mm. y: displacement of the spring, mm. g: `gap_mm`. F_in: force of the plant inside, N.
+//! The force stays constant for g of travel after each reversal.
+//! Source: play operator, M. A. Krasnosel'skii and A. V. Pokrovskii, Systems with Hysteresis (1989).
+//! Range: quasi-static. The impact when the gap closes is not included.
 
 use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, wrapped};
 use crate::model::{Parameter, Plant};
@@ -13,14 +15,13 @@ use crate::model::{Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "backlash",
     stage: Stage::Frame,
-    what: "lost motion at a reversal",
     parameters: &[Parameter {
         name: "gap_mm",
         unit: "mm",
         start: 0.1,
         bounds: [0.0, 20.0],
         belief: [0.0, 3.0],
-        what: "travel without effect after a reversal",
+        what: "travel after a reversal that does not move the specimen",
     }],
     neutral: &[0.0],
     amplitudes: &[],
@@ -32,7 +33,7 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     statement: |v| {
         format!(
-            "After each reversal {:.3} mm of motion are lost before the force follows: play in an eye, a pin or the pusher's guide.",
+            "After each reversal, {:.3} mm of motion are lost before the force follows. Possible causes: play in an eye, in a pin or in the pusher guide.",
             v[0]
         )
     },
@@ -56,13 +57,13 @@ pub(crate) const EFFECT: Effect = Effect {
     confusable_with: &[
         LookAlike {
             code: "presliding",
-            why: "both take force away after each reversal",
-            test: "reversal nests of 0.2 to 2 mm: play is used up at a fixed travel, friction turns round over a travel that grows with its own strength",
+            why: "both reduce the force change just after each reversal",
+            test: "nested reversals of 0.2 to 2 mm: backlash ends at a fixed travel, presliding needs a travel that depends on the friction force",
         },
         LookAlike {
             code: "coulomb_friction",
-            why: "a loop that is wider by rate times play has the shape of friction",
-            test: "reversals at two loads: play keeps its travel, friction its force",
+            why: "backlash widens the loop by rate times gap, as a constant friction does",
+            test: "reversals at two loads: backlash keeps its travel, friction keeps its force",
         },
     ],
 };
@@ -98,7 +99,7 @@ mod tests {
 
     #[test]
     fn force_by_hand() {
-        // 0.5 mm of play: 5 mm pushes the spring to 4.75, back by 0.4 leaves it there.
+        // Gap 0.5 mm: 5 mm moves the spring to 4.75 mm. The first 0.4 mm of the way back do not move it.
         let mut plant = (EFFECT.attach)(&[0.5], spring());
         assert!((plant.step(5.0, 0.1) - 480.0).abs() < 1e-9);
         assert!((plant.step(4.6, 0.1) - 480.0).abs() < 1e-9);
@@ -106,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[0.3]);
+    fn parameters_are_recovered_from_clean_data() {
+        parameters_are_recovered(&EFFECT, &[0.3]);
     }
 }

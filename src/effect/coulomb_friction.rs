@@ -1,10 +1,13 @@
-//! Friction that does not depend on the load: bushings, pusher on board, guides, seals.
+//! Dry friction that does not depend on the load.
 //!
 //! ```text
-//! F = F_in + T r(x)          T friction_n, N; r in [-1, 1]: drag of the contact, Dahl (1968), over transition_mm
+//! F = F_in + T r(x)
 //! ```
-//! Source: C. A. de Coulomb (1785); the drag as in Dahl, A solid friction model (1968), because no bushing turns round
-//! within a sample. Told from load-proportional friction by the loop's width at a second load; always dissipates.
+//! T: `friction_n`, N. r: drag of the contact, -1 to 1; after a reversal it changes sign over `transition_mm`
+//! (see [`Drag`]). F_in: force of the plant inside, N.
+//! Sources: C. A. de Coulomb (1785); transition after a reversal: P. R. Dahl, A solid friction model (1968).
+//! Range: any motion; the friction is independent of load and speed. The loop width at a second mean load separates it
+//! from friction in proportion to the load.
 
 use super::motion::Drag;
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
@@ -14,7 +17,6 @@ use crate::model::{Motion, Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "coulomb_friction",
     stage: Stage::Pusher,
-    what: "dry friction that does not depend on the load",
     parameters: &[
         Parameter {
             name: "friction_n",
@@ -30,7 +32,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 0.05,
             bounds: [0.001, 5.0],
             belief: [0.001, 1.0],
-            what: "travel over which it turns round after a reversal",
+            what: "travel after a reversal over which the friction reverses",
         },
     ],
     neutral: &[0.0, 0.05],
@@ -39,7 +41,7 @@ pub(crate) const EFFECT: Effect = Effect {
     starts: |_| vec![vec![10.0, 0.02], vec![10.0, 0.1], vec![10.0, 0.5]],
     statement: |v| {
         format!(
-            "A dry friction of {:.1} N that does not depend on the load acts against every motion: bushings, pusher on its board, guides or seals.",
+            "A dry friction of {:.1} N acts against every motion and does not depend on the load. Possible causes: bushings, pusher on its board, guides or seals.",
             v[0]
         )
     },
@@ -56,13 +58,13 @@ pub(crate) const EFFECT: Effect = Effect {
     confusable_with: &[
         LookAlike {
             code: "load_dependent_friction",
-            why: "at one mean load and a small amplitude both widen the loop by the same force",
-            test: "a sine of the same amplitude at half the mean load: only this friction keeps its width",
+            why: "at one mean load and a small amplitude, both widen the loop by the same force",
+            test: "a sine of the same amplitude at half the mean load: friction that does not depend on the load keeps the loop width",
         },
         LookAlike {
             code: "stribeck",
-            why: "friction that is higher in a slow ramp adds a nearly constant force there",
-            test: "the same ramp ten times faster",
+            why: "Stribeck friction adds a nearly constant force in a slow ramp",
+            test: "the same ramp ten times faster: Stribeck friction decreases, Coulomb friction does not",
         },
     ],
 };
@@ -100,14 +102,14 @@ mod tests {
 
     #[test]
     fn force_by_hand() {
-        // Slid far either way: 100 + 80 x, plus and minus 25 N.
+        // Full sliding in both directions: 100 + 80 x, plus and minus 25 N.
         let mut plant = (EFFECT.attach)(&[25.0, 0.01], spring());
         assert!((plant.step(5.0, 0.1) - 525.0).abs() < 1e-9);
         assert!((plant.step(4.0, 0.1) - 395.0).abs() < 1e-9);
     }
 
     #[test]
-    fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[25.0, 0.12]);
+    fn parameters_are_recovered_from_clean_data() {
+        parameters_are_recovered(&EFFECT, &[25.0, 0.12]);
     }
 }

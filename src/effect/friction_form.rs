@@ -1,34 +1,37 @@
-//! The model's own load-proportional friction in another form: how it turns round after a reversal, free of any one law.
+//! The friction of the model in a general form: its transition after a reversal follows no particular law.
 //!
 //! ```text
-//! F = F_in + E sum c_i r_i,   r_i: mean of three elements dr = dx / l held within [-1, 1],  l within band i
+//! F = F_in + E sum c_i r_i,   r_i: mean of three elements with dr = dx / l, limited to [-1, 1], l within band i
 //! ```
-//! E: load carried. Elastic-plastic elements (Jenkins) in parallel, a Prandtl-Ishlinskii model; Iwan (1966). Any friction that
-//! turns round over 0.01 to 10 mm and returns to where it turned (Masing 1926) is such a sum. It names no missing physics:
-//! a model that has presliding friction may have another law of it than the spring. The strengths are linear, so that a fit
-//! needs no luck with its start.
+//! E: load that the contacts carry, N. c_i: `ratio_i`, friction divided by load of band i. l: length of an element, mm.
+//! F_in: force of the plant inside, N.
+//! Source: elastic-plastic (Jenkins) elements in parallel, a Prandtl-Ishlinskii model; W. D. Iwan (1966).
+//! Range: any friction that reverses over 0.01 to 10 mm and closes its nested loops (Masing 1926).
+//! It is not missing physics: the friction law is generalised first, so that its shape is not reported as missing physics.
+//! The force is linear in the ratios, so the result of a fit does not depend on its start.
 
-use super::motion::Steady;
+use super::motion::BandedTravel;
 use super::{Effect, Stage, Wrap, everywhere, load_n, wrapped};
 use crate::model::friction::elements::Elements;
 use crate::model::{Motion, Parameter, Plant};
 
-/// Bands of length, mm: the first is what no sampling resolves, the others grow by about 1.5.
-const BANDS_MM: [f64; COUNT + 1] = [
+/// Edges of the length bands, mm. No usual sampling resolves the first band; the others grow by about 1.5.
+const BANDS_MM: [f64; BANDS + 1] = [
     0.004, 0.02, 0.035, 0.055, 0.08, 0.12, 0.18, 0.26, 0.38, 0.56, 0.82, 1.2, 1.8, 2.6, 3.8, 5.6, 8.0,
 ];
-/// Bands, and elements in each.
-const COUNT: usize = 16;
-const EACH: usize = 3;
+/// Number of length bands.
+const BANDS: usize = 16;
+/// Number of elements in a band.
+const ELEMENTS_PER_BAND: usize = 3;
 
-const fn strength(name: &'static str) -> Parameter {
+const fn ratio(name: &'static str) -> Parameter {
     Parameter {
         name,
         unit: "",
         start: 0.0,
         bounds: [0.0, 0.9],
         belief: [0.0, 0.2],
-        what: "friction over load of the elements in the band with this number, shortest first",
+        what: "friction divided by load of the elements in this length band; band 0 is the shortest",
     }
 }
 
@@ -36,45 +39,45 @@ const fn strength(name: &'static str) -> Parameter {
 pub(crate) const FORM: Effect = Effect {
     code: "friction_form",
     stage: Stage::Interleaf,
-    what: "the model's own friction with another way of turning round",
     parameters: &[
-        strength("ratio_0"),
-        strength("ratio_1"),
-        strength("ratio_2"),
-        strength("ratio_3"),
-        strength("ratio_4"),
-        strength("ratio_5"),
-        strength("ratio_6"),
-        strength("ratio_7"),
-        strength("ratio_8"),
-        strength("ratio_9"),
-        strength("ratio_10"),
-        strength("ratio_11"),
-        strength("ratio_12"),
-        strength("ratio_13"),
-        strength("ratio_14"),
-        strength("ratio_15"),
+        ratio("ratio_0"),
+        ratio("ratio_1"),
+        ratio("ratio_2"),
+        ratio("ratio_3"),
+        ratio("ratio_4"),
+        ratio("ratio_5"),
+        ratio("ratio_6"),
+        ratio("ratio_7"),
+        ratio("ratio_8"),
+        ratio("ratio_9"),
+        ratio("ratio_10"),
+        ratio("ratio_11"),
+        ratio("ratio_12"),
+        ratio("ratio_13"),
+        ratio("ratio_14"),
+        ratio("ratio_15"),
     ],
-    neutral: &[0.0; COUNT],
+    neutral: &[0.0; BANDS],
     amplitudes: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15],
     kinks: &[],
-    starts: |_| vec![vec![0.002; COUNT]],
+    starts: |_| vec![vec![0.002; BANDS]],
     statement: |v| {
         format!(
-            "The model's own friction turns round in another form: {:.1} % of the load over travels of 0.01 to 10 mm.",
+            "The friction of the model reverses in another form: {:.1} % of the load, over travels of 0.01 to 10 mm.",
             100.0 * v.iter().sum::<f64>()
         )
     },
     attach: |v, inside| {
-        let mut strengths = [0.0; COUNT];
-        strengths.copy_from_slice(&v[..COUNT]);
+        let mut ratios = [0.0; BANDS];
+        ratios.copy_from_slice(&v[..BANDS]);
         wrapped(
             FrictionForm {
-                strengths,
-                steady: Steady::default(),
+                ratios,
+                travel: BandedTravel::default(),
                 elements: Elements::new(std::array::from_fn(|k| {
-                    let (band, within) = (k / EACH, (k % EACH) as f64 + 0.5);
-                    BANDS_MM[band] * (BANDS_MM[band + 1] / BANDS_MM[band]).powf(within / EACH as f64)
+                    let (band, within) = (k / ELEMENTS_PER_BAND, (k % ELEMENTS_PER_BAND) as f64 + 0.5);
+                    BANDS_MM[band]
+                        * (BANDS_MM[band + 1] / BANDS_MM[band]).powf(within / ELEMENTS_PER_BAND as f64)
                 })),
             },
             inside,
@@ -86,29 +89,29 @@ pub(crate) const FORM: Effect = Effect {
 
 #[derive(Clone)]
 struct FrictionForm {
-    strengths: [f64; COUNT],
-    steady: Steady,
-    elements: Elements<{ COUNT * EACH }>,
+    ratios: [f64; BANDS],
+    travel: BandedTravel,
+    elements: Elements<{ BANDS * ELEMENTS_PER_BAND }>,
 }
 
 impl Wrap for FrictionForm {
     fn reset(&mut self) {
-        self.steady = Steady::default();
+        self.travel = BandedTravel::default();
         self.elements.reset();
     }
 
     fn told(&mut self, _motion: &Motion) {
-        self.steady.tell();
+        self.travel.tell();
     }
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
-        let drags = self.elements.advance(self.steady.travel(displacement_mm));
+        let drags = self.elements.advance(self.travel.advance(displacement_mm));
         let ratio: f64 = drags
-            .chunks_exact(EACH)
-            .zip(&self.strengths)
-            .map(|(band, strength)| strength * band.iter().sum::<f64>())
+            .chunks_exact(ELEMENTS_PER_BAND)
+            .zip(&self.ratios)
+            .map(|(band, ratio)| ratio * band.iter().sum::<f64>())
             .sum::<f64>()
-            / EACH as f64;
+            / ELEMENTS_PER_BAND as f64;
         let force_n = inside.step(displacement_mm, dt_s);
         force_n + load_n(&**inside, force_n) * ratio
     }
@@ -126,10 +129,10 @@ mod tests {
 
     #[test]
     fn force_by_hand() {
-        // Slid far up, then back by 1 mm: the first band is turned, of the last (5.6 to 8 mm) each element by 1 mm.
-        let mut strengths = [0.0; COUNT];
-        (strengths[0], strengths[15]) = (0.02, 0.04);
-        let mut plant = (FORM.attach)(&strengths, spring());
+        // Full sliding upwards, then 1 mm back: the first band has reversed; in the last band (5.6 to 8 mm) each element moved by 1 mm.
+        let mut ratios = [0.0; BANDS];
+        (ratios[0], ratios[15]) = (0.02, 0.04);
+        let mut plant = (FORM.attach)(&ratios, spring());
         plant.step(50.0, 0.1);
         let lengths = [0.5, 1.5, 2.5].map(|k: f64| 5.6 * (8.0f64 / 5.6).powf(k / 3.0));
         let last = lengths.iter().map(|l| 1.0 - 1.0 / l).sum::<f64>() / 3.0;
@@ -138,9 +141,9 @@ mod tests {
     }
 
     #[test]
-    fn strengths_are_linear() {
-        let force = |strengths: &[f64]| drive(&mut (FORM.attach)(strengths, spring()));
-        let (mut a, mut b, mut both) = ([0.0; COUNT], [0.0; COUNT], [0.0; COUNT]);
+    fn the_force_is_linear_in_the_ratios() {
+        let force = |ratios: &[f64]| drive(&mut (FORM.attach)(ratios, spring()));
+        let (mut a, mut b, mut both) = ([0.0; BANDS], [0.0; BANDS], [0.0; BANDS]);
         (a[4], b[9]) = (0.01, 0.03);
         (both[4], both[9]) = (0.01, 0.03);
         let (a, b, both, none) = (force(&a), force(&b), force(&both), force(FORM.neutral));

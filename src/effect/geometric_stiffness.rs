@@ -1,10 +1,13 @@
-//! Stiffness that changes with the linkage's geometry: shackle angle, camber.
+//! Stiffness that changes smoothly with deflection, from the geometry of shackle and camber.
 //!
 //! ```text
-//! F = F_in + a x^2 / 2 + b x^3 / 6            a curvature_n_per_mm2 = dk/dx at the datum, b its own change
+//! F = F_in + a x^2 / 2 + b x^3 / 6
 //! ```
-//! The first two terms that a smooth linkage adds to a straight line (Taylor); the zeroth and first are the model's own.
-//! Source: shackle geometry, Chula thesis, eq. 5-6 (the measured branch softens by a third over the travel, Table 5-1).
+//! a: `curvature_n_per_mm2`, change of the rate dk/dx at the datum. b: `cubic_n_per_mm3`, change of a with x.
+//! x: displacement, mm. F_in: force of the plant inside, N.
+//! Sources: Taylor series of a smooth linkage, such as the shackle linkage of the Chula thesis (eq. 5-6). The loading
+//! branch measured there (Table 5-1) softens by about a third over its travel.
+//! Range: travels in which the linkage angle changes smoothly; not beyond the recorded displacement.
 
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, with_more_load, wrapped};
 use crate::model::{Parameter, Plant};
@@ -13,7 +16,6 @@ use crate::model::{Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "geometric_stiffness",
     stage: Stage::Mounting,
-    what: "stiffness that changes smoothly with deflection",
     parameters: &[
         Parameter {
             name: "curvature_n_per_mm2",
@@ -21,7 +23,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 0.1,
             bounds: [-100.0, 100.0],
             belief: [-10.0, 10.0],
-            what: "change of the rate with deflection, at the datum",
+            what: "change of the rate with the deflection, at the datum",
         },
         Parameter {
             name: "cubic_n_per_mm3",
@@ -29,7 +31,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 0.0,
             bounds: [-20.0, 20.0],
             belief: [-1.0, 1.0],
-            what: "change of that change",
+            what: "change of the curvature with the deflection",
         },
     ],
     neutral: &[0.0, 0.0],
@@ -38,7 +40,7 @@ pub(crate) const EFFECT: Effect = Effect {
     starts: |_| vec![vec![0.1, 0.0]],
     statement: |v| {
         format!(
-            "The rate changes smoothly with deflection, by {:+.2} N/mm for each mm at the datum: shackle or camber geometry.",
+            "The rate changes smoothly with deflection, by {:+.2} N/mm for each mm at the datum. Possible causes: geometry of shackle or camber.",
             v[0]
         )
     },
@@ -56,13 +58,13 @@ pub(crate) const EFFECT: Effect = Effect {
     confusable_with: &[
         LookAlike {
             code: "progressive_stiffness",
-            why: "within a short range a knee and a smooth bend are alike",
-            test: "a slow ramp over the whole travel: a knee stays at its place, a bend goes on",
+            why: "within a short travel, a knee and a smooth curve look the same",
+            test: "a slow ramp over the whole travel: a knee has a fixed position, a smooth curve continues",
         },
         LookAlike {
             code: "series_compliance",
-            why: "a seat that stiffens under load bends the curve as geometry does",
-            test: "a second LVDT between board and frame",
+            why: "a seat that stiffens under load curves the characteristic as geometry does",
+            test: "a second LVDT between board and frame: it measures the deformation of the seat",
         },
     ],
 };
@@ -107,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[0.8, 0.03]);
+    fn parameters_are_recovered_from_clean_data() {
+        parameters_are_recovered(&EFFECT, &[0.8, 0.03]);
     }
 }

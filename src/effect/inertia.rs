@@ -1,9 +1,11 @@
 //! Moving mass between load cell and specimen.
 //!
 //! ```text
-//! F = F_in + m a             m mass_kg; a acceleration of the displacement, mm/s2; 1 kg at 1000 mm/s2 is 1 N
+//! F = F_in + m a / 1000
 //! ```
-//! Source: Newton's second law. Grows with the square of the frequency; in one sine it is only a lower rate.
+//! m: `mass_kg`. a: acceleration of the displacement, mm/s2. F_in: force of the plant inside, N.
+//! Source: Newton's second law. Range: the mass moves as a rigid body with the pusher. The effect grows with the square
+//! of the frequency; in a single sine it only lowers the apparent rate.
 
 use super::motion::Rates;
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
@@ -14,7 +16,6 @@ use crate::units::inertia_force_n;
 pub(crate) const EFFECT: Effect = Effect {
     code: "inertia",
     stage: Stage::Pusher,
-    what: "moving mass between load cell and specimen",
     parameters: &[Parameter {
         name: "mass_kg",
         unit: "kg",
@@ -29,7 +30,7 @@ pub(crate) const EFFECT: Effect = Effect {
     starts: |_| vec![vec![0.5]],
     statement: |v| {
         format!(
-            "A mass of {:.2} kg moves between load cell and specimen: its inertia is in the measured force.",
+            "A mass of {:.2} kg moves between load cell and specimen. The load cell also measures its inertia force.",
             v[0]
         )
     },
@@ -46,13 +47,13 @@ pub(crate) const EFFECT: Effect = Effect {
     confusable_with: &[
         LookAlike {
             code: "relaxation",
-            why: "a rate that falls with frequency for the mass rises with it for the arm: with two frequencies and free rates they trade",
-            test: "a third frequency",
+            why: "inertia lowers the apparent stiffness with frequency; relaxation raises it: with two frequencies the spring rate can balance either",
+            test: "a sine at a third frequency",
         },
         LookAlike {
             code: "channel_delay",
-            why: "at one frequency a mass is a rate",
-            test: "a third frequency",
+            why: "at one frequency, the stiffness and the loop width of the baseline can absorb both",
+            test: "a sine at a third frequency",
         },
     ],
 };
@@ -90,7 +91,7 @@ mod tests {
 
     #[test]
     fn force_by_hand() {
-        // x = 50 t^2 from rest: 100 mm/s2 on 20 kg are 2 N; steps long against the filter's lag.
+        // x = 50 t^2 from rest: 100 mm/s2 times 20 kg is 2 N. The steps are long compared with the filter lag.
         let mut plant = (EFFECT.attach)(&[20.0], spring());
         let mut extra_n = 0.0;
         for i in 0..=10 {
@@ -101,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[8.0]);
+    fn parameters_are_recovered_from_clean_data() {
+        parameters_are_recovered(&EFFECT, &[8.0]);
     }
 }

@@ -1,29 +1,30 @@
-//! Contact lost: no force below a displacement.
+//! Lost contact: there is no force below a displacement.
 //!
 //! ```text
-//! F = F_in(x - c) for x > c, 0 below          c contact_mm; the spring stays as it is while the pusher is away
+//! F = F_in(x - c) for x > c,  F = 0 for x <= c
 //! ```
-//! The plant's zero is where the pusher meets the spring, so its preload is the force at first touch. Source: unilateral
-//! contact (Signorini). The neutral value says that contact is never lost and leaves the plant's own zero.
+//! c: `contact_mm`, displacement of the first contact. x: displacement, mm. F_in: force of the plant inside, N.
+//! The zero of the plant is the point of first contact, so its preload is the force at first contact. The spring keeps its
+//! state while the pusher is away. At the neutral value the contact is never lost and the plant keeps its own zero.
+//! Source: unilateral contact (Signorini). Range: quasi-static; impact and rebound are not included.
 
 use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, wrapped};
 use crate::model::{Parameter, Plant};
 
-/// Stands for a contact that is never lost.
+/// Contact displacement in mm that means: the contact is never lost.
 const NEVER_MM: f64 = -1000.0;
 
 /// The entry of [`super::EFFECTS`].
 pub(crate) const EFFECT: Effect = Effect {
     code: "lift_off",
     stage: Stage::Pusher,
-    what: "contact lost, no force below a displacement",
     parameters: &[Parameter {
         name: "contact_mm",
         unit: "mm",
         start: NEVER_MM,
         bounds: [NEVER_MM, 1000.0],
         belief: [-50.0, 50.0],
-        what: "displacement below which the pusher is away",
+        what: "displacement below which the pusher does not touch the specimen",
     }],
     neutral: &[NEVER_MM],
     amplitudes: &[],
@@ -35,7 +36,7 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     statement: |v| {
         format!(
-            "Below {:.2} mm the pusher has lost contact and carries no force.",
+            "Below {:.2} mm the pusher does not touch the specimen and there is no force.",
             v[0]
         )
     },
@@ -58,8 +59,8 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     confusable_with: &[LookAlike {
         code: "geometric_stiffness",
-        why: "near zero load a lost contact bends the foot of the curve",
-        test: "a slow ramp from 1 mm above free height",
+        why: "near zero load, a lost contact curves the start of the characteristic",
+        test: "a slow ramp that starts 1 mm above the free height",
     }],
 };
 
@@ -104,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[2.0]);
+    fn parameters_are_recovered_from_clean_data() {
+        parameters_are_recovered(&EFFECT, &[2.0]);
     }
 }

@@ -1,10 +1,14 @@
-//! Friction in proportion to the load carried by the contact.
+//! Dry friction in proportion to the load on the contact.
 //!
 //! ```text
-//! F = F_in (1 + c r(x))      c friction_ratio; r in [-1, 1]: drag of the contacts over transition_mm with a shape
+//! F = F_in + c E r(x)
 //! ```
-//! Source: loop energies of Kadziela et al. (2015, Tables 2 and 3) grow with the square of the peak force, which only
-//! a friction in proportion to the load gives. Drag: Dahl (1968) with his exponent, see `motion::Drag`.
+//! c: `friction_ratio`, friction force divided by carried load. E: load that the contacts carry, N (F_in if the plant cannot
+//! tell). r: drag of the contacts, -1 to 1; after a reversal it changes sign over `transition_mm` with `shape` (see
+//! [`Drag`]). F_in: force of the plant inside, N.
+//! Sources: the loop energies of Kadziela et al. (2015, Tables 2 and 3) grow with the square of the peak force, as friction
+//! in proportion to the load does; transition after a reversal: P. R. Dahl (1968), with his exponent as `shape`.
+//! Range: compressive load, any speed.
 
 use super::motion::Drag;
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, load_n, wrapped};
@@ -14,7 +18,6 @@ use crate::model::{Motion, Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "load_dependent_friction",
     stage: Stage::Interleaf,
-    what: "dry friction in proportion to the load on the contact",
     parameters: &[
         Parameter {
             name: "friction_ratio",
@@ -22,7 +25,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 0.05,
             bounds: [0.0, 0.95],
             belief: [0.0, 0.3],
-            what: "friction force over carried force",
+            what: "friction force divided by the carried load",
         },
         Parameter {
             name: "transition_mm",
@@ -30,7 +33,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 0.3,
             bounds: [0.001, 20.0],
             belief: [0.01, 5.0],
-            what: "travel over which it turns round after a reversal",
+            what: "travel after a reversal over which the friction reverses",
         },
         Parameter {
             name: "shape",
@@ -38,7 +41,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 1.0,
             bounds: [0.0, 2.5],
             belief: [0.0, 2.0],
-            what: "below 1 complete after a finite travel, above 1 with a long tail",
+            what: "below 1 the reversal is complete after a finite travel, above 1 it has a long tail",
         },
     ],
     neutral: &[0.0, 0.3, 1.0],
@@ -47,7 +50,7 @@ pub(crate) const EFFECT: Effect = Effect {
     starts: |_| vec![vec![0.01, 0.05, 1.0], vec![0.01, 0.5, 1.0], vec![0.01, 1.5, 0.7]],
     statement: |v| {
         format!(
-            "A dry friction of {:.1} % of the carried load acts against every motion: leaf on leaf, or a shackle under load.",
+            "A dry friction of {:.1} % of the carried load acts against every motion. Possible causes: leaf on leaf, or a shackle under load.",
             100.0 * v[0]
         )
     },
@@ -63,8 +66,8 @@ pub(crate) const EFFECT: Effect = Effect {
     place: everywhere,
     confusable_with: &[LookAlike {
         code: "coulomb_friction",
-        why: "at one mean load and a small amplitude both widen the loop by the same force",
-        test: "a sine of the same amplitude at half the mean load: only this friction halves its width",
+        why: "at one mean load and a small amplitude, both widen the loop by the same force",
+        test: "a sine of the same amplitude at half the mean load: friction in proportion to the load halves the loop width",
     }],
 };
 
@@ -101,14 +104,14 @@ mod tests {
 
     #[test]
     fn force_by_hand() {
-        // Slid far either way: 500 N times 1.1, 420 N times 0.9.
+        // Full sliding in both directions: 500 N times 1.1, 420 N times 0.9.
         let mut plant = (EFFECT.attach)(&[0.1, 0.01, 1.0], spring());
         assert!((plant.step(5.0, 0.1) - 550.0).abs() < 1e-9);
         assert!((plant.step(4.0, 0.1) - 378.0).abs() < 1e-9);
     }
 
     #[test]
-    fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[0.08, 0.4, 0.8]);
+    fn parameters_are_recovered_from_clean_data() {
+        parameters_are_recovered(&EFFECT, &[0.08, 0.4, 0.8]);
     }
 }

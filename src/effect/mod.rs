@@ -1,7 +1,8 @@
-//! Physics that a model may leave out: one file a code of contracts.md, attached around a plant.
+//! Effects: physics that a model may leave out, each one a wrapper around a plant.
 //!
-//! The same file serves fit, diagnosis, twin, simulator and mock rig. Which effect is missing is judged in `diagnose`.
-//! A new effect is one file and one line in [`EFFECTS`]; a new code also gets its row in contracts.md.
+//! Each code of physics in `docs/formats.md` has one file here. Fit, diagnosis, twin, simulator and mock rig all use it.
+//! Which effect is missing is decided in `diagnose`. A new effect needs one file, one line in [`EFFECTS`] and one row in
+//! `docs/formats.md`.
 
 use crate::model::{BuildError, Motion, Parameter, Plant};
 
@@ -27,17 +28,15 @@ pub(crate) mod stribeck;
 pub(crate) mod testing;
 pub(crate) mod viscous_damping;
 
-/// Where on the way from the specimen to the recorded number an effect sits. Effects are attached in this order.
+/// Place of an effect between the leaves and the recorded number. Effects are attached in this order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Stage {
-    /// The leaves themselves.
     Specimen,
-    /// Contacts between leaves.
     Interleaf,
-    /// Eyes, shackle, seat.
+    /// Eyes, shackle and seat.
     Mounting,
-    /// Pusher and board.
+    /// Pusher and its board.
     Pusher,
     /// Load frame and fixture.
     Frame,
@@ -45,66 +44,61 @@ pub(crate) enum Stage {
     Sensor,
 }
 
-/// Axis that a difference between model and recording is located on; names as in contracts.md.
+/// Axis on which a difference between model and recording is located; names as in `docs/formats.md`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Axis {
-    /// Displacement.
     DisplacementMm,
-    /// Measured force.
     ForceN,
-    /// Magnitude of the speed.
+    /// Magnitude of the speed, mm/s.
     VelocityMmS,
-    /// Magnitude of the acceleration.
+    /// Magnitude of the acceleration, mm/s2.
     #[serde(rename = "acceleration_mm_s2")]
     AccelerationMmS2,
-    /// Time since the recording's start.
+    /// Time since the start of the recording.
     TimeS,
-    /// Cycle, from 1.
+    /// Number of the cycle; the first cycle is 1.
     Cycle,
     /// Travel since the last reversal.
     DistanceFromReversalMm,
-    /// Cycles a second of the motion.
+    /// Frequency of the motion.
     FrequencyHz,
 }
 
-/// Branch of the loop.
+/// Branch of the force-displacement loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Branch {
-    /// Displacement rises.
+    /// The branch with rising displacement.
     Loading,
-    /// Displacement falls.
+    /// The branch with falling displacement.
     Unloading,
-    /// No difference.
     Both,
 }
 
-/// The part of an axis in which an effect acts.
+/// Interval of an axis in which an effect acts.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub(crate) struct Place {
-    /// The axis.
     pub axis: Axis,
-    /// From, in the axis' unit.
+    /// Lower end, in the unit of the axis.
     pub from: f64,
-    /// To, in the axis' unit.
+    /// Upper end, in the unit of the axis.
     pub to: f64,
-    /// Branch it acts on.
     pub branch: Branch,
 }
 
-/// What the recordings cover: an effect chooses its starts by it.
+/// Ranges that the recordings cover. An effect chooses the starts of its search within them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Span {
-    /// Least and largest displacement in mm.
+    /// Smallest and largest displacement in mm.
     pub displacement_mm: [f64; 2],
-    /// Least and largest force in N.
+    /// Smallest and largest force in N.
     pub force_n: [f64; 2],
     /// Largest speed in mm/s.
     pub speed_mm_s: f64,
-    /// Longest recording in s.
+    /// Duration of the longest recording in s.
     pub duration_s: f64,
-    /// Most cycles in one recording.
+    /// Largest number of cycles in one recording.
     pub cycles: f64,
 }
 
@@ -114,7 +108,7 @@ impl Span {
         self.displacement_mm[1] - self.displacement_mm[0]
     }
 
-    /// What the recordings cover of an axis, in its unit; of any but force that of the displacement.
+    /// Length of the force range in N, or of the displacement range in mm for any other axis.
     pub(crate) fn width(&self, axis: Axis) -> f64 {
         match axis {
             Axis::ForceN => self.force_n[1] - self.force_n[0],
@@ -122,55 +116,51 @@ impl Span {
         }
     }
 
-    /// Displacement at a share of the range.
+    /// Displacement in mm at a share of the range, 0 to 1.
     pub(crate) fn displacement_at(&self, share: f64) -> f64 {
         self.displacement_mm[0] + share * self.travel_mm()
     }
 }
 
-/// Another code that gives nearly the same recording.
+/// Another effect that changes a recording in nearly the same way.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct LookAlike {
-    /// Its code.
     pub code: &'static str,
-    /// Why the two look alike.
+    /// Why the two look alike: a phrase without a capital and without a full stop, because it is put into a sentence.
     pub why: &'static str,
-    /// The check that tells them apart.
+    /// The measurement that separates them.
     pub test: &'static str,
 }
 
-/// Wraps the plant inside in an effect with the values given.
+/// Wraps a plant in an effect that has these parameter values.
 pub(crate) type Attach = fn(values: &[f64], inside: Box<dyn Plant>) -> Box<dyn Plant>;
 
 /// One entry of [`EFFECTS`].
 pub(crate) struct Effect {
-    /// Code of contracts.md.
+    /// Code of physics, as in `docs/formats.md`.
     pub code: &'static str,
-    /// Where it is attached.
     pub stage: Stage,
-    /// One sentence: what it is.
-    pub what: &'static str,
-    /// What a fit may move, in the order that `attach` takes.
+    /// Parameters of the effect, in the order that `attach` takes.
     pub parameters: &'static [Parameter],
     /// Values at which the effect changes nothing.
     pub neutral: &'static [f64],
-    /// Indices of the parameters that the force is proportional to (zero switches their part off).
+    /// Indices of the parameters that the force is proportional to. At zero, their part of the effect is off.
     pub amplitudes: &'static [usize],
-    /// Indices of parameters that say where the force has a kink, each with its axis: slopes do not lead there, trials do.
+    /// Indices of the parameters that give the position of a kink of the force, each with its axis. A gradient cannot find
+    /// such a position, so a search tries several.
     pub kinks: &'static [(usize, Axis)],
-    /// Points that a search begins from, within what the recordings cover.
+    /// Starting points of a search, within the ranges that the recordings cover.
     pub starts: fn(&Span) -> Vec<Vec<f64>>,
-    /// A sentence that a technician understands.
+    /// Describes the effect with these values in one or two sentences for a technician.
     pub statement: fn(values: &[f64]) -> String,
-    /// Wraps `inside`; one checked value a parameter.
+    /// Wraps a plant; takes one checked value for each parameter.
     pub attach: Attach,
-    /// Where on the loop it acts, for effects that are local.
+    /// Where on the loop the effect acts; `None` if it acts everywhere.
     pub place: fn(values: &[f64], span: &Span) -> Option<Place>,
-    /// Look-alikes.
     pub confusable_with: &'static [LookAlike],
 }
 
-/// All effects, by code.
+/// All effects, sorted by code.
 pub(crate) static EFFECTS: &[Effect] = &[
     backlash::EFFECT,
     channel_delay::EFFECT,
@@ -191,33 +181,25 @@ pub(crate) static EFFECTS: &[Effect] = &[
     viscous_damping::EFFECT,
 ];
 
-/// Other forms of physics that a model already has: attached like effects, never named as missing.
+/// General forms of physics that a model already has. They are attached like effects but are never reported as missing.
 pub(crate) static FORMS: &[Effect] = &[friction_form::FORM];
 
-/// Why effects could not be attached.
+/// Errors of attaching effects.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub(crate) enum EffectError {
-    /// No effect has this code.
     #[error("no effect has the code \"{code}\": use one of {known}")]
-    UnknownCode {
-        /// As asked for.
-        code: String,
-        /// What there is.
-        known: String,
-    },
-    /// Not one value a parameter.
-    #[error("effect {code} takes {wanted} values, {given} were given: give one each of {names}")]
+    UnknownCode { code: String, known: String },
+    #[error("effect {code} takes {wanted} values, {given} were given: enter one value for each of {names}")]
     Count {
-        /// The effect.
         code: &'static str,
-        /// Parameters that it has.
+        /// Number of parameters of the effect.
         wanted: usize,
-        /// Values given.
+        /// Number of values given.
         given: usize,
-        /// The parameters' names.
+        /// Names of the parameters.
         names: String,
     },
-    /// A value is not finite or out of its bounds.
+    /// A value is not finite or is outside its bounds.
     #[error(transparent)]
     Value(#[from] BuildError),
 }
@@ -235,7 +217,7 @@ pub(crate) fn find(code: &str) -> Result<&'static Effect, EffectError> {
 }
 
 impl Effect {
-    /// Attaches after checking that there is one finite value a parameter, within its bounds.
+    /// Wraps `inside` after the check that there is one value for each parameter, finite and within its bounds.
     pub(crate) fn attached(
         &self,
         values: &[f64],
@@ -270,7 +252,7 @@ impl Effect {
     }
 }
 
-/// Attaches several effects in the order of their stages (of one stage: by code), whatever order they are given in.
+/// Attaches several effects, sorted by stage and then by code. The order of `effects` has no influence.
 pub(crate) fn attach_all(
     effects: &[(&'static Effect, Vec<f64>)],
     plant: Box<dyn Plant>,
@@ -282,26 +264,26 @@ pub(crate) fn attach_all(
         .try_fold(plant, |inside, (effect, values)| effect.attached(values, inside))
 }
 
-/// What an effect does in one step, around the plant inside.
+/// The behaviour of an effect around the plant inside.
 pub(crate) trait Wrap: Clone + Send + 'static {
     /// Back to the virgin state.
     fn reset(&mut self);
-    /// Steps the plant inside and returns the force.
+    /// Steps the plant inside and returns the force in N.
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64;
-    /// See [`Plant::told`]; the plant inside is told as well.
+    /// See [`Plant::told`]. The caller also tells the plant inside.
     fn told(&mut self, _motion: &Motion) {}
-    /// See [`Plant::carried_n`], from what the plant inside carried.
+    /// See [`Plant::carried_n`], calculated from the load that the plant inside carried, N.
     fn carried_n(&self, inside_n: f64) -> f64 {
         inside_n
     }
 }
 
-/// Load that friction is proportional to: what the contacts inside carried, or all the force where that is not known.
+/// Load that friction is proportional to, N: the load that the contacts inside carried, or the whole force if that is unknown.
 pub(crate) fn load_n(inside: &dyn Plant, force_n: f64) -> f64 {
     inside.carried_n().unwrap_or(force_n)
 }
 
-/// Force of the plant inside with more load on its contacts: its friction grows in proportion.
+/// Force of the plant inside, N, with more load on its contacts: its friction grows in proportion.
 pub(crate) fn with_more_load(inside: &dyn Plant, force_n: f64, extra_n: f64) -> f64 {
     match inside.carried_n() {
         Some(carried_n) if carried_n > extra_n.abs() * 1e-3 => force_n * (1.0 + extra_n / carried_n),
@@ -309,7 +291,7 @@ pub(crate) fn with_more_load(inside: &dyn Plant, force_n: f64, extra_n: f64) -> 
     }
 }
 
-/// A zero of the force channel: what the tare left, added before the channel's own faults.
+/// Zero offset of the force channel in N: the rest that the tare left. It is added before the faults of the channel.
 #[derive(Clone)]
 struct Offset(f64);
 
@@ -321,7 +303,7 @@ impl Wrap for Offset {
     }
 }
 
-/// Puts a zero of the force channel around `inside`.
+/// Adds a zero offset of the force channel to `inside`.
 pub(crate) fn with_zero(zero_n: f64, inside: Box<dyn Plant>) -> Box<dyn Plant> {
     if zero_n == 0.0 {
         inside
@@ -330,7 +312,7 @@ pub(crate) fn with_zero(zero_n: f64, inside: Box<dyn Plant>) -> Box<dyn Plant> {
     }
 }
 
-/// A plant with an effect around it.
+/// A plant with an effect around it, itself a plant.
 #[derive(Clone)]
 struct Wrapped<W: Wrap> {
     wrap: W,
@@ -361,12 +343,12 @@ impl<W: Wrap> Plant for Wrapped<W> {
     }
 }
 
-/// Puts `wrap` around `inside`.
+/// Wraps `inside` in an effect.
 pub(crate) fn wrapped<W: Wrap>(wrap: W, inside: Box<dyn Plant>) -> Box<dyn Plant> {
     Box::new(Wrapped { wrap, inside })
 }
 
-/// For effects that act everywhere on the loop.
+/// [`Effect::place`] of effects that act everywhere on the loop.
 pub(crate) fn everywhere(_values: &[f64], _span: &Span) -> Option<Place> {
     None
 }
@@ -400,9 +382,9 @@ mod tests {
                 }
                 assert!((effect.statement)(&start).ends_with('.'), "{}", effect.code);
             }
-            for rival in effect.confusable_with {
+            for look_alike in effect.confusable_with {
                 assert!(
-                    find(rival.code).is_ok() && rival.code != effect.code,
+                    find(look_alike.code).is_ok() && look_alike.code != effect.code,
                     "{}",
                     effect.code
                 );
@@ -426,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn refusals_say_what_and_where() {
+    fn errors_name_the_code_and_the_parameter() {
         let error = |code: &str, values: &[f64]| {
             find(code)
                 .and_then(|e| e.attached(values, testing::spring()).map(|_| ()))
@@ -439,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn order_of_attachment_follows_the_stage_not_the_caller() {
+    fn effects_are_attached_in_the_order_of_their_stages() {
         let pair = |swap: bool| {
             let mut effects = vec![
                 (find("sensor_saturation").expect("listed"), vec![400.0]),
@@ -452,7 +434,7 @@ mod tests {
             testing::drive(&mut plant)
         };
         assert_eq!(pair(false), pair(true));
-        // Friction is inside the load cell's range: nothing above the limit comes out.
+        // The friction is attached before the clipping, so no force is above the limit.
         assert!(pair(false).iter().all(|&f| f <= 400.0));
     }
 }

@@ -1,34 +1,35 @@
-//! Motion seen from a displacement that carries noise: banded travel, speed and acceleration, reversals, drag.
+//! Travel, speed, acceleration, reversals and drag, calculated from a noisy displacement.
 //!
-//! No effect takes the sign of a raw difference: 5 um of noise at 1 kHz is 3.5 mm/s, ten times the static ramp's speed.
-//! Travel turns round only beyond [`BAND_MM`], speed and acceleration through two low passes of [`LAG_S`] each.
+//! No effect uses the sign of a raw difference, because 5 um of noise at 1 kHz is 3.5 mm/s, ten times the speed of the static
+//! ramp. Travel reverses only beyond [`BAND_MM`]. Speed and acceleration pass two low-pass filters of [`LAG_S`] each.
 
 use crate::model::Motion;
 use crate::model::friction::elements::{Elements, spread};
 
-/// Retreat that noise of an LVDT stays within, mm.
+/// Largest travel in mm against the direction of motion that counts as noise of the LVDT.
 pub(crate) const BAND_MM: f64 = 0.02;
-/// Time constant of each of the two low passes, s.
+/// Time constant in s of each of the two low-pass filters.
 pub(crate) const LAG_S: f64 = 0.002;
-/// Turn-round that counts as a reversal of the motion, mm.
+/// Smallest travel in mm that counts as a branch between two reversals.
 pub(crate) const REVERSAL_MM: f64 = 0.2;
 
-/// Travel that noise cannot make: onwards at once, backwards only once the retreat exceeds the band, and then all of it.
+/// Travel without noise. Steps in the direction of motion count at once. Steps against it count when together they are
+/// longer than [`BAND_MM`].
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(crate) struct Steady {
+pub(crate) struct BandedTravel {
     at_mm: f64,
     direction: f64,
     free_of_noise: bool,
 }
 
-impl Steady {
-    /// The next displacement is known with hindsight and carries no noise: every turn-round counts.
+impl BandedTravel {
+    /// Tells that the next displacement is smoothed and has no noise, so that every reversal counts.
     pub(crate) fn tell(&mut self) {
         self.free_of_noise = true;
     }
 
-    /// Follows `displacement_mm`; returns the travel in mm since the last call.
-    pub(crate) fn travel(&mut self, displacement_mm: f64) -> f64 {
+    /// Moves to `displacement_mm` and returns the travel in mm since the last call.
+    pub(crate) fn advance(&mut self, displacement_mm: f64) -> f64 {
         let travel_mm = displacement_mm - self.at_mm;
         let trusted = std::mem::take(&mut self.free_of_noise);
         if !trusted && travel_mm * self.direction < 0.0 && travel_mm.abs() <= BAND_MM {
@@ -42,50 +43,52 @@ impl Steady {
     }
 }
 
-/// Elements of a [`Drag`].
+/// Number of elements of a [`Drag`].
 const DRAG_ELEMENTS: usize = 32;
 
-/// How far a contact is dragged along, -1 to 1: [`elements`](crate::model::friction::elements) of a length and a shape, told
-/// apart from the noise of the displacement.
+/// Drag of a contact: its friction divided by its full sliding friction, -1 to 1. The mean of
+/// [`elements`](crate::model::friction::elements) with a length and a shape, moved by the travel without noise.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Drag {
     elements: Elements<DRAG_ELEMENTS>,
-    steady: Steady,
+    travel: BandedTravel,
 }
 
 impl Drag {
-    /// A contact at rest.
+    /// A contact at rest; `length_mm` is the travel over which it reverses.
     pub(crate) fn new(length_mm: f64, shape: f64) -> Drag {
         Drag {
             elements: Elements::new(spread(length_mm, shape)),
-            steady: Steady::default(),
+            travel: BandedTravel::default(),
         }
     }
 
-    /// See [`Steady::tell`].
+    /// Tells that the next displacement has no noise, see [`BandedTravel::tell`].
     pub(crate) fn tell(&mut self) {
-        self.steady.tell();
+        self.travel.tell();
     }
 
     /// Back to rest at zero displacement.
     pub(crate) fn reset(&mut self) {
-        self.steady = Steady::default();
+        self.travel = BandedTravel::default();
         self.elements.reset();
     }
 
     /// Moves to `displacement_mm` and returns the mean drag.
     pub(crate) fn step(&mut self, displacement_mm: f64) -> f64 {
-        let travel_mm = self.steady.travel(displacement_mm);
+        let travel_mm = self.travel.advance(displacement_mm);
         self.elements.advance(travel_mm).iter().sum::<f64>() / DRAG_ELEMENTS as f64
     }
 }
 
-/// Speed and acceleration behind two low passes; the speed's lag is made up for to first order.
+/// Speed and acceleration after two low-pass filters. The lag of the speed is corrected to first order.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Rates {
     displacement_mm: Option<f64>,
     told: Option<Motion>,
+    /// Speed after the first filter.
     once_mm_s: f64,
+    /// Speed after both filters.
     twice_mm_s: f64,
     /// Speed in mm/s.
     pub velocity_mm_s: f64,
@@ -94,12 +97,12 @@ pub(crate) struct Rates {
 }
 
 impl Rates {
-    /// Takes what hindsight knows for the next step.
+    /// Gives speed and acceleration of the next step, known from the whole recording.
     pub(crate) fn tell(&mut self, motion: &Motion) {
         self.told = Some(*motion);
     }
 
-    /// Moves to `displacement_mm` within `dt_s`. The first call only sets the place: a recording does not begin with a leap.
+    /// Moves to `displacement_mm` within `dt_s`. The first call only sets the position, because a recording starts at rest.
     pub(crate) fn step(&mut self, displacement_mm: f64, dt_s: f64) {
         if let Some(motion) = self.told.take() {
             self.velocity_mm_s = motion.velocity_mm_s;
@@ -119,26 +122,27 @@ impl Rates {
         self.once_mm_s += part * (raw_mm_s - self.once_mm_s);
         self.twice_mm_s += part * (self.once_mm_s - self.twice_mm_s);
         self.acceleration_mm_s2 = (self.twice_mm_s - before) / dt_s;
-        // Two low passes and half a step of the difference lie between the displacement and the filtered speed.
+        // The filtered speed lags by the two filters and by half a step of the difference.
         let lag_s = 2.0 * dt_s * (1.0 - part) / part + 0.5 * dt_s;
         self.velocity_mm_s = self.twice_mm_s + lag_s * self.acceleration_mm_s2;
     }
 }
 
-/// Counts reversals of the motion: by a band, and so late by its width, but at once where hindsight knows how far the way back goes.
+/// Counts reversals of the motion. A reversal counts after [`REVERSAL_MM`] of the new branch, or at once if the turning
+/// points are known.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Reversals {
     extreme_mm: Option<f64>,
     turned_mm: f64,
     direction: f64,
-    /// Turning points on either side of the next displacement, known with hindsight.
+    /// Turning points in mm before and after the next displacement, known from the whole recording; the lower first.
     reach_mm: Option<[f64; 2]>,
-    /// Reversals so far.
+    /// Number of reversals so far.
     pub count: u32,
 }
 
 impl Reversals {
-    /// The next displacement is known with hindsight, see [`Steady::tell`], and so are the turning points on either side of it.
+    /// Gives the turning points before and after the next displacement, known from the whole recording.
     pub(crate) fn tell(&mut self, motion: &Motion) {
         self.reach_mm = Some(motion.reach_mm);
     }
@@ -154,10 +158,10 @@ impl Reversals {
             if past * self.direction < 0.0 {
                 let back_to_mm = if self.direction > 0.0 { low_mm } else { high_mm };
                 if (back_to_mm - *extreme_mm).abs() < BAND_MM {
-                    // A dwell at the turning point is no way back.
+                    // Creep within the noise band at the turning point is not a new branch.
                     return;
                 }
-                // Only a branch of some length ends in a reversal.
+                // A branch shorter than REVERSAL_MM does not end in a reversal.
                 self.count += u32::from((*extreme_mm - self.turned_mm).abs() >= REVERSAL_MM);
                 self.turned_mm = *extreme_mm;
             }
@@ -179,7 +183,7 @@ impl Reversals {
         }
     }
 
-    /// Cycles done: two reversals each.
+    /// Number of cycles so far; a cycle has two reversals.
     pub(crate) fn cycles(&self) -> f64 {
         0.5 * f64::from(self.count)
     }
@@ -206,13 +210,13 @@ mod tests {
     }
 
     #[test]
-    fn a_nested_loop_closes_and_is_forgotten() {
+    fn a_nested_loop_closes() {
         let mut drag = Drag::new(0.5, 1.0);
         drag.step(100.0);
         drag.step(99.6);
         let before = drag.step(99.5);
         drag.step(99.7);
-        // Back where it turned: the elements stand as they did.
+        // Back at its turning point: the elements have their old state.
         assert!((drag.step(99.5) - before).abs() < 1e-12);
     }
 
@@ -256,9 +260,9 @@ mod tests {
         assert_eq!(reversals.count, 20);
     }
 
-    /// Up 10 mm and back by steps of 1 um: the first step back counts, but not the 5 um by which a dwell before it creeps.
+    /// 10 mm up, 5 um of creep during a dwell, then back in steps of 1 um: only the first step back counts.
     #[test]
-    fn with_hindsight_a_reversal_counts_at_once_and_a_dwell_does_not() {
+    fn a_reversal_with_known_turning_points_counts_at_once_and_a_dwell_does_not() {
         let mut reversals = Reversals::default();
         let mut go = |to_mm: f64, reach_mm: [f64; 2]| {
             reversals.tell(&Motion {

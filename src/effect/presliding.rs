@@ -1,11 +1,14 @@
-//! Gradual transition after a reversal, where the model's friction turns round at once.
+//! Gradual reversal of the friction, where the friction of the model reverses at once.
 //!
 //! ```text
-//! F = F_in + (c F_in + T) (r(x) - d(x))     c friction_ratio, T friction_n: the friction that turns round gradually
-//!     r drag over presliding_mm with a shape, d the same contact with a transition of 5 um: the direction of travel
+//! F = F_in + (c E + T) (r(x) - d(x))
 //! ```
-//! Sources: Dahl (1968); Iwan (1966); Chula thesis, eqs. 5-1 to 5-6 and Fig. 5-12, where the transition takes millimetres.
-//! Away from reversals it changes nothing, so that loop area goes but the force far along a branch stays.
+//! c: `friction_ratio`; T: `friction_n`, N: the friction that reverses gradually. E: load that the contacts carry, N (F_in if
+//! the plant cannot tell). r: drag over `presliding_mm` with `shape`, -1 to 1 (see [`Drag`]). d: the same with a
+//! transition of 5 um, that is the direction of travel. F_in: force of the plant inside, N.
+//! Sources: P. R. Dahl (1968); W. D. Iwan (1966); Chula thesis, eqs. 5-1 to 5-4 and Fig. 5-12, where the reversal takes
+//! millimetres.
+//! Range: it acts only near reversals. It reduces the loop area; the force far along a branch stays the same.
 
 use super::motion::Drag;
 use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, load_n, wrapped};
@@ -15,7 +18,6 @@ use crate::model::{Motion, Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "presliding",
     stage: Stage::Interleaf,
-    what: "friction that turns round gradually after a reversal",
     parameters: &[
         Parameter {
             name: "friction_ratio",
@@ -23,7 +25,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 0.05,
             bounds: [0.0, 0.95],
             belief: [0.0, 0.3],
-            what: "share of the load whose friction turns round gradually",
+            what: "friction in proportion to the load that reverses gradually, divided by the load",
         },
         Parameter {
             name: "friction_n",
@@ -31,7 +33,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 0.0,
             bounds: [0.0, 5000.0],
             belief: [0.0, 300.0],
-            what: "friction apart from the load that turns round gradually",
+            what: "friction independent of the load that reverses gradually",
         },
         Parameter {
             name: "presliding_mm",
@@ -39,7 +41,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 0.5,
             bounds: [0.01, 20.0],
             belief: [0.01, 5.0],
-            what: "travel after a reversal over which it turns round",
+            what: "travel after a reversal over which the friction reverses",
         },
         Parameter {
             name: "shape",
@@ -47,7 +49,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 1.0,
             bounds: [0.0, 2.5],
             belief: [0.0, 2.0],
-            what: "below 1 complete after a finite travel, above 1 with a long tail",
+            what: "below 1 the reversal is complete after a finite travel, above 1 it has a long tail",
         },
     ],
     neutral: &[0.0, 0.0, 0.5, 1.0],
@@ -62,7 +64,7 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     statement: |v| {
         format!(
-            "After each reversal the friction turns round gradually, over about {:.2} mm, not at once.",
+            "After each reversal of the motion the friction reverses gradually, over about {:.2} mm, not at once.",
             v[2]
         )
     },
@@ -88,13 +90,13 @@ pub(crate) const EFFECT: Effect = Effect {
     confusable_with: &[
         LookAlike {
             code: "backlash",
-            why: "both take force away after each reversal",
-            test: "reversal nests of 0.2 to 2 mm: play is used up at a fixed travel, friction turns round over a travel that grows with its own strength",
+            why: "both reduce the force change just after each reversal",
+            test: "nested reversals of 0.2 to 2 mm: backlash ends at a fixed travel, presliding needs a travel that depends on the friction force",
         },
         LookAlike {
             code: "channel_delay",
-            why: "a lag of one channel rounds the reversals of one frequency",
-            test: "the same amplitude at a tenth of the frequency: a lag shrinks with it, presliding does not",
+            why: "at one frequency, a channel delay rounds the corners of the loop as presliding does",
+            test: "the same amplitude at a tenth of the frequency: the effect of a delay shrinks with the frequency, presliding does not",
         },
     ],
 };
@@ -120,8 +122,8 @@ impl Wrap for Presliding {
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let force_n = inside.step(displacement_mm, dt_s);
-        let lag = self.drag.step(displacement_mm) - self.direction.step(displacement_mm);
-        force_n + (self.ratio * load_n(&**inside, force_n) + self.friction_n) * lag
+        let difference = self.drag.step(displacement_mm) - self.direction.step(displacement_mm);
+        force_n + (self.ratio * load_n(&**inside, force_n) + self.friction_n) * difference
     }
 }
 
@@ -137,18 +139,18 @@ mod tests {
 
     #[test]
     fn force_by_hand() {
-        // One length after a full reversal: drag 2/e - 1 on the way to -1, so it still lacks 2/e.
+        // One length after a full reversal the drag is 2/e - 1; the final value is -1, so the difference is 2/e.
         let mut plant = (EFFECT.attach)(&[0.1, 10.0, 0.5, 1.0], spring());
         plant.step(50.0, 0.1);
         let x = 49.5;
-        let (spring_n, lag) = (100.0 + 80.0 * x, 2.0 * (-1.0f64).exp());
+        let (spring_n, difference) = (100.0 + 80.0 * x, 2.0 * (-1.0f64).exp());
         let force_n = 0.1 * spring_n + 10.0;
-        // A polygon of 32 corners in the place of the exponential.
-        assert!((plant.step(x, 0.1) - (spring_n + force_n * lag)).abs() < 2e-3 * force_n);
+        // 32 elements approximate the exponential by a polygon of 32 corners.
+        assert!((plant.step(x, 0.1) - (spring_n + force_n * difference)).abs() < 2e-3 * force_n);
     }
 
     #[test]
-    fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[0.06, 8.0, 0.6, 0.8]);
+    fn parameters_are_recovered_from_clean_data() {
+        parameters_are_recovered(&EFFECT, &[0.06, 8.0, 0.6, 0.8]);
     }
 }

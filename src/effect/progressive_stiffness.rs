@@ -1,9 +1,12 @@
-//! Stiffness that rises beyond a deflection: a helper leaf takes up contact.
+//! Stiffness that rises beyond a deflection, as when a helper leaf touches.
 //!
 //! ```text
-//! F = F_in + k (u + sqrt(u^2 + w^2)) / 2      u = x - knee_mm; k extra_rate_n_per_mm; w width_mm of the knee
+//! F = F_in + k (u + sqrt(u^2 + w^2)) / 2,  u = x - x_k
 //! ```
-//! Bilinear with a hyperbolic knee: for w = 0 it is k max(0, u). Source: helper leaves, Kadziela et al. (2015, section 2).
+//! k: `extra_rate_n_per_mm`. x_k: `knee_mm`. w: `width_mm`, width of the knee. x: displacement, mm. F_in: force of the plant
+//! inside, N. For w = 0 this is k max(0, u).
+//! Source: bilinear stiffness of Polach and Hajzman, eq. 1, here as a force over displacement and with a hyperbolic knee.
+//! Range: one knee; both stiffnesses are constant outside the width of the knee.
 
 use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, with_more_load, wrapped};
 use crate::model::{Parameter, Plant};
@@ -12,7 +15,6 @@ use crate::model::{Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "progressive_stiffness",
     stage: Stage::Specimen,
-    what: "stiffness that rises beyond a deflection",
     parameters: &[
         Parameter {
             name: "extra_rate_n_per_mm",
@@ -20,7 +22,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 5.0,
             bounds: [0.0, 1000.0],
             belief: [0.0, 150.0],
-            what: "rate added beyond the knee",
+            what: "rate that is added beyond the knee",
         },
         Parameter {
             name: "knee_mm",
@@ -28,7 +30,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 5.0,
             bounds: [-1000.0, 1000.0],
             belief: [-100.0, 100.0],
-            what: "displacement at which the helper leaf takes up contact",
+            what: "displacement at which the helper leaf touches",
         },
         Parameter {
             name: "width_mm",
@@ -36,7 +38,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 0.3,
             bounds: [0.001, 5.0],
             belief: [0.001, 3.0],
-            what: "width over which it does",
+            what: "width of the transition at the knee",
         },
     ],
     neutral: &[0.0, 5.0, 0.3],
@@ -49,14 +51,14 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     statement: |v| {
         format!(
-            "Beyond {:.2} mm the spring is stiffer by {:.1} N/mm: a helper leaf takes up contact there.",
+            "Beyond {:.2} mm the spring is stiffer by {:.1} N/mm. Possible cause: a helper leaf touches there.",
             v[1], v[0]
         )
     },
     attach: |v, inside| {
         wrapped(
             ProgressiveStiffness {
-                extra_n_per_mm: v[0],
+                extra_rate_n_per_mm: v[0],
                 knee_mm: v[1],
                 width_mm: v[2],
                 extra_n: 0.0,
@@ -74,14 +76,14 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     confusable_with: &[LookAlike {
         code: "geometric_stiffness",
-        why: "within a short range a knee and a smooth bend are alike",
-        test: "a slow ramp over the whole travel: a knee stays at its place, a bend goes on",
+        why: "within a short travel, a knee and a smooth curve look the same",
+        test: "a slow ramp over the whole travel: a knee has a fixed position, a smooth curve continues",
     }],
 };
 
 #[derive(Clone)]
 struct ProgressiveStiffness {
-    extra_n_per_mm: f64,
+    extra_rate_n_per_mm: f64,
     knee_mm: f64,
     width_mm: f64,
     extra_n: f64,
@@ -92,8 +94,8 @@ impl Wrap for ProgressiveStiffness {
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let past_mm = displacement_mm - self.knee_mm;
-        let taken_up_mm = 0.5 * (past_mm + past_mm.hypot(self.width_mm));
-        self.extra_n = self.extra_n_per_mm * taken_up_mm;
+        let engaged_mm = 0.5 * (past_mm + past_mm.hypot(self.width_mm));
+        self.extra_n = self.extra_rate_n_per_mm * engaged_mm;
         let force_n = inside.step(displacement_mm, dt_s);
         with_more_load(&**inside, force_n, self.extra_n)
     }
@@ -121,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[12.0, 7.0, 0.4]);
+    fn parameters_are_recovered_from_clean_data() {
+        parameters_are_recovered(&EFFECT, &[12.0, 7.0, 0.4]);
     }
 }

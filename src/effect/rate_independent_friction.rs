@@ -1,10 +1,14 @@
-//! Friction that does not vanish as the speed goes to zero, where the model's own is smoothed by speed.
+//! Friction that remains at zero speed, where the friction of the model is smoothed by speed and fades.
 //!
 //! ```text
-//! F = F_in (1 + c (r(x) - tanh(v / v_t)))     c friction_ratio; r drag over 0.05 mm; v_t the model's transition speed, mm/s
+//! F = F_in + c E (r(x) - tanh(v / v_t))
 //! ```
-//! It gives back what the smoothing takes away: nothing at speed, the whole friction in a slow ramp. Source: contact law
-//! and static loop of Kadziela et al. (2015, sections 4 and 5): 0.19 J simulated against 8.91 J measured in the 120 s ramp.
+//! c: `friction_ratio`. E: load that the contacts carry, N (F_in if the plant cannot tell). r: drag over `transition_mm`, -1
+//! to 1 (see [`Drag`]). v: speed, mm/s. v_t: `transition_velocity_mm_s`. F_in: force of the plant inside, N.
+//! It restores what the smoothing removes: nothing at high speed, the whole friction in a slow ramp.
+//! Sources: Kadziela et al. (2015): section 7.5 describes the smoothed contact law, section 6 (Table 2) the static loop, with
+//! 0.19 J simulated and 8.91 J measured in a ramp of over 2 minutes.
+//! Range: baselines whose friction is multiplied by tanh(v / v_t).
 
 use super::motion::{Drag, Rates};
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, load_n, wrapped};
@@ -14,7 +18,6 @@ use crate::model::{Motion, Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "rate_independent_friction",
     stage: Stage::Interleaf,
-    what: "friction that stays in a slow ramp, where a law smoothed by speed loses it",
     parameters: &[
         Parameter {
             name: "friction_ratio",
@@ -22,7 +25,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 0.05,
             bounds: [0.0, 0.95],
             belief: [0.0, 0.3],
-            what: "friction force over carried force",
+            what: "friction force divided by the carried load",
         },
         Parameter {
             name: "transition_velocity_mm_s",
@@ -30,7 +33,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 5.0,
             bounds: [0.001, 1000.0],
             belief: [0.01, 100.0],
-            what: "speed below which the smoothed friction fades",
+            what: "speed below which the smoothed friction of the model fades",
         },
         Parameter {
             name: "transition_mm",
@@ -38,7 +41,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 0.05,
             bounds: [0.001, 0.5],
             belief: [0.001, 0.3],
-            what: "travel over which the friction that stays turns round after a reversal",
+            what: "travel after a reversal over which the remaining friction reverses",
         },
     ],
     neutral: &[0.0, 5.0, 0.05],
@@ -53,7 +56,7 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     statement: |v| {
         format!(
-            "A friction of {:.1} % of the load stays at low speed, where the model's friction fades below {:.2} mm/s: the fading is a numerical smoothing, not the spring.",
+            "A friction of {:.1} % of the load remains at low speed. The friction of the model fades below {:.2} mm/s; this is a numerical smoothing and not a property of the spring.",
             100.0 * v[0],
             v[1]
         )
@@ -72,8 +75,8 @@ pub(crate) const EFFECT: Effect = Effect {
     place: everywhere,
     confusable_with: &[LookAlike {
         code: "stribeck",
-        why: "both add friction in the slow ramp and none at speed",
-        test: "ramps of 2 s, 20 s and 120 s: a smoothed friction fades to nothing, one that is higher near rest does not",
+        why: "both add friction in the slow ramp and none at high speed",
+        test: "ramps of 2 s, 20 s and 120 s: a smoothed friction fades to zero at low speed, Stribeck friction rises",
     }],
 };
 
@@ -100,8 +103,8 @@ impl Wrap for RateIndependentFriction {
         let force_n = inside.step(displacement_mm, dt_s);
         self.rates.step(displacement_mm, dt_s);
         let smoothed = (self.rates.velocity_mm_s / self.transition_mm_s).tanh();
-        let stays = self.ratio * (self.drag.step(displacement_mm) - smoothed);
-        force_n + load_n(&**inside, force_n) * stays
+        let restored = self.ratio * (self.drag.step(displacement_mm) - smoothed);
+        force_n + load_n(&**inside, force_n) * restored
     }
 }
 
@@ -117,7 +120,7 @@ mod tests {
 
     #[test]
     fn force_by_hand() {
-        // At rest after sliding the smoothed friction is gone and the real one stays: 500 N times 1.1.
+        // At rest after sliding, the smoothed friction is zero and the added friction remains: 500 N times 1.1.
         let mut plant = (EFFECT.attach)(&[0.1, 5.0, 0.05], spring());
         plant.step(4.0, 1.0);
         plant.step(5.0, 1.0);
@@ -128,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[0.08, 12.0, 0.05]);
+    fn parameters_are_recovered_from_clean_data() {
+        parameters_are_recovered(&EFFECT, &[0.08, 12.0, 0.05]);
     }
 }

@@ -1,10 +1,12 @@
-//! Force that decays at constant displacement: one Maxwell arm beside the spring.
+//! Force that decays at constant displacement: one Maxwell element in parallel with the spring.
 //!
 //! ```text
-//! F = F_in + q,  dq/dt = k dx/dt - q / tau     k arm_rate_n_per_mm; tau time_constant_s; exact for a straight step
+//! F = F_in + q,  dq/dt = k dx/dt - q / tau
 //! ```
-//! Source: standard linear solid (Zener 1948); GRP leaves, Table 1 of paper 002. Friction cannot do it: it does not
-//! move while nothing moves.
+//! q: force of the Maxwell element, N. k: `arm_rate_n_per_mm`. tau: `time_constant_s`. x: displacement, mm. F_in: force of
+//! the plant inside, N. Each step is exact for constant speed within the step.
+//! Source: standard linear solid, C. Zener, Elasticity and Anelasticity of Metals (1948).
+//! Range: small strain, one time constant. Friction cannot produce this decay, because it does not change at rest.
 
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Parameter, Plant};
@@ -13,7 +15,6 @@ use crate::model::{Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "relaxation",
     stage: Stage::Specimen,
-    what: "force that decays while the displacement stands still",
     parameters: &[
         Parameter {
             name: "arm_rate_n_per_mm",
@@ -21,7 +22,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 2.0,
             bounds: [0.0, 1000.0],
             belief: [0.0, 50.0],
-            what: "rate of the arm that relaxes",
+            what: "rate of the spring that relaxes",
         },
         Parameter {
             name: "time_constant_s",
@@ -42,14 +43,14 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     statement: |v| {
         format!(
-            "The force relaxes: an arm of {:.2} N/mm loses its force with a time constant of {:.2} s.",
+            "The force relaxes at constant displacement: a part of {:.2} N/mm of the rate decays with a time constant of {:.2} s.",
             v[0], v[1]
         )
     },
     attach: |v, inside| {
         wrapped(
             Relaxation {
-                arm_n_per_mm: v[0],
+                arm_rate_n_per_mm: v[0],
                 time_constant_s: v[1],
                 displacement_mm: 0.0,
                 arm_n: 0.0,
@@ -61,20 +62,20 @@ pub(crate) const EFFECT: Effect = Effect {
     confusable_with: &[
         LookAlike {
             code: "sensor_drift",
-            why: "within one ramp a decay and a drift are alike",
-            test: "a hold of 60 s unloaded, after a hold of 60 s loaded: a zero that drifts goes on",
+            why: "within one ramp, relaxation and drift both change the force slowly with time",
+            test: "a hold of 60 s loaded, then a hold of 60 s unloaded: relaxation reverses, drift continues",
         },
         LookAlike {
             code: "stribeck",
-            why: "slow and fast branches differ for both",
-            test: "a hold of 60 s after loading and one after unloading",
+            why: "with both, slow branches differ from fast branches",
+            test: "a hold of 60 s after loading and one after unloading: relaxation changes the force at rest, friction does not",
         },
     ],
 };
 
 #[derive(Clone)]
 struct Relaxation {
-    arm_n_per_mm: f64,
+    arm_rate_n_per_mm: f64,
     time_constant_s: f64,
     displacement_mm: f64,
     arm_n: f64,
@@ -87,10 +88,10 @@ impl Wrap for Relaxation {
     }
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
-        let loaded_n = self.arm_n_per_mm * (displacement_mm - self.displacement_mm);
+        let loaded_n = self.arm_rate_n_per_mm * (displacement_mm - self.displacement_mm);
         self.displacement_mm = displacement_mm;
         let times = dt_s / self.time_constant_s;
-        // Mean of exp over the step: the share of a steady load that is left at its end.
+        // Mean of exp(-t / tau) over the step: the share of the force added in this step that is left at its end.
         let kept = if times > 1e-9 {
             -(-times).exp_m1() / times
         } else {
@@ -113,14 +114,14 @@ mod tests {
 
     #[test]
     fn force_by_hand() {
-        // A leap of 5 mm with 4 N/mm leaves 20 N, after one time constant 20/e.
+        // A step of 5 mm at 4 N/mm adds 20 N; after one time constant 20/e N are left.
         let mut plant = (EFFECT.attach)(&[4.0, 10.0], spring());
         assert!((plant.step(5.0, 0.0) - 520.0).abs() < 1e-9);
         assert!((plant.step(5.0, 10.0) - (500.0 + 20.0 * (-1.0f64).exp())).abs() < 1e-9);
     }
 
     #[test]
-    fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[4.0, 8.0]);
+    fn parameters_are_recovered_from_clean_data() {
+        parameters_are_recovered(&EFFECT, &[4.0, 8.0]);
     }
 }

@@ -1,25 +1,27 @@
 //! Friction or stiffness that changes with the number of cycles.
 //!
 //! ```text
-//! F = F_in (1 + g(n) (c r(x) + k))     g = 1 - exp(-n / n_c); n cycles since the recording's start
-//!     c friction_change, k rate_change: what is added in the end, over the load
-//!     r  drag of the friction inside: its share of the load over that where it was largest; of its own where there is none
+//! F = F_in + g(n) (c E r(x) + k F_in),  g(n) = 1 - exp(-n / n_c)
 //! ```
-//! The same contacts run in, so that what is added turns round as their friction does.
-//! Source: running-in of dry contacts, exponential in the number of cycles; the count starts with each recording.
+//! n: cycles since the start of the recording. n_c: `cycles`. c: `friction_change`, final change of friction divided by load.
+//! k: `rate_change`, final change of the force as a share of the force. E: load that the contacts carry, N (F_in if the
+//! plant cannot tell). F_in: force of the plant inside, N. r: drag of the friction inside, -1 to 1, that is its ratio to
+//! the load relative to that ratio where the friction was largest; if the plant has no friction, a drag of its own over
+//! `transition_mm`. So the changed friction reverses as the friction of the same contacts does.
+//! Source: run-in of dry contacts, exponential in the number of cycles (empirical). Range: monotonic run-in; the count
+//! starts again with each recording.
 
 use super::motion::{Drag, Reversals};
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, load_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
-/// Friction over load below which there is none to follow.
-const LEAST_RATIO: f64 = 1e-3;
+/// Friction divided by load below which the plant inside counts as frictionless.
+const SMALLEST_RATIO: f64 = 1e-3;
 
 /// The entry of [`super::EFFECTS`].
 pub(crate) const EFFECT: Effect = Effect {
     code: "run_in",
     stage: Stage::Interleaf,
-    what: "friction or stiffness that changes with the number of cycles",
     parameters: &[
         Parameter {
             name: "friction_change",
@@ -27,7 +29,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 0.0,
             bounds: [-0.5, 0.5],
             belief: [-0.2, 0.2],
-            what: "friction over load that is added in the end",
+            what: "final change of friction divided by load",
         },
         Parameter {
             name: "rate_change",
@@ -35,7 +37,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 0.0,
             bounds: [-0.5, 0.5],
             belief: [-0.1, 0.1],
-            what: "share of the force that is added in the end",
+            what: "final change of the force, as a share of the force",
         },
         Parameter {
             name: "cycles",
@@ -43,7 +45,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 10.0,
             bounds: [0.5, 10000.0],
             belief: [1.0, 1000.0],
-            what: "cycles after which 63 % of it have come",
+            what: "number of cycles after which 63 % of the change is done",
         },
         Parameter {
             name: "transition_mm",
@@ -51,7 +53,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 0.3,
             bounds: [0.001, 10.0],
             belief: [0.01, 3.0],
-            what: "travel over which that friction turns round after a reversal, where the model has none to follow",
+            what: "travel after a reversal over which the changed friction reverses; used where the model has no friction",
         },
     ],
     neutral: &[0.0, 0.0, 10.0, 0.3],
@@ -64,7 +66,7 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     statement: |v| {
         format!(
-            "With the cycles the friction changes by {:+.2} % of the load and the force by {:+.2} %, over about {:.0} cycles.",
+            "Over about {2:.0} cycles the friction changes by {0:+.2} % of the load and the force by {1:+.2} %.",
             100.0 * v[0],
             100.0 * v[1],
             v[2]
@@ -77,7 +79,7 @@ pub(crate) const EFFECT: Effect = Effect {
                 rate_change: v[1],
                 cycles: v[2],
                 drag: Drag::new(v[3], 1.0),
-                sliding: Sliding::default(),
+                largest: LargestFriction::default(),
                 reversals: Reversals::default(),
             },
             inside,
@@ -87,13 +89,13 @@ pub(crate) const EFFECT: Effect = Effect {
     confusable_with: &[
         LookAlike {
             code: "sensor_drift",
-            why: "a slow change with cycles is also one with time",
-            test: "a pause of some minutes between two blocks of cycles",
+            why: "in one recording, a slow change with cycles is also a slow change with time",
+            test: "two blocks of cycles with a pause of some minutes between them: run-in stops in the pause, a change with time continues",
         },
         LookAlike {
             code: "relaxation",
-            why: "a slow change with cycles is also one with time",
-            test: "a pause of some minutes between two blocks of cycles",
+            why: "in one recording, a slow change with cycles is also a slow change with time",
+            test: "two blocks of cycles with a pause of some minutes between them: run-in stops in the pause, a change with time continues",
         },
     ],
 };
@@ -104,19 +106,21 @@ struct RunIn {
     rate_change: f64,
     cycles: f64,
     drag: Drag,
-    sliding: Sliding,
+    largest: LargestFriction,
     reversals: Reversals,
 }
 
-/// Friction inside where it was largest: there all contacts slid.
+/// Largest friction of the plant inside so far. At that instant, all contacts slid.
 #[derive(Clone, Default)]
-struct Sliding {
+struct LargestFriction {
+    /// Largest friction force so far, N.
     friction_n: f64,
+    /// Friction divided by load at that instant.
     ratio: f64,
 }
 
-impl Sliding {
-    /// How far the contacts are dragged along, -1 to 1; `None` where nothing rubs.
+impl LargestFriction {
+    /// Drag of the contacts, -1 to 1; `None` without friction.
     fn drag(&mut self, friction_n: f64, carried_n: f64) -> Option<f64> {
         if carried_n <= 0.0 {
             return None;
@@ -125,14 +129,14 @@ impl Sliding {
         if friction_n.abs() > self.friction_n {
             (self.friction_n, self.ratio) = (friction_n.abs(), ratio.abs());
         }
-        (self.ratio > LEAST_RATIO).then(|| (ratio / self.ratio).clamp(-1.0, 1.0))
+        (self.ratio > SMALLEST_RATIO).then(|| (ratio / self.ratio).clamp(-1.0, 1.0))
     }
 }
 
 impl Wrap for RunIn {
     fn reset(&mut self) {
         self.drag.reset();
-        self.sliding = Sliding::default();
+        self.largest = LargestFriction::default();
         self.reversals = Reversals::default();
     }
 
@@ -147,7 +151,7 @@ impl Wrap for RunIn {
         let done = -(-self.reversals.cycles() / self.cycles).exp_m1();
         let carried_n = load_n(&**inside, force_n);
         let own = self.drag.step(displacement_mm);
-        let drag = self.sliding.drag(force_n - carried_n, carried_n).unwrap_or(own);
+        let drag = self.largest.drag(force_n - carried_n, carried_n).unwrap_or(own);
         let friction_n = self.friction_change * drag * carried_n;
         force_n + done * (friction_n + self.rate_change * force_n)
     }
@@ -165,7 +169,7 @@ mod tests {
 
     #[test]
     fn force_by_hand() {
-        // Turned at 0 (of the way 9, 0), 9 and 0: three reversals. Slid far upwards: 500 N times 1 + 0.15 g.
+        // Path 9, 0, 9, 0, 5: three reversals. Full sliding upwards: 500 N times 1 + 0.15 g.
         let mut plant = (EFFECT.attach)(&[0.1, 0.05, 4.0, 0.3], spring());
         let force_n = [9.0, 0.0, 9.0, 0.0, 5.0].map(|x| plant.step(x, 0.1))[4];
         let reversals = 3.0;
@@ -174,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_added_turns_round_as_the_friction_inside_does() {
+    fn the_added_friction_reverses_as_the_friction_inside_does() {
         let model = crate::model::find("equivalent").expect("listed");
         let inside = || {
             model
@@ -182,7 +186,7 @@ mod tests {
                 .expect("valid")
         };
         let (mut plain, mut run_in) = (inside(), (EFFECT.attach)(&[0.1, 0.0, 1e-3, 0.3], inside()));
-        // Run in at once: the friction is doubled, also while it turns round.
+        // Run-in is complete at once: the friction is doubled, also while it reverses.
         for x in [20.0, 0.0, 20.0, 0.0, 10.0, 9.6] {
             let (force_n, more_n) = (plain.step(x, 0.1), run_in.step(x, 0.1));
             if x == 9.6 {
@@ -194,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[0.05, -0.02, 3.0, 0.4]);
+    fn parameters_are_recovered_from_clean_data() {
+        parameters_are_recovered(&EFFECT, &[0.05, -0.02, 3.0, 0.4]);
     }
 }

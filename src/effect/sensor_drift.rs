@@ -1,9 +1,11 @@
 //! Zero of the load cell that moves with time.
 //!
 //! ```text
-//! F = F_in + d t             d drift_n_per_min; t time since the recording's start
+//! F = F_in + d t / 60
 //! ```
-//! Source: temperature of the amplifier; first term of any slow drift. Each recording starts from its own zero.
+//! d: `drift_n_per_min`. t: time since the start of the recording, s. F_in: force of the plant inside, N.
+//! Source: thermal drift of the amplifier; first term of a Taylor series in time. Range: recordings that are short compared
+//! with the thermal time constant. Each recording starts from its own zero.
 
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Parameter, Plant};
@@ -12,20 +14,24 @@ use crate::model::{Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "sensor_drift",
     stage: Stage::Sensor,
-    what: "zero of the force channel that moves with time",
     parameters: &[Parameter {
         name: "drift_n_per_min",
         unit: "N/min",
         start: 0.0,
         bounds: [-10000.0, 10000.0],
         belief: [-100.0, 100.0],
-        what: "change of the zero",
+        what: "change of the zero with time",
     }],
     neutral: &[0.0],
     amplitudes: &[0],
     kinks: &[],
     starts: |_| vec![vec![1.0]],
-    statement: |v| format!("The zero of the force channel moves by {:+.2} N a minute.", v[0]),
+    statement: |v| {
+        format!(
+            "The zero of the force channel drifts by {:+.2} N per minute.",
+            v[0]
+        )
+    },
     attach: |v, inside| {
         wrapped(
             SensorDrift {
@@ -39,13 +45,13 @@ pub(crate) const EFFECT: Effect = Effect {
     confusable_with: &[
         LookAlike {
             code: "relaxation",
-            why: "within one ramp a decay and a drift are alike",
-            test: "a hold of 60 s unloaded, after a hold of 60 s loaded: a zero that drifts goes on",
+            why: "within one ramp, relaxation and drift both change the force slowly with time",
+            test: "a hold of 60 s loaded, then a hold of 60 s unloaded: relaxation reverses, drift continues",
         },
         LookAlike {
             code: "run_in",
-            why: "a slow change with time is also one with cycles",
-            test: "a pause of some minutes between two blocks of cycles",
+            why: "in one recording, a slow change with time is also a slow change with cycles",
+            test: "two blocks of cycles with a pause of some minutes between them: drift continues in the pause, run-in does not",
         },
     ],
 };
@@ -79,13 +85,13 @@ mod tests {
 
     #[test]
     fn force_by_hand() {
-        // 30 s at 12 N a minute.
+        // 30 s at 12 N/min.
         let mut plant = (EFFECT.attach)(&[12.0], spring());
         assert!((plant.step(5.0, 30.0) - 506.0).abs() < 1e-9);
     }
 
     #[test]
-    fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[-20.0]);
+    fn parameters_are_recovered_from_clean_data() {
+        parameters_are_recovered(&EFFECT, &[-20.0]);
     }
 }

@@ -1,10 +1,11 @@
-//! A channel that clips.
+//! Force channel that clips.
 //!
 //! ```text
-//! F = min(F_in, limit_n)     limit_n: force at the amplifier's rail
+//! F = min(F_in, L)
 //! ```
-//! Source: any amplifier. A displacement channel that clips cannot be put right behind the recording: conditioning masks
-//! and names it.
+//! L: `limit_n`, largest force that the amplifier can show, N. F_in: force of the plant inside, N.
+//! Source: output range of any amplifier. Range: clipping at the upper end. A displacement channel that clips cannot be
+//! corrected after the recording; `diagnose` masks and reports those samples.
 
 use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, wrapped};
 use crate::model::{Parameter, Plant};
@@ -13,14 +14,13 @@ use crate::model::{Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "sensor_saturation",
     stage: Stage::Sensor,
-    what: "force channel that clips",
     parameters: &[Parameter {
         name: "limit_n",
         unit: "N",
         start: 1000000.0,
         bounds: [-1000000.0, 1000000.0],
         belief: [0.0, 1000000.0],
-        what: "force above which the channel shows no more",
+        what: "largest force that the channel shows",
     }],
     neutral: &[1e6],
     amplitudes: &[],
@@ -32,7 +32,7 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     statement: |v| {
         format!(
-            "The force channel clips at {:.0} N: peaks above it are not in the recording.",
+            "The force channel clips at {:.0} N. Peaks above this force are not in the recording.",
             v[0]
         )
     },
@@ -47,8 +47,8 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     confusable_with: &[LookAlike {
         code: "geometric_stiffness",
-        why: "a peak cut off looks like a spring that softens",
-        test: "the same profile with the amplifier's next range",
+        why: "a clipped peak looks like a spring that softens",
+        test: "the same profile with the next larger range of the amplifier",
     }],
 };
 
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[1000.0]);
+    fn parameters_are_recovered_from_clean_data() {
+        parameters_are_recovered(&EFFECT, &[1000.0]);
     }
 }

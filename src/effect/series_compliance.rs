@@ -1,9 +1,12 @@
-//! Frame, board or fixture that gives between specimen and displacement sensor.
+//! Compliance of load frame, board or fixture between specimen and LVDT.
 //!
 //! ```text
-//! F = F_in(x - F / K)        1/K compliance_mm_per_kn; solved in each step by a secant on copies of the plant inside
+//! F = F_in(x - C F)
 //! ```
-//! Source: two springs in series. With a linear spring inside it is only a lower rate, and no recording shows it.
+//! C: `compliance_mm_per_kn` / 1000, mm/N. x: displacement, mm. F_in: force of the plant inside, N. Each step solves this
+//! equation by the secant method on copies of the plant inside.
+//! Source: two springs in series. Range: linear, massless fixture. With a linear spring inside, the effect only lowers the
+//! rate and no recording can show it.
 
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Parameter, Plant};
@@ -12,14 +15,13 @@ use crate::model::{Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "series_compliance",
     stage: Stage::Frame,
-    what: "fixture that gives between specimen and displacement sensor",
     parameters: &[Parameter {
         name: "compliance_mm_per_kn",
         unit: "mm/kN",
         start: 0.1,
         bounds: [0.0, 50.0],
         belief: [0.0, 5.0],
-        what: "travel of the fixture for each kN",
+        what: "deformation of the fixture for each kN",
     }],
     neutral: &[0.0],
     amplitudes: &[0],
@@ -27,7 +29,7 @@ pub(crate) const EFFECT: Effect = Effect {
     starts: |_| vec![vec![0.05]],
     statement: |v| {
         format!(
-            "Between specimen and LVDT something gives by {:.3} mm for each kN: frame, board or fixture.",
+            "A part between specimen and LVDT deforms by {:.3} mm for each kN. Possible causes: load frame, board or fixture.",
             v[0]
         )
     },
@@ -45,8 +47,8 @@ pub(crate) const EFFECT: Effect = Effect {
     place: everywhere,
     confusable_with: &[LookAlike {
         code: "geometric_stiffness",
-        why: "a seat that gives bends the curve as geometry does",
-        test: "a second LVDT between board and frame",
+        why: "a seat that deforms curves the characteristic as geometry does",
+        test: "a second LVDT between board and frame: it measures the deformation of the seat",
     }],
 };
 
@@ -67,13 +69,13 @@ impl Wrap for SeriesCompliance {
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let at = |x: f64| inside.boxed_clone().step(x, dt_s);
-        // Share of a move that reaches the specimen, from the rate seen last.
+        // Share of the displacement step that reaches the specimen, from the last known rate.
         let share = 1.0 / (1.0 + self.mm_per_n * self.rate_n_per_mm);
         let mut x =
             self.specimen_mm + share * (displacement_mm - self.mm_per_n * self.force_n - self.specimen_mm);
         if self.mm_per_n > 0.0 {
             let mut force_n = at(x);
-            // As many as are always enough: a number that depended on the values would make a fit's derivatives jump.
+            // A fixed number of iterations: a convergence test would make the derivatives of a fit discontinuous.
             for _ in 0..2 {
                 let short_mm = displacement_mm - self.mm_per_n * force_n - x;
                 let next = x + short_mm / (1.0 + self.mm_per_n * self.rate_n_per_mm);
@@ -107,12 +109,12 @@ mod tests {
     fn force_by_hand() {
         // 80 N/mm behind 2 mm/kN: x_s = (5 - 0.002 * 100) / 1.16, F = 100 + 80 x_s.
         let mut plant = (EFFECT.attach)(&[2.0], spring());
-        // The secant stops within 1e-9 mm.
+        // The secant method ends within 1e-9 mm.
         assert!((plant.step(5.0, 0.1) - (100.0 + 80.0 * 4.8 / 1.16)).abs() < 1e-6);
     }
 
     #[test]
-    fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[1.3]);
+    fn parameters_are_recovered_from_clean_data() {
+        parameters_are_recovered(&EFFECT, &[1.3]);
     }
 }

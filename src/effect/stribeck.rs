@@ -1,10 +1,13 @@
 //! Friction that is higher near zero speed.
 //!
 //! ```text
-//! F = F_in (1 + c r(x) exp(-|v| / v_s))       c extra_ratio: what is added at rest; v_s fading speed, mm/s; r drag over 0.1 mm
+//! F = F_in + c E r(x) exp(-(|v| / v_s)^n)
 //! ```
-//! Source: R. Stribeck (1902); exponential form of Bo and Pavelescu (1982), exponent 1. Here in proportion to the load,
-//! as the interleaf friction it belongs to. Stick-slip is not in it: it needs the rig's own compliance.
+//! c: `extra_ratio`, friction divided by load that is added at rest. v_s: `fading_velocity_mm_s`. n: `fading_exponent`.
+//! v: speed, mm/s. E: load that the contacts carry, N (F_in if the plant cannot tell). r: drag over 0.1 mm, -1 to 1 (see
+//! [`Drag`]). F_in: force of the plant inside, N.
+//! Sources: R. Stribeck (1902); exponential form: L. C. Bo and D. Pavelescu (1982), where n is 0.5 to 1; n = 2 is Gaussian.
+//! Range: sliding; stick-slip is not included, because it depends on the compliance of the rig.
 
 use super::motion::{Drag, Rates};
 use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, load_n, wrapped};
@@ -14,7 +17,6 @@ use crate::model::{Motion, Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "stribeck",
     stage: Stage::Interleaf,
-    what: "friction that is higher near zero speed",
     parameters: &[
         Parameter {
             name: "extra_ratio",
@@ -22,7 +24,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 0.03,
             bounds: [0.0, 0.5],
             belief: [0.0, 0.15],
-            what: "friction over load that is added at rest",
+            what: "friction divided by load that is added at rest",
         },
         Parameter {
             name: "fading_velocity_mm_s",
@@ -38,7 +40,7 @@ pub(crate) const EFFECT: Effect = Effect {
             start: 1.5,
             bounds: [0.5, 2.5],
             belief: [0.5, 2.0],
-            what: "1 fades exponentially, 2 like a bell (Bo and Pavelescu 1982)",
+            what: "shape of the decrease: 1 is exponential, 2 is Gaussian",
         },
     ],
     neutral: &[0.0, 5.0, 1.5],
@@ -47,7 +49,7 @@ pub(crate) const EFFECT: Effect = Effect {
     starts: |_| vec![vec![0.01, 1.0, 1.5], vec![0.01, 5.0, 1.5], vec![0.01, 30.0, 1.5]],
     statement: |v| {
         format!(
-            "Friction is higher near rest: {:.1} % of the load more than at speed, fading over {:.1} mm/s.",
+            "Friction is higher near zero speed: by {:.1} % of the load at rest. The addition fades over {:.1} mm/s.",
             100.0 * v[0],
             v[1]
         )
@@ -75,13 +77,13 @@ pub(crate) const EFFECT: Effect = Effect {
     confusable_with: &[
         LookAlike {
             code: "rate_independent_friction",
-            why: "both add friction in the slow ramp and none at speed",
-            test: "ramps of 2 s, 20 s and 120 s",
+            why: "both add friction in the slow ramp and none at high speed",
+            test: "ramps of 2 s, 20 s and 120 s: a smoothed friction fades to zero at low speed, Stribeck friction rises",
         },
         LookAlike {
             code: "relaxation",
-            why: "a slow branch that lies lower and higher than the fast ones looks like decay",
-            test: "a hold of 60 s after loading and one after unloading: friction does not move while nothing moves",
+            why: "with both, slow branches differ from fast branches",
+            test: "a hold of 60 s after loading and one after unloading: relaxation changes the force at rest, friction does not",
         },
     ],
 };
@@ -126,14 +128,14 @@ mod tests {
 
     #[test]
     fn force_by_hand() {
-        // 1 mm/s, steady: 500 N times 1 + 0.1 exp(-0.2).
+        // Constant 1 mm/s: 500 N times 1 + 0.1 exp(-0.2).
         let mut plant = (EFFECT.attach)(&[0.1, 5.0, 1.0], spring());
         let force_n = (0..=5).map(|i| plant.step(f64::from(i), 1.0)).fold(0.0, |_, f| f);
         assert!((force_n - 500.0 * (1.0 + 0.1 * (-0.2f64).exp())).abs() < 1e-6);
     }
 
     #[test]
-    fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[0.08, 12.0, 1.5]);
+    fn parameters_are_recovered_from_clean_data() {
+        parameters_are_recovered(&EFFECT, &[0.08, 12.0, 1.5]);
     }
 }

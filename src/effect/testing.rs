@@ -1,4 +1,4 @@
-//! What the tests of every effect share: a spring without friction, a motion, and the three laws.
+//! Helpers for the tests of all effects: a spring without friction, a motion, and the checks that every effect must pass.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -6,12 +6,12 @@ use super::{Effect, Span};
 use crate::model::Plant;
 use crate::model::equivalent::Equivalent;
 
-/// 100 N at zero displacement, 80 N/mm, no friction.
+/// A spring with 100 N at zero displacement, 80 N/mm and no friction.
 pub(crate) fn spring() -> Box<dyn Plant> {
     Box::new(Equivalent::new(&[100.0, 80.0, 0.0, 0.5], 0.0).expect("four values"))
 }
 
-/// What [`motion`] covers.
+/// Ranges that [`motion`] covers.
 pub(crate) fn span() -> Span {
     Span {
         displacement_mm: [0.0, 12.0],
@@ -49,7 +49,7 @@ fn forces(effect: &Effect, values: &[f64]) -> Vec<f64> {
     drive(&mut (effect.attach)(values, spring()))
 }
 
-/// At its neutral values the effect is not there, to the last bit.
+/// Asserts that the effect changes no bit of the force at its neutral values.
 pub(crate) fn neutral_changes_nothing(effect: &Effect) {
     assert_eq!(
         forces(effect, effect.neutral),
@@ -59,23 +59,9 @@ pub(crate) fn neutral_changes_nothing(effect: &Effect) {
     );
 }
 
-/// Gauss-Newton with halved steps from one of the effect's own starts must end at `truth`, within a share of 1e-3.
-pub(crate) fn comes_back(effect: &Effect, truth: &[f64]) {
+/// Asserts that a fit from one of the starts of the effect ends at `truth`, within a share of 1e-3.
+pub(crate) fn parameters_are_recovered(effect: &Effect, truth: &[f64]) {
     let wanted = forces(effect, truth);
-    let misfit = |values: &[f64]| -> DVector<f64> {
-        DVector::from_vec(
-            forces(effect, values)
-                .iter()
-                .zip(&wanted)
-                .map(|(a, b)| a - b)
-                .collect(),
-        )
-    };
-    let clamp = |values: &mut [f64]| {
-        for (v, p) in values.iter_mut().zip(effect.parameters) {
-            *v = v.clamp(p.bounds[0], p.bounds[1]);
-        }
-    };
     let close = |values: &[f64]| {
         values
             .iter()
@@ -84,43 +70,69 @@ pub(crate) fn comes_back(effect: &Effect, truth: &[f64]) {
     };
     let mut ends = Vec::new();
     for start in (effect.starts)(&span()) {
-        let mut values = start;
-        let mut damping = 1e-3;
-        for _ in 0..150 {
-            let residual = misfit(&values);
-            let columns: Vec<DVector<f64>> = (0..values.len())
-                .map(|n| {
-                    let mut moved = values.clone();
-                    let mut h = 1e-5 * moved[n].abs().max(1e-3);
-                    if moved[n] + h > effect.parameters[n].bounds[1] {
-                        h = -h;
-                    }
-                    moved[n] += h;
-                    (misfit(&moved) - &residual) / h
-                })
-                .collect();
-            let jacobian = DMatrix::from_columns(&columns);
-            let mut normal = jacobian.tr_mul(&jacobian);
-            for n in 0..values.len() {
-                normal[(n, n)] *= 1.0 + damping;
-                normal[(n, n)] += 1e-12;
-            }
-            let Some(step) = normal.lu().solve(&(-jacobian.tr_mul(&residual))) else {
-                break;
-            };
-            let mut next: Vec<f64> = values.iter().zip(step.iter()).map(|(v, s)| v + s).collect();
-            clamp(&mut next);
-            if misfit(&next).norm_squared() < residual.norm_squared() {
-                values = next;
-                damping *= 0.3;
-            } else {
-                damping *= 4.0;
-            }
-        }
+        let values = fitted(effect, start, &wanted);
         if close(&values) {
             return;
         }
         ends.push(values);
     }
     panic!("{}: wanted {truth:?}, ended at {ends:?}", effect.code);
+}
+
+/// Levenberg-Marquardt fit of the forces `wanted`, within the bounds of the parameters.
+fn fitted(effect: &Effect, start: Vec<f64>, wanted: &[f64]) -> Vec<f64> {
+    let mut values = start;
+    let mut damping = 1e-3;
+    for _ in 0..150 {
+        let residual = misfit(effect, &values, wanted);
+        let jacobian = jacobian(effect, &values, &residual, wanted);
+        let mut normal = jacobian.tr_mul(&jacobian);
+        for n in 0..values.len() {
+            normal[(n, n)] *= 1.0 + damping;
+            normal[(n, n)] += 1e-12;
+        }
+        let Some(step) = normal.lu().solve(&(-jacobian.tr_mul(&residual))) else {
+            break;
+        };
+        let next: Vec<f64> = values
+            .iter()
+            .zip(step.iter())
+            .zip(effect.parameters)
+            .map(|((v, s), p)| (v + s).clamp(p.bounds[0], p.bounds[1]))
+            .collect();
+        if misfit(effect, &next, wanted).norm_squared() < residual.norm_squared() {
+            values = next;
+            damping *= 0.3;
+        } else {
+            damping *= 4.0;
+        }
+    }
+    values
+}
+
+/// Differences between the forces of the effect and `wanted`, N.
+fn misfit(effect: &Effect, values: &[f64], wanted: &[f64]) -> DVector<f64> {
+    DVector::from_vec(
+        forces(effect, values)
+            .iter()
+            .zip(wanted)
+            .map(|(a, b)| a - b)
+            .collect(),
+    )
+}
+
+/// Derivatives of the misfit by each parameter, as differences with steps that stay within the bounds.
+fn jacobian(effect: &Effect, values: &[f64], residual: &DVector<f64>, wanted: &[f64]) -> DMatrix<f64> {
+    let columns: Vec<DVector<f64>> = (0..values.len())
+        .map(|n| {
+            let mut moved = values.to_vec();
+            let mut h = 1e-5 * moved[n].abs().max(1e-3);
+            if moved[n] + h > effect.parameters[n].bounds[1] {
+                h = -h;
+            }
+            moved[n] += h;
+            (misfit(effect, &moved, wanted) - residual) / h
+        })
+        .collect();
+    DMatrix::from_columns(&columns)
 }

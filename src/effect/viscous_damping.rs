@@ -1,10 +1,12 @@
-//! Force in proportion to speed.
+//! Damping force in proportion to speed.
 //!
 //! ```text
-//! F = F_in + c v             c damping_n_s_per_mm, N s/mm; v speed, mm/s
+//! F = F_in + c v
 //! ```
-//! Source: any textbook. Nearly the same as a lag of the force channel, F(t - tau) = F - tau dF/dx v: cosine of the two
-//! signatures 0.98 for the card's profiles. Steel leaf packs have hardly any (Kadziela 2015: 2.5 Hz and 1 Hz loops alike).
+//! c: `damping_n_s_per_mm`. v: speed, mm/s. F_in: force of the plant inside, N.
+//! Source: linear viscous damper, any textbook. Range: linear damping. Nearly the same as a delay tau of the force channel,
+//! F(t - tau) = F - tau dF/dx v: the cosine of the two signatures is 0.98 for ramps and sines. Steel leaf packs have
+//! hardly any damping (Kadziela et al. 2015, Fig. 12: loops at 2.5 Hz and 1 Hz are alike).
 
 use super::motion::Rates;
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
@@ -14,14 +16,13 @@ use crate::model::{Motion, Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "viscous_damping",
     stage: Stage::Specimen,
-    what: "damping force in proportion to speed",
     parameters: &[Parameter {
         name: "damping_n_s_per_mm",
         unit: "N s/mm",
         start: 0.1,
         bounds: [0.0, 50.0],
         belief: [0.0, 5.0],
-        what: "force over speed",
+        what: "force divided by speed",
     }],
     neutral: &[0.0],
     amplitudes: &[0],
@@ -29,7 +30,7 @@ pub(crate) const EFFECT: Effect = Effect {
     starts: |_| vec![vec![0.01]],
     statement: |v| {
         format!(
-            "A damping force in proportion to speed is missing: {:.3} N for each mm/s.",
+            "A damping force in proportion to the speed is missing: {:.3} N for each mm/s.",
             v[0]
         )
     },
@@ -45,8 +46,8 @@ pub(crate) const EFFECT: Effect = Effect {
     place: everywhere,
     confusable_with: &[LookAlike {
         code: "channel_delay",
-        why: "a lag of the force channel adds a force in proportion to speed times rate",
-        test: "a tap on the specimen: it dates both channels; or a sync pulse on both",
+        why: "a delay of the force channel changes the force by delay times rate times speed, as damping does",
+        test: "a tap on the specimen, or a sync pulse on both channels: either shows the delay directly",
     }],
 };
 
@@ -83,14 +84,14 @@ mod tests {
 
     #[test]
     fn force_by_hand() {
-        // 1 mm/s, steady, 0.5 N s/mm: half a newton over the spring.
+        // Constant 1 mm/s at 0.5 N s/mm adds 0.5 N.
         let mut plant = (EFFECT.attach)(&[0.5], spring());
         let force_n = (0..=5).map(|i| plant.step(f64::from(i), 1.0)).fold(0.0, |_, f| f);
         assert!((force_n - 500.5).abs() < 1e-6);
     }
 
     #[test]
-    fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[0.4]);
+    fn parameters_are_recovered_from_clean_data() {
+        parameters_are_recovered(&EFFECT, &[0.4]);
     }
 }

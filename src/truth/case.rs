@@ -1,4 +1,4 @@
-//! One sealed case: recordings, what the diagnosis is told beforehand, and the label that it must not see.
+//! One case of a blind test: the recordings, the baseline for the diagnosis, and the label that the diagnosis must not see.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -10,13 +10,13 @@ use super::sensors::Sensors;
 use super::{Family, Form, Hidden, Programme, TruthSpecimen, between, one_of};
 use crate::recording::Recording;
 
-/// Strengths in detection limits that are drawn from.
+/// Strengths of drawn cases, in detection limits.
 pub(crate) const STRENGTHS: [f64; 4] = [1.0, 2.0, 5.0, 10.0];
-/// Two effects whose traces are closer than this are no pair but a confusion.
+/// Largest cosine between the signatures of a pair; above it the two effects are confounded.
 const LARGEST_COSINE: f64 = 0.8;
-/// Draws before a family is given up; a code that no believable size makes visible costs one.
+/// Largest number of draws for a family. A draw fails if no plausible size makes its effects visible.
 const TRIES: usize = 60;
-/// Codes that give nearly the same recording where the programme is poor.
+/// Effects and their look-alikes in a programme of a ramp and one sine.
 const LOOK_ALIKES: [(&str, &str); 5] = [
     ("channel_delay", "viscous_damping"),
     ("viscous_damping", "channel_delay"),
@@ -25,53 +25,48 @@ const LOOK_ALIKES: [(&str, &str); 5] = [
     ("sensor_drift", "relaxation"),
 ];
 
-/// What the diagnosis is told: the baseline in contract terms is `equivalent`.
+/// The baseline for the diagnosis: settings of the model `equivalent`.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
-pub(crate) struct Start {
-    /// `--known`; the model's own list where `None`.
+pub(crate) struct BaselineSettings {
+    /// Codes of physics for `--known`; `None` for the list of the model.
     pub known: Option<Vec<&'static str>>,
-    /// Speed of a smoothed friction in the baseline, mm/s.
+    /// Transition speed of a smoothed friction in the baseline, mm/s.
     pub smoothing_mm_s: Option<f64>,
-    /// Preload, rate, friction ratio, presliding that the baseline was tuned to.
+    /// Preload in N, rate in N/mm, friction ratio and presliding in mm of a tuned baseline.
     pub tuned: Option<[f64; 4]>,
 }
 
-/// What is true, opened after the diagnosis.
+/// The truth of a case, opened after the diagnosis. Its JSON is hashed by `blind`, so the field names stay.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub(crate) struct Label {
-    /// Number and seed.
+    /// Number of the case in its run.
     pub number: u64,
     /// Seed of the whole run.
     pub seed: u64,
-    /// Kind of case.
     pub family: Family,
-    /// What is hidden.
     pub hidden: Vec<Hidden>,
-    /// In detection limits; 0 where nothing is hidden.
+    /// Strength in detection limits; 0 if nothing is hidden.
     pub strength: f64,
-    /// The look-alike of a confounded case.
+    /// Code of the look-alike in a confounded case.
     pub look_alike: Option<&'static str>,
-    /// Largest displacement and force.
+    /// Largest displacement in mm and largest force in N.
     pub top: [f64; 2],
-    /// Noise of one sample as a displacement-driven model sees it, N.
+    /// Noise of one sample for a displacement-driven model, N.
     pub sigma_n: f64,
 }
 
-/// A case.
+/// A case of a blind test.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Case {
-    /// What is true.
     pub label: Label,
-    /// What is told.
-    pub start: Start,
-    /// What is measured.
+    pub baseline: BaselineSettings,
     pub recordings: Vec<Recording>,
-    /// Who could be asked for more.
+    /// Takes further recordings.
     pub(super) rig: TruthRig,
 }
 
 impl Case {
-    /// Case `number` of the run with `seed`; `strength` fixes what is otherwise drawn. The same arguments give the same bits.
+    /// Case `number` of the run with `seed`; a strength of `None` is drawn. The same arguments give the same bits.
     pub(crate) fn draw(seed: u64, number: u64, strength: Option<f64>) -> Case {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream(number);
@@ -81,32 +76,12 @@ impl Case {
                 return case;
             }
         }
-        // Nothing of this family is visible on this draw: an honest case of none.
-        Case::of(Family::None, seed, number, strength, &mut random).expect("nothing hidden needs no size")
+        // No draw of this family was visible: a case without an effect takes its place.
+        Case::of(Family::None, seed, number, strength, &mut random)
+            .expect("a case without an effect needs no size")
     }
 
-    /// A case with one chosen effect, for tests by hand; none where no believable size is visible.
-    pub(crate) fn single(code: &str, seed: u64, strength: f64) -> Option<Case> {
-        Some(Case::pair_of_controls(code, seed, strength)?.0)
-    }
-
-    /// A case with one effect, and the same specimen, motion and sensors with the effect removed.
-    pub(crate) fn pair_of_controls(code: &str, seed: u64, strength: f64) -> Option<(Case, Case)> {
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let draft = (0..TRIES).find_map(|_| Draft::new(&mut random, Family::Single, &[code], strength))?;
-        let removed = Draft {
-            family: Family::None,
-            hidden: Vec::new(),
-            strength: 0.0,
-            ..draft.clone()
-        };
-        let mut again = random.clone();
-        Some((
-            draft.finish(seed, 0, &mut random)?,
-            removed.finish(seed, 0, &mut again)?,
-        ))
-    }
-
+    /// One draw of a case; `None` if an effect is not visible or two effects cannot be a pair.
     fn of(
         family: Family,
         seed: u64,
@@ -141,14 +116,14 @@ impl Case {
     }
 }
 
-/// Codes that `equivalent` has already: the case takes them out of the baseline.
+/// Codes of physics that `equivalent` has: the case removes them from the baseline.
 const REDUCED: [&str; 3] = [
     "load_dependent_friction",
     "presliding",
     "rate_independent_friction",
 ];
 
-/// A case before it is recorded.
+/// A case before its recordings.
 #[derive(Clone)]
 struct Draft {
     family: Family,
@@ -157,20 +132,21 @@ struct Draft {
     motions: Vec<Programme>,
     hidden: Vec<Hidden>,
     strength: f64,
-    start: Start,
+    baseline: BaselineSettings,
 }
 
 impl Draft {
+    /// Draws specimen, sensors and motions, and scales the effects; `None` if an effect is not visible.
     fn new(random: &mut ChaCha8Rng, family: Family, codes: &[&str], strength: f64) -> Option<Draft> {
         let mut specimen = specimen(random);
-        let mut start = Start::default();
+        let mut baseline = BaselineSettings::default();
         let units: Vec<(&'static hidden::Physics, Hidden)> = codes
             .iter()
             .filter_map(|c| hidden::find(c))
             .map(|p| (p, p.draw(random, &specimen)))
             .collect();
         for (physics, unit) in &units {
-            reduce(physics.code, unit, &mut specimen, &mut start);
+            reduce(physics.code, unit, &mut specimen, &mut baseline);
         }
         let sensors = Sensors::draw(random, specimen.range_n, family == Family::NoneNoisy);
         let motions = motions(random, &specimen, &sensors, family == Family::Confounded);
@@ -189,7 +165,7 @@ impl Draft {
             return None;
         }
         if family == Family::Concealed {
-            start.tuned = Some(tuned(&specimen, &hidden, &motions)?);
+            baseline.tuned = Some(tuned(&specimen, &hidden, &motions)?);
         }
         drop(meter);
         Some(Draft {
@@ -199,10 +175,11 @@ impl Draft {
             motions,
             strength: if codes.is_empty() { 0.0 } else { strength },
             hidden,
-            start,
+            baseline,
         })
     }
 
+    /// Takes the recordings.
     fn finish(self, seed: u64, number: u64, random: &mut ChaCha8Rng) -> Option<Case> {
         let recordings: Vec<Recording> = self
             .motions
@@ -229,14 +206,14 @@ impl Draft {
             look_alike: None,
             top: [
                 largest(|r| &r.displacement_mm),
-                // What a clipped channel would have shown.
+                // The largest force that a clipped channel would have shown.
                 self.specimen.top_n().max(largest(|r| &r.force_n)),
             ],
             sigma_n: self.sensors.sigma_n(self.specimen.rate_n_per_mm),
         };
         Some(Case {
             label,
-            start: self.start,
+            baseline: self.baseline,
             recordings,
             rig: TruthRig {
                 specimen: self.specimen,
@@ -260,15 +237,15 @@ fn specimen(random: &mut ChaCha8Rng) -> TruthSpecimen {
     }
 }
 
-/// Takes out of the baseline what is to be found missing.
-fn reduce(code: &str, unit: &Hidden, specimen: &mut TruthSpecimen, start: &mut Start) {
+/// Removes the hidden physics from the baseline, if the baseline has it.
+fn reduce(code: &str, unit: &Hidden, specimen: &mut TruthSpecimen, baseline: &mut BaselineSettings) {
     match code {
-        // Nothing below first touch: a preload there would be a jump.
+        // The force is zero below the first contact, so a preload would be a step.
         "lift_off" => specimen.preload_n = 0.0,
         "load_dependent_friction" => {
             specimen.bushing_n = specimen.friction_ratio * 0.4 * specimen.range_n;
             specimen.friction_ratio = 0.0;
-            start.known = Some(vec![
+            baseline.known = Some(vec![
                 "coulomb_friction",
                 "rate_independent_friction",
                 "presliding",
@@ -276,23 +253,23 @@ fn reduce(code: &str, unit: &Hidden, specimen: &mut TruthSpecimen, start: &mut S
         }
         "presliding" => {
             specimen.form = Form::Sharp;
-            start.known = Some(vec!["rate_independent_friction", "load_dependent_friction"]);
+            baseline.known = Some(vec!["rate_independent_friction", "load_dependent_friction"]);
         }
         "rate_independent_friction" => {
             specimen.form = Form::Smoothed {
                 speed_mm_s: unit.place,
             };
-            // The true contact turns round over a tenth of its usual travel: presliding is not what is to be found.
+            // The true contact reverses over a tenth of its usual travel, so that presliding is not missing as well.
             specimen.presliding_mm *= 0.08;
             specimen.friction_ratio = 0.0;
-            start.known = Some(vec!["load_dependent_friction"]);
-            start.smoothing_mm_s = Some(unit.place);
+            baseline.known = Some(vec!["load_dependent_friction"]);
+            baseline.smoothing_mm_s = Some(unit.place);
         }
         _ => {}
     }
 }
 
-/// A slow ramp, and four (a poor programme: one) of sine, triangle and multi-sine.
+/// A slow ramp, and four motions (in a poor programme: one) that are sines, triangles or multi-sines.
 fn motions(
     random: &mut ChaCha8Rng,
     specimen: &TruthSpecimen,
@@ -310,7 +287,7 @@ fn motions(
         branch_s: between(random, 25.0, 60.0),
         hold_s,
     }];
-    // A logger that is slow sees slow motions only; a fast one takes short recordings.
+    // A slow logger records slow motions only; a fast logger takes short recordings.
     let fastest_hz = (sensors.rate_hz / 20.0).min(3.0);
     for i in 0..if poor { 1 } else { 4 } {
         let share = match i {
@@ -348,14 +325,15 @@ fn motions(
     list
 }
 
-/// Preload, rate, friction ratio and presliding of a spring without the effect whose peak force and loop energy over the
-/// largest cyclic motion are those of the truth, to 1e-9.
+/// Preload, rate, friction ratio and presliding of a spring without the effects that has the peak force and the loop energy
+/// of the truth in the largest cyclic motion, to 1e-9.
 fn tuned(specimen: &TruthSpecimen, hidden: &[Hidden], motions: &[Programme]) -> Option<[f64; 4]> {
     let motion = motions.get(1)?;
     let from_s = motion.duration_s() * 0.5;
     let times: Vec<f64> = (0..4000)
         .map(|k| from_s + (motion.duration_s() - from_s) * f64::from(k) / 4000.0)
         .collect();
+    // Peak force in N and work in mJ over the second half of the motion.
     let measure = |s: &TruthSpecimen, h: &[Hidden]| {
         let forces = s.forces(h, motion, &times);
         let peak = forces.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -372,7 +350,7 @@ fn tuned(specimen: &TruthSpecimen, hidden: &[Hidden], motions: &[Programme]) -> 
         let (p, _) = measure(&spring, &[]);
         spring.rate_n_per_mm += (peak - p) / specimen.top_mm();
         let (p, e) = measure(&spring, &[]);
-        // Half cycles leave elastic work in the sum: only the part that friction changes is scaled.
+        // An incomplete cycle leaves elastic work in the sum, so the friction follows the slope and not the ratio of energies.
         let more = TruthSpecimen {
             friction_ratio: spring.friction_ratio + 0.01,
             ..spring.clone()
@@ -383,8 +361,8 @@ fn tuned(specimen: &TruthSpecimen, hidden: &[Hidden], motions: &[Programme]) -> 
             break;
         }
     }
-    let sound = (0.0..0.9).contains(&spring.friction_ratio) && spring.rate_n_per_mm > 1.0;
-    sound.then_some([
+    let plausible = (0.0..0.9).contains(&spring.friction_ratio) && spring.rate_n_per_mm > 1.0;
+    plausible.then_some([
         spring.preload_n,
         spring.rate_n_per_mm,
         spring.friction_ratio,
@@ -392,12 +370,52 @@ fn tuned(specimen: &TruthSpecimen, hidden: &[Hidden], motions: &[Programme]) -> 
     ])
 }
 
+/// Cases with chosen effects, for tests.
+#[cfg(test)]
+impl Case {
+    /// A case of `family` with the effects `codes`; `None` if no plausible size of one of them is visible.
+    pub(crate) fn hiding(family: Family, codes: &[&str], seed: u64, strength: f64) -> Option<Case> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        Draft::visible(&mut random, family, codes, strength)?.finish(seed, 0, &mut random)
+    }
+
+    /// A case with one effect.
+    pub(crate) fn single(code: &str, seed: u64, strength: f64) -> Option<Case> {
+        Case::hiding(Family::Single, &[code], seed, strength)
+    }
+
+    /// A case with one effect, and the same specimen, motion and sensors with the effect removed.
+    pub(crate) fn with_and_without(code: &str, seed: u64, strength: f64) -> Option<(Case, Case)> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let draft = Draft::visible(&mut random, Family::Single, &[code], strength)?;
+        let removed = Draft {
+            family: Family::None,
+            hidden: Vec::new(),
+            strength: 0.0,
+            ..draft.clone()
+        };
+        let mut again = random.clone();
+        Some((
+            draft.finish(seed, 0, &mut random)?,
+            removed.finish(seed, 0, &mut again)?,
+        ))
+    }
+}
+
+#[cfg(test)]
+impl Draft {
+    /// The first draft of at most [`TRIES`] in which every effect is visible.
+    fn visible(random: &mut ChaCha8Rng, family: Family, codes: &[&str], strength: f64) -> Option<Draft> {
+        (0..TRIES).find_map(|_| Draft::new(random, family, codes, strength))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn the_same_seed_draws_the_same_bits_and_another_another() {
+    fn the_same_seed_draws_the_same_bits_and_another_seed_does_not() {
         let case = Case::draw(5, 2, None);
         assert_eq!(case, Case::draw(5, 2, None));
         assert_ne!(case.recordings, Case::draw(6, 2, None).recordings);
@@ -405,7 +423,7 @@ mod tests {
     }
 
     #[test]
-    fn a_round_has_its_families_and_sound_recordings() {
+    fn twenty_cases_have_their_families_and_valid_recordings() {
         for number in 0..20 {
             let case = Case::draw(11, number, Some(5.0));
             assert_eq!(case.label.family, Family::of(number));
@@ -427,7 +445,7 @@ mod tests {
         let draft = (0..TRIES)
             .find_map(|_| Draft::new(&mut random, Family::Concealed, &["viscous_damping"], 10.0))
             .expect("drawn");
-        let [preload_n, rate_n_per_mm, friction_ratio, presliding_mm] = draft.start.tuned.expect("tuned");
+        let [preload_n, rate_n_per_mm, friction_ratio, presliding_mm] = draft.baseline.tuned.expect("tuned");
         let spring = TruthSpecimen {
             preload_n,
             rate_n_per_mm,
@@ -451,10 +469,18 @@ mod tests {
     }
 
     #[test]
-    fn reduced_baselines_say_what_they_lack() {
+    fn every_code_is_in_the_catalogue() {
+        let look_alikes = LOOK_ALIKES.iter().flat_map(|(a, b)| [a, b]);
+        for code in look_alikes.chain(&REDUCED) {
+            assert!(hidden::find(code).is_some_and(|p| p.in_library), "{code}");
+        }
+    }
+
+    #[test]
+    fn a_reduced_baseline_does_not_know_the_hidden_physics() {
         for code in REDUCED {
             let case = Case::single(code, 3, 5.0).expect("visible");
-            let known = case.start.known.expect("told");
+            let known = case.baseline.known.expect("told");
             assert!(!known.contains(&code), "{code}: {known:?}");
         }
     }

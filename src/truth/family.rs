@@ -1,26 +1,27 @@
-//! Kinds of cases, and the order in which a run goes through them.
+//! Kinds of cases, and their order in a run.
 
-/// What kind of case.
+/// Kind of case: what is hidden, and how.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Family {
     /// Nothing is hidden.
     None,
-    /// Nothing is hidden and the sensors are ten times noisier.
+    /// Nothing is hidden; the sensors are ten times noisier.
     NoneNoisy,
-    /// One effect of the library.
+    /// One effect of the library is hidden.
     Single,
-    /// Two.
+    /// Two effects of the library are hidden.
     Pair,
-    /// One, on a programme of a ramp and one sine, with a look-alike.
+    /// One effect that has a look-alike is hidden, and the programme is only a ramp and one sine.
     Confounded,
-    /// One that no library has.
+    /// One effect that the library does not have is hidden.
     Outside,
-    /// One, behind a baseline tuned so that peak force and loop energy match.
+    /// One effect of the library is hidden, and the baseline is tuned so that its peak force and loop energy match.
     Concealed,
 }
 
-/// Order in which a run goes through the families: 20 % none, 40 % single, 15 % pairs, 5 % confounded, 10 % each the others.
+/// Families of 20 successive cases: 20 % without an effect, 40 % single, 15 % pairs, 5 % confounded, 10 % outside the
+/// library, 10 % concealed.
 const ROUND: [Family; 20] = {
     use Family::{Concealed, Confounded, None, NoneNoisy, Outside, Pair, Single};
     [
@@ -30,7 +31,7 @@ const ROUND: [Family; 20] = {
 };
 
 impl Family {
-    /// All of them.
+    /// All families, in the order of the declaration.
     pub(crate) const ALL: [Family; 7] = [
         Family::None,
         Family::NoneNoisy,
@@ -41,12 +42,12 @@ impl Family {
         Family::Concealed,
     ];
 
-    /// What case `number` of every run is drawn for.
+    /// Family of case `number`, the same in every run.
     pub(crate) fn of(number: u64) -> Family {
         ROUND[(number % ROUND.len() as u64) as usize]
     }
 
-    /// Name on the command line.
+    /// Name for `--kind` on the command line.
     pub(crate) fn key(self) -> &'static str {
         match self {
             Family::None => "none",

@@ -1,4 +1,4 @@
-//! What can be hidden in a truth: a code, its size in its own unit and where it acts. The forces are in `specimen`.
+//! Catalogue of what can be hidden in a case. The forces are calculated in `specimen`.
 
 use rand_chacha::ChaCha8Rng;
 
@@ -7,137 +7,168 @@ use super::{TruthSpecimen, between, one_of};
 /// One hidden effect.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub(crate) struct Hidden {
-    /// Code of contracts.md, or the name of an outsider.
+    /// Code of physics of `docs/formats.md`, or the name of physics that the library does not have.
     pub code: &'static str,
-    /// Size in the unit that [`Physics::size`] names.
+    /// Size of the effect, in the unit that [`PHYSICS`] gives for the code.
     pub size: f64,
-    /// Displacement, speed, time or cycles that it acts around, see [`Physics::place`].
+    /// Displacement in mm, speed in mm/s, time in s or number of cycles around which it acts, see [`PHYSICS`]; 0 for an
+    /// effect that acts everywhere.
     pub place: f64,
-    /// Width in mm, for what is local.
+    /// Width in mm of a local effect.
     pub width: f64,
 }
 
-/// One thing that can be hidden.
-#[derive(Debug, Clone, Copy)]
+/// One kind of physics that can be hidden.
 pub(crate) struct Physics {
-    /// Code of contracts.md, or the name of an outsider.
+    /// Code of physics of `docs/formats.md`, or the name of physics that the library does not have.
     pub code: &'static str,
-    /// False for what no library has.
+    /// False for physics that the library does not have.
     pub in_library: bool,
-    /// What its size means.
-    pub size: &'static str,
-    /// What its place means; empty where it has none.
-    pub place: &'static str,
-    /// Largest size that is still believable.
+    /// Largest size that is plausible for a specimen.
     pub largest: fn(&TruthSpecimen) -> f64,
-    /// May the size be negative?
+    /// True if the size may be negative.
     pub signed: bool,
-    /// Names in contracts' result that the size and the place can be compared with.
+    /// The place, from a uniform random number in [0, 1] and the largest displacement in mm.
+    place: fn(random: f64, top_mm: f64) -> f64,
+    /// Interval in which it acts, see [`Hidden::interval`].
+    interval: fn(&Hidden, top_mm: f64) -> Option<Interval>,
+    /// Parameters of the effect with this code that size and place are compared with.
     pub compared: [Option<&'static str>; 2],
+    /// True values of the parameters in `compared`; the second argument is the largest force in N.
+    truth: fn(&Hidden, top_n: f64) -> [f64; 2],
 }
 
-const fn physics(code: &'static str, size: &'static str, largest: fn(&TruthSpecimen) -> f64) -> Physics {
+/// Axis as in `docs/formats.md`, lower end, upper end.
+type Interval = (&'static str, f64, f64);
+
+/// An unsigned effect of the library that acts everywhere, with nothing to compare.
+const fn physics(code: &'static str, largest: fn(&TruthSpecimen) -> f64) -> Physics {
     Physics {
         code,
         in_library: true,
-        size,
-        place: "",
         largest,
         signed: false,
+        place: |_, _| 0.0,
+        interval: |_, _| None,
         compared: [None, None],
+        truth: |h, _| [h.size, h.place],
     }
 }
 
-/// All that can be hidden; sorted within the library and within the outsiders.
+/// Everything that can be hidden. The library comes first; both parts are sorted by code.
 pub(crate) static PHYSICS: &[Physics] = &[
+    // Size: gap, mm.
     Physics {
         compared: [Some("gap_mm"), None],
-        ..physics("backlash", "gap, mm", |_| 2.0)
+        interval: |h, _| Some(("distance_from_reversal_mm", 0.0, h.size)),
+        ..physics("backlash", |_| 2.0)
     },
+    // Size: delay of the force, ms.
     Physics {
         signed: true,
         compared: [Some("delay_ms"), None],
-        ..physics("channel_delay", "lag of the force, ms", |_| 30.0)
+        ..physics("channel_delay", |_| 30.0)
     },
+    // Size: friction, N.
     Physics {
         compared: [Some("friction_n"), None],
-        ..physics("coulomb_friction", "friction, N", |s| 0.15 * s.top_n())
+        ..physics("coulomb_friction", |s| 0.15 * s.top_n())
     },
+    // Size: change of the rate with the displacement, N/mm2.
     Physics {
         signed: true,
-        ..physics("geometric_stiffness", "change of rate, N/mm a mm", |s| {
-            0.6 * s.rate_n_per_mm / s.top_mm()
-        })
+        ..physics("geometric_stiffness", |s| 0.6 * s.rate_n_per_mm / s.top_mm())
     },
+    // Size: mass, kg.
     Physics {
         compared: [Some("mass_kg"), None],
-        ..physics("inertia", "mass, kg", |_| 150.0)
+        ..physics("inertia", |_| 150.0)
     },
+    // Size: displacement of the first contact, mm.
     Physics {
         compared: [Some("contact_mm"), None],
-        ..physics("lift_off", "displacement of first touch, mm", |s| {
-            0.3 * s.top_mm()
-        })
+        interval: |h, _| Some(("displacement_mm", 0.0, h.size)),
+        ..physics("lift_off", |s| 0.3 * s.top_mm())
     },
-    physics("load_dependent_friction", "friction over load", |_| 0.3),
-    physics("presliding", "travel, mm", |_| 3.0),
+    // Size: friction divided by load.
+    physics("load_dependent_friction", |_| 0.3),
+    // Size: travel over which the friction reverses, mm.
+    physics("presliding", |_| 3.0),
+    // Size: added rate, N/mm. Place: knee, mm.
     Physics {
-        place: "knee, mm",
-        compared: [Some("extra_n_per_mm"), Some("knee_mm")],
-        ..physics("progressive_stiffness", "extra rate, N/mm", |s| s.rate_n_per_mm)
+        place: |u, top_mm| top_mm * (0.4 + 0.35 * u),
+        compared: [Some("extra_rate_n_per_mm"), Some("knee_mm")],
+        interval: |h, top_mm| Some(("displacement_mm", h.place, top_mm)),
+        ..physics("progressive_stiffness", |s| s.rate_n_per_mm)
     },
+    // Size: friction divided by load. Place: speed of the smoothing in the baseline, mm/s.
     Physics {
-        place: "speed of the fading, mm/s",
-        ..physics("rate_independent_friction", "friction over load", |_| 0.3)
+        place: |u, _| 3.0 + 12.0 * u,
+        ..physics("rate_independent_friction", |_| 0.3)
     },
+    // Size: rate of the spring that relaxes, N/mm. Place: time constant, s.
     Physics {
-        place: "time constant, s",
-        compared: [Some("arm_n_per_mm"), Some("time_constant_s")],
-        ..physics("relaxation", "rate of the arm, N/mm", |s| 0.4 * s.rate_n_per_mm)
+        place: |u, _| 1.0 + 15.0 * u,
+        compared: [Some("arm_rate_n_per_mm"), Some("time_constant_s")],
+        ..physics("relaxation", |s| 0.4 * s.rate_n_per_mm)
     },
+    // Size: change of friction divided by load. Place: number of cycles.
     Physics {
-        place: "cycles",
+        place: |u, _| 1.5 + 3.0 * u,
         signed: true,
-        ..physics("run_in", "change of friction over load", |s| {
-            0.6 * s.friction_ratio
-        })
+        ..physics("run_in", |s| 0.6 * s.friction_ratio)
     },
+    // Size: drift of the zero, N/min.
     Physics {
         signed: true,
         compared: [Some("drift_n_per_min"), None],
-        ..physics("sensor_drift", "drift, N a minute", |s| 0.2 * s.top_n())
+        ..physics("sensor_drift", |s| 0.2 * s.top_n())
     },
-    physics("sensor_saturation", "share of the top force cut off", |_| 0.25),
+    // Size: share of the largest force that is cut off. No interval: no recorded force is above the limit.
+    Physics {
+        compared: [Some("limit_n"), None],
+        truth: |h, top_n| [h.limit_n(top_n), 0.0],
+        ..physics("sensor_saturation", |_| 0.25)
+    },
+    // Size: compliance, mm/kN.
     Physics {
         compared: [Some("compliance_mm_per_kn"), None],
-        ..physics("series_compliance", "compliance, mm/kN", |s| {
-            400.0 / s.rate_n_per_mm
-        })
+        ..physics("series_compliance", |s| 400.0 / s.rate_n_per_mm)
     },
+    // Size: added friction divided by load at rest. Place: speed at which 37 % of it is left, mm/s.
     Physics {
-        place: "speed of the fading, mm/s",
-        ..physics("stribeck", "extra friction over load at rest", |s| {
-            s.friction_ratio
-        })
+        place: |u, _| 2.0 + 15.0 * u,
+        ..physics("stribeck", |s| s.friction_ratio)
     },
+    // Size: damping, N s/mm.
     Physics {
         compared: [Some("damping_n_s_per_mm"), None],
-        ..physics("viscous_damping", "damping, N s/mm", |s| 0.002 * s.top_n())
+        ..physics("viscous_damping", |s| 0.002 * s.top_n())
     },
+    // Size: added friction divided by load. Place: middle of the interval, mm.
     Physics {
         in_library: false,
-        place: "middle, mm",
-        ..physics("local_friction", "extra friction over load", |_| 0.3)
+        place: |u, top_mm| top_mm * (0.3 + 0.3 * u),
+        interval: |h, _| {
+            Some((
+                "displacement_mm",
+                h.place - 0.5 * h.width,
+                h.place + 0.5 * h.width,
+            ))
+        },
+        ..physics("local_friction", |_| 0.3)
     },
+    // Size: amplitude, N. Place: wave length, mm.
     Physics {
         in_library: false,
-        place: "wave length, mm",
-        ..physics("ripple", "amplitude, N", |s| 0.05 * s.top_n())
+        place: |u, _| 1.5 + 2.0 * u,
+        ..physics("ripple", |s| 0.05 * s.top_n())
     },
+    // Size: share of the load that is lost. Place: number of cycles after which it is lost.
     Physics {
         in_library: false,
-        place: "cycle",
-        ..physics("strength_loss", "share of the load", |_| 0.4)
+        place: |u, _| 1.5 + 2.0 * u,
+        ..physics("strength_loss", |_| 0.4)
     },
 ];
 
@@ -147,21 +178,9 @@ pub(crate) fn find(code: &str) -> Option<&'static Physics> {
 }
 
 impl Physics {
-    /// Draws sign, place and width; the size is a unit for `limit` to scale.
+    /// Draws sign, place and width. The size is 1 or -1; `limit` scales it.
     pub(crate) fn draw(&self, random: &mut ChaCha8Rng, specimen: &TruthSpecimen) -> Hidden {
-        let top = specimen.top_mm();
-        let u = between(random, 0.0, 1.0);
-        let place = match self.code {
-            "progressive_stiffness" => top * (0.4 + 0.35 * u),
-            "rate_independent_friction" => 3.0 + 12.0 * u,
-            "relaxation" => 1.0 + 15.0 * u,
-            "run_in" => 1.5 + 3.0 * u,
-            "stribeck" => 2.0 + 15.0 * u,
-            "local_friction" => top * (0.3 + 0.3 * u),
-            "ripple" => 1.5 + 2.0 * u,
-            "strength_loss" => 1.5 + 2.0 * u,
-            _ => 0.0,
-        };
+        let place = (self.place)(between(random, 0.0, 1.0), specimen.top_mm());
         let size = if self.signed {
             one_of(random, &[-1.0, 1.0])
         } else {
@@ -177,39 +196,24 @@ impl Physics {
 }
 
 impl Hidden {
-    /// Axis of contracts.md and interval in which it acts, where it is local; `top_mm` is the largest displacement.
-    /// A channel that clips is not local here: no recorded force lies above its rail.
-    pub(crate) fn interval(&self, top_mm: f64) -> Option<(&'static str, f64, f64)> {
-        match self.code {
-            "backlash" => Some(("distance_from_reversal_mm", 0.0, self.size)),
-            "lift_off" => Some(("displacement_mm", 0.0, self.size)),
-            "local_friction" => Some((
-                "displacement_mm",
-                self.place - 0.5 * self.width,
-                self.place + 0.5 * self.width,
-            )),
-            "progressive_stiffness" => Some(("displacement_mm", self.place, top_mm)),
-            _ => None,
-        }
+    /// Axis of `docs/formats.md` and interval in which a local effect acts; `top_mm` is the largest displacement.
+    pub(crate) fn interval(&self, top_mm: f64) -> Option<Interval> {
+        find(self.code).and_then(|p| (p.interval)(self, top_mm))
     }
 
-    /// Force at which a saturated channel stops.
+    /// Force in N at which a saturated channel clips; `top_n` is the largest force.
     pub(crate) fn limit_n(&self, top_n: f64) -> f64 {
         (1.0 - self.size) * top_n
     }
 
-    /// Names and true values that an answer can be compared with.
+    /// Names and true values of the parameters that a diagnosis is compared with; `top_n` is the largest force in N.
     pub(crate) fn parameters(&self, top_n: f64) -> Vec<(&'static str, f64)> {
-        if self.code == "sensor_saturation" {
-            return vec![("limit_n", self.limit_n(top_n))];
-        }
         let Some(physics) = find(self.code) else {
             return Vec::new();
         };
-        physics
-            .compared
-            .iter()
-            .zip([self.size, self.place])
+        let names = physics.compared.iter();
+        names
+            .zip((physics.truth)(self, top_n))
             .filter_map(|(name, value)| name.map(|n| (n, value)))
             .collect()
     }
@@ -220,7 +224,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn codes_are_unique_and_outsiders_stand_last() {
+    fn codes_are_unique_and_the_library_comes_first() {
         let mut codes: Vec<_> = PHYSICS.iter().map(|p| p.code).collect();
         codes.sort_unstable();
         codes.dedup();
@@ -229,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn what_an_answer_is_compared_with() {
+    fn parameters_and_intervals_by_hand() {
         let knee = Hidden {
             code: "progressive_stiffness",
             size: 12.0,
@@ -238,7 +242,7 @@ mod tests {
         };
         assert_eq!(
             knee.parameters(2000.0),
-            [("extra_n_per_mm", 12.0), ("knee_mm", 9.0)]
+            [("extra_rate_n_per_mm", 12.0), ("knee_mm", 9.0)]
         );
         assert_eq!(knee.interval(25.0), Some(("displacement_mm", 9.0, 25.0)));
         let clip = Hidden {

@@ -1,37 +1,38 @@
-//! The detection limit of an effect in a case: what a strength of 1 means.
+//! The detection limit of an effect in a case: the unit of strength.
 //!
 //! ```text
 //! s  = F(with) - F(without), at every sample          s' = s - J (J'WJ)^-1 J'W s
 //! level = sqrt(s' W s'),  W = n_r / N_r / sigma^2     detection limit: level = MULTIPLE
 //! ```
-//! J: derivatives of the force by everything that the baseline may refit (preload, rate, friction, its travel and shape).
-//! N_r samples of recording r count as n_r effective ones: at most [`SAMPLES_PER_BRANCH`] for each branch of the motion,
-//! because neighbouring samples of a residual are not independent evidence. sigma: noise of force and of displacement times
-//! rate. In other words: at the limit, the part that no refit can absorb has an RMS of MULTIPLE times sigma / sqrt(n).
+//! J: derivatives of the force by the parameters that the baseline may refit (preload, rate, friction, its travel and shape).
+//! The N_r samples of recording r count as n_r effective samples, at most [`SAMPLES_PER_BRANCH`] for each branch, because
+//! neighbouring samples of a residual are not independent. sigma: noise of the force and of displacement times rate, N.
+//! At the limit, the part of the effect that no refit can absorb has an RMS of [`MULTIPLE`] times sigma / sqrt(n).
 
 use super::hidden::Physics;
 use super::{Form, Hidden, Programme, TruthSpecimen};
 
-/// Standard deviations that make a detection: a chance of 1 in 3 million for one look.
+/// Number of standard deviations of a detection. Noise alone exceeds it with a probability of 1 in 3 million.
 pub(crate) const MULTIPLE: f64 = 5.0;
-/// Effective samples of a branch, at most: 50 cycles count as 500, the upper end of what a pilot on this bench gave.
+/// Largest number of effective samples of a branch: 50 cycles count as 500, the upper end of a pilot test on this bench.
 pub(crate) const SAMPLES_PER_BRANCH: f64 = 5.0;
-/// A size is found to this share.
+/// Relative precision of the level of a sized effect.
 const PRECISION: f64 = 0.02;
 
-/// Measures effects in one programme.
+/// Measures how visible effects are in the recordings of one specimen.
 pub(crate) struct VisibilityMeter<'a> {
     specimen: &'a TruthSpecimen,
     programme: &'a [(Programme, Vec<f64>)],
     /// Square root of the weight of each sample.
     weight: Vec<f64>,
-    /// Orthonormal: what a refit absorbs.
+    /// Orthonormal basis of the force changes that a refit absorbs.
     basis: Vec<Vec<f64>>,
+    /// Weighted force without an effect.
     plain: Vec<f64>,
 }
 
 impl<'a> VisibilityMeter<'a> {
-    /// `programme`: motions and their sampling times.
+    /// `programme` has the motions and their sampling times in s; `sigma_n` is the noise in N.
     pub(crate) fn new(
         specimen: &'a TruthSpecimen,
         programme: &'a [(Programme, Vec<f64>)],
@@ -52,7 +53,7 @@ impl<'a> VisibilityMeter<'a> {
             plain: Vec::new(),
         };
         meter.plain = meter.forces(specimen, &[]);
-        for (moved, step) in moves(specimen) {
+        for (moved, step) in variations(specimen) {
             let changed: Vec<f64> = meter
                 .forces(&moved, &[])
                 .iter()
@@ -64,6 +65,7 @@ impl<'a> VisibilityMeter<'a> {
         meter
     }
 
+    /// Weighted forces at all samples.
     fn forces(&self, specimen: &TruthSpecimen, hidden: &[Hidden]) -> Vec<f64> {
         self.programme
             .iter()
@@ -73,7 +75,7 @@ impl<'a> VisibilityMeter<'a> {
             .collect()
     }
 
-    /// Adds a direction to what is absorbed.
+    /// Adds a direction to the basis, unless the basis has it already.
     fn absorb(&mut self, mut direction: Vec<f64>) {
         let before = norm(&direction);
         self.remove_absorbed(&mut direction);
@@ -85,7 +87,7 @@ impl<'a> VisibilityMeter<'a> {
     }
 
     fn remove_absorbed(&self, v: &mut [f64]) {
-        // Twice: once leaves rounding of the size of what was removed.
+        // The second pass removes the rounding errors of the first.
         for _ in 0..2 {
             for b in &self.basis {
                 let along: f64 = b.iter().zip(v.iter()).map(|(b, v)| b * v).sum();
@@ -94,7 +96,7 @@ impl<'a> VisibilityMeter<'a> {
         }
     }
 
-    /// What the effect changes and no refit absorbs, in standard deviations of effective samples.
+    /// Weighted change of the force by the effect that no refit absorbs, in standard deviations of effective samples.
     pub(crate) fn signature(&self, hidden: &Hidden) -> Vec<f64> {
         let with = self.forces(self.specimen, std::slice::from_ref(hidden));
         let mut change: Vec<f64> = with.iter().zip(&self.plain).map(|(a, b)| a - b).collect();
@@ -107,7 +109,7 @@ impl<'a> VisibilityMeter<'a> {
         norm(&self.signature(hidden))
     }
 
-    /// The effect at a strength in detection limits; none where that needs a size nobody would believe.
+    /// The effect scaled to a strength in detection limits; `None` if this needs a size that is not plausible.
     pub(crate) fn sized(&self, physics: &Physics, unit: &Hidden, strength: f64) -> Option<Hidden> {
         let largest = (physics.largest)(self.specimen);
         let sign = unit.size.signum();
@@ -131,7 +133,7 @@ impl<'a> VisibilityMeter<'a> {
         None
     }
 
-    /// Cosine between what two effects leave.
+    /// Cosine between the signatures of two effects.
     pub(crate) fn cosine(&self, a: &Hidden, b: &Hidden) -> f64 {
         let (a, b) = (self.signature(a), self.signature(b));
         let dot: f64 = a.iter().zip(&b).map(|(a, b)| a * b).sum();
@@ -143,10 +145,10 @@ fn norm(v: &[f64]) -> f64 {
     v.iter().map(|v| v * v).sum::<f64>().sqrt()
 }
 
-/// The specimen with each thing moved that the baseline may refit, and by how much.
-fn moves(specimen: &TruthSpecimen) -> Vec<(TruthSpecimen, f64)> {
+/// The specimen with one parameter changed, and the change, for each parameter that the baseline may refit.
+fn variations(specimen: &TruthSpecimen) -> Vec<(TruthSpecimen, f64)> {
     let s = specimen;
-    let mut moves = vec![
+    let mut variations = vec![
         (
             TruthSpecimen {
                 preload_n: s.preload_n + 1.0,
@@ -163,16 +165,16 @@ fn moves(specimen: &TruthSpecimen) -> Vec<(TruthSpecimen, f64)> {
         ),
     ];
     if s.bushing_n > 0.0 {
-        moves.push((
+        variations.push((
             TruthSpecimen {
                 bushing_n: s.bushing_n + 1.0,
                 ..s.clone()
             },
             1.0,
         ));
-        return moves;
+        return variations;
     }
-    moves.push((
+    variations.push((
         TruthSpecimen {
             friction_ratio: s.friction_ratio + 0.005,
             ..s.clone()
@@ -181,14 +183,14 @@ fn moves(specimen: &TruthSpecimen) -> Vec<(TruthSpecimen, f64)> {
     ));
     if s.form == Form::Gradual {
         let step = 0.05 * s.presliding_mm;
-        moves.push((
+        variations.push((
             TruthSpecimen {
                 presliding_mm: s.presliding_mm + step,
                 ..s.clone()
             },
             step,
         ));
-        moves.push((
+        variations.push((
             TruthSpecimen {
                 power: s.power + 0.05,
                 ..s.clone()
@@ -196,7 +198,7 @@ fn moves(specimen: &TruthSpecimen) -> Vec<(TruthSpecimen, f64)> {
             0.05,
         ));
     }
-    moves
+    variations
 }
 
 #[cfg(test)]
@@ -236,13 +238,13 @@ mod tests {
                 ..one
             };
             let ratio = meter.level(&two) / meter.level(&one);
-            // Exactly linear in the force; rounding only.
+            // These effects are linear in the force, so the error is rounding only.
             assert!((ratio - 2.0).abs() < 1e-6, "{code}: {ratio}");
         }
     }
 
     #[test]
-    fn noise_twice_as_high_makes_the_limit_twice_as_large() {
+    fn twice_the_noise_is_twice_the_limit() {
         let (specimen, programme) = (plain(), programme());
         let (physics, unit) = unit("viscous_damping");
         let size = |sigma: f64| {
@@ -255,10 +257,10 @@ mod tests {
     }
 
     #[test]
-    fn what_a_refit_absorbs_has_no_level() {
+    fn a_change_that_a_refit_absorbs_has_no_level() {
         let (specimen, programme) = (plain(), programme());
         let meter = VisibilityMeter::new(&specimen, &programme, 1.0);
-        // More rate over the whole travel is the baseline's own parameter, up to friction in proportion to it.
+        // A higher rate over the whole travel is a parameter of the baseline, so a refit absorbs it.
         let everywhere = Hidden {
             code: "progressive_stiffness",
             size: 1.0,
@@ -273,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn delay_and_damping_leave_nearly_the_same() {
+    fn delay_and_damping_have_nearly_the_same_signature() {
         let (specimen, programme) = (plain(), programme());
         let meter = VisibilityMeter::new(&specimen, &programme, 1.0);
         let delay = Hidden {
@@ -287,7 +289,7 @@ mod tests {
             size: 0.1,
             ..delay
         };
-        // The pilot of the notes has 0.98; a lag also shifts the friction's turn, so it is not 1.
+        // A delay also shifts the reversal of the friction, so the cosine is below 1 (0.98 in a pilot test).
         assert!(
             meter.cosine(&delay, &damping).abs() > 0.9,
             "{}",

@@ -1,9 +1,10 @@
-//! Recordings whose physics is known, for sealed tests of the diagnosis. It is written apart on purpose: nothing of
-//! `model`, `effect`, `identify` or `diagnose` is used here (a test holds that), so that no error is shared.
+//! Synthetic recordings whose physics is known, for blind tests of the diagnosis.
 //!
-//! Own formulation: friction is a distribution of 64 Jenkins elements moved exactly from turning point to turning point
-//! (found by bisection on the motion's formula), rates come from that formula, and the sensors are a chain of their own.
-//! How much of an effect is hidden is counted in detection limits, see [`limit`]. Judging an answer is left to `blind`.
+//! It uses nothing of `model`, `effect`, `identify` or `diagnose`, so that it cannot share their errors;
+//! `tests/architecture.rs` checks this. The formulation is its own: friction is a distribution of 64 Jenkins elements, which
+//! move exactly from turning point to turning point (found by bisection of the formula of the motion); speed and
+//! acceleration come from that formula; the sensors are a separate chain. The strength of a hidden effect is given in
+//! detection limits, see [`limit`]. `blind` compares the diagnosis with the truth.
 
 pub(crate) mod case;
 pub(crate) mod family;
@@ -15,7 +16,7 @@ pub(crate) mod rig;
 pub(crate) mod sensors;
 pub(crate) mod specimen;
 
-pub(crate) use case::{Case, Label, Start};
+pub(crate) use case::{BaselineSettings, Case, Label};
 pub(crate) use family::Family;
 pub(crate) use hidden::Hidden;
 pub(crate) use motion::Programme;
@@ -24,17 +25,17 @@ pub(crate) use specimen::{Form, TruthSpecimen};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-/// Uniform between two numbers.
+/// A uniform random number between `low` and `high`.
 pub(crate) fn between(random: &mut ChaCha8Rng, low: f64, high: f64) -> f64 {
     low + (high - low) * random.random::<f64>()
 }
 
-/// One of a list.
+/// A random entry of a list; each one has the same probability.
 pub(crate) fn one_of<T: Copy>(random: &mut ChaCha8Rng, list: &[T]) -> T {
     list[random.random_range(0..list.len())]
 }
 
-/// Standard normal, by the polar method.
+/// A standard normal random number (polar method).
 pub(crate) fn normal(random: &mut ChaCha8Rng) -> f64 {
     loop {
         let (u, v) = (between(random, -1.0, 1.0), between(random, -1.0, 1.0));

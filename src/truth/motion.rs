@@ -1,4 +1,4 @@
-//! Motions as formulas in time: ramp with hold, sine, rounded triangle, random multi-sine; or as samples of any other.
+//! Motions as formulas of time: ramp with hold, sine, rounded triangle and random multi-sine; any other motion as samples.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -7,60 +7,52 @@ use rand_chacha::ChaCha8Rng;
 use super::between;
 use super::path::Path;
 
-/// Half step of the differences that give speed and acceleration, s.
+/// Half step in s of the central differences for speed and acceleration.
 const DIFFERENCE_S: f64 = 2e-4;
-/// How sharp the corners of a triangle are (1: not rounded at all).
+/// Sharpness of the corners of a triangle; 1 is not rounded.
 const CORNER: f64 = 0.99;
 
-/// A displacement in mm over time in s; every motion begins at rest at zero.
+/// A displacement in mm over time in s. Every formula starts at rest at zero.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Programme {
-    /// Up to `top_mm`, a hold, and down again, at constant speed with rounded corners.
+    /// Up to `top_mm`, hold, and down again, at constant speed with rounded corners.
     Ramp {
-        /// Displacement of the hold.
+        /// Displacement of the hold, mm.
         top_mm: f64,
-        /// Length of each branch.
+        /// Duration of each branch, s.
         branch_s: f64,
-        /// Length of the hold.
+        /// Duration of the hold, s.
         hold_s: f64,
     },
-    /// From the valley on.
+    /// A sine that starts at its valley.
     Sine {
-        /// Mean displacement.
         mean_mm: f64,
         /// Half of peak minus valley.
         amplitude_mm: f64,
-        /// Cycles a second.
         frequency_hz: f64,
-        /// Number of cycles.
         cycles: f64,
     },
-    /// From the valley on, corners rounded.
+    /// A triangle with rounded corners that starts at its valley.
     Triangle {
-        /// Mean displacement.
         mean_mm: f64,
         /// Half of peak minus valley.
         amplitude_mm: f64,
-        /// Cycles a second.
         frequency_hz: f64,
-        /// Number of cycles.
         cycles: f64,
     },
-    /// Sum of sines that never repeats within the recording.
+    /// A sum of sines that does not repeat within the recording.
     MultiSine {
-        /// Mean displacement.
         mean_mm: f64,
-        /// Amplitude in mm, frequency in Hz, phase.
+        /// Amplitude in mm, frequency in Hz and phase in rad of each sine.
         lines: Vec<[f64; 3]>,
-        /// Length after the approach.
+        /// Duration after the approach, s.
         duration_s: f64,
     },
-    /// By samples.
     Path(Path),
 }
 
 impl Programme {
-    /// Time taken to go from zero to the motion's start.
+    /// Duration in s of the approach from zero to the start of the motion.
     pub(crate) fn approach_s(&self) -> f64 {
         match *self {
             Programme::Ramp { .. } | Programme::Path(_) => 0.0,
@@ -71,7 +63,7 @@ impl Programme {
         }
     }
 
-    /// Length in s.
+    /// Duration in s, with the approach.
     pub(crate) fn duration_s(&self) -> f64 {
         self.approach_s()
             + match *self {
@@ -87,7 +79,7 @@ impl Programme {
             }
     }
 
-    /// Branches from turning point to turning point, about.
+    /// Approximate number of branches between turning points.
     pub(crate) fn branches(&self) -> f64 {
         match *self {
             Programme::Ramp { .. } => 2.0,
@@ -105,7 +97,7 @@ impl Programme {
         }
     }
 
-    /// Displacement at a time; still before the start and after the end.
+    /// Displacement in mm at a time in s; constant before the start and after the end.
     pub(crate) fn at_mm(&self, time_s: f64) -> f64 {
         let t = time_s.clamp(0.0, self.duration_s());
         let lead = self.approach_s();
@@ -164,18 +156,18 @@ impl Programme {
         }
     }
 
-    /// Speed in mm/s.
+    /// Speed in mm/s at a time in s.
     pub(crate) fn speed_mm_s(&self, time_s: f64) -> f64 {
         (self.at_mm(time_s + DIFFERENCE_S) - self.at_mm(time_s - DIFFERENCE_S)) / (2.0 * DIFFERENCE_S)
     }
 
-    /// Acceleration in mm/s2.
+    /// Acceleration in mm/s2 at a time in s.
     pub(crate) fn acceleration_mm_s2(&self, time_s: f64) -> f64 {
         (self.at_mm(time_s + DIFFERENCE_S) - 2.0 * self.at_mm(time_s) + self.at_mm(time_s - DIFFERENCE_S))
             / (DIFFERENCE_S * DIFFERENCE_S)
     }
 
-    /// Five to nine lines between 0.3 and 3 Hz that stay within `reach_mm` of the mean.
+    /// A multi-sine of five to nine sines between 0.3 and 3 Hz that stays within `reach_mm` of the mean.
     pub(crate) fn random(random: &mut ChaCha8Rng, mean_mm: f64, reach_mm: f64, duration_s: f64) -> Programme {
         let count = 5 + (between(random, 0.0, 4.99) as usize);
         let mut lines: Vec<[f64; 3]> = (0..count)
@@ -197,18 +189,18 @@ impl Programme {
     }
 }
 
-/// From 0 to 1 with no step in speed or acceleration.
+/// Rises from 0 to 1 without a step in speed or acceleration.
 fn smooth(part: f64) -> f64 {
     let p = part.clamp(0.0, 1.0);
     p * p * p * (10.0 + p * (6.0 * p - 15.0))
 }
 
-/// From 0 to 1 at constant speed, with 1 % of the way rounded at each end.
+/// Rises from 0 to 1 at constant speed, with 1 % of the duration rounded at each end.
 fn rounded(part: f64) -> f64 {
     const R: f64 = 0.01;
     let p = part.clamp(0.0, 1.0);
     let scale = 1.0 - R * (1.0 - 2.0 / PI) * 2.0;
-    // Speed rises as a quarter sine over R, so acceleration is finite.
+    // The speed rises as a quarter sine over R, so the acceleration is finite.
     let foot = |p: f64| R * (2.0 / PI) * (1.0 - (FRAC_PI_2 * p / R).cos());
     let raw = if p < R {
         foot(p)
@@ -250,14 +242,14 @@ mod tests {
     }
 
     #[test]
-    fn every_motion_begins_at_zero_stays_above_it_and_never_jumps() {
+    fn every_motion_starts_at_zero_stays_positive_and_has_no_steps() {
         for motion in all() {
             assert!(motion.at_mm(0.0).abs() < 1e-9, "{motion:?}");
             let steps = (motion.duration_s() / 1e-3) as usize;
             for k in 0..steps {
                 let t = 1e-3 * k as f64;
                 let step = motion.at_mm(t + 1e-3) - motion.at_mm(t);
-                // The fastest here is the approach: under 200 mm/s.
+                // The approach is the fastest part: under 200 mm/s.
                 assert!(
                     step.abs() < 0.3 && motion.at_mm(t) > -1e-9,
                     "{motion:?} at {t} s: {step}"
@@ -275,7 +267,7 @@ mod tests {
             cycles: 8.0,
         };
         let w = TAU;
-        // A quarter cycle after the valley: full speed; at the peak: full acceleration. Differences leave (w h)^2 / 6.
+        // A quarter cycle after the valley: full speed. At the peak: full acceleration. Error of the differences: (w h)^2 / 6.
         assert!((sine.speed_mm_s(0.75) - 6.0 * w).abs() < 1e-4);
         assert!((sine.acceleration_mm_s2(1.0) + 6.0 * w * w).abs() < 1e-2);
     }

@@ -1,7 +1,9 @@
-//! A motion by its samples: what a bench was told to do, with no formula behind it. Between samples it is a cubic that
-//! turns round at samples only (Fritsch and Carlson 1980, with Butland's harmonic mean), so that no turning point is invented.
+//! A motion given by samples, such as the commands of a bench.
+//!
+//! Between samples it is a monotonic cubic (F. N. Fritsch and R. E. Carlson 1980, with the harmonic mean of J. Butland), so
+//! that only samples can be turning points.
 
-/// Displacement in mm over time in s, smooth, still before the first sample and after the last.
+/// A smooth displacement over time, constant before the first sample and after the last.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Path {
     time_s: Vec<f64>,
@@ -11,7 +13,7 @@ pub(crate) struct Path {
 }
 
 impl Path {
-    /// Through `points`, (time in s, displacement in mm) with rising times.
+    /// A path through `points`: time in s, strictly rising, and displacement in mm.
     pub(crate) fn new(points: &[[f64; 2]]) -> Path {
         let (time_s, displacement_mm): (Vec<f64>, Vec<f64>) = points.iter().map(|p| (p[0], p[1])).unzip();
         let chord = |k: usize| {
@@ -39,12 +41,12 @@ impl Path {
         }
     }
 
-    /// Length in s.
+    /// Time of the last sample, s.
     pub(crate) fn duration_s(&self) -> f64 {
         self.time_s.last().copied().unwrap_or(0.0)
     }
 
-    /// Changes of direction.
+    /// Number of turning points.
     pub(crate) fn turns(&self) -> usize {
         let mut directions: Vec<bool> = self
             .displacement_mm
@@ -56,7 +58,7 @@ impl Path {
         directions.len().saturating_sub(1)
     }
 
-    /// Displacement at a time.
+    /// Displacement in mm at a time in s.
     pub(crate) fn at_mm(&self, time_s: f64) -> f64 {
         let after = self.time_s.partition_point(|t| *t <= time_s);
         let (Some(k), true) = (after.checked_sub(1), after < self.time_s.len()) else {
@@ -81,7 +83,7 @@ mod tests {
     use super::Path;
 
     #[test]
-    fn it_goes_through_its_samples_and_turns_nowhere_else() {
+    fn a_path_passes_its_samples_and_has_no_other_turning_points() {
         let points = [[0.0, 0.0], [1.0, 2.0], [2.0, 2.0], [3.0, 5.0], [4.0, 1.0]];
         let path = Path::new(&points);
         assert!(points.iter().all(|p| path.at_mm(p[0]) == p[1]));
@@ -103,7 +105,7 @@ mod tests {
             .map(|t| [t, wave(t)])
             .collect();
         let path = Path::new(&points);
-        // Second order in the step: (2e-3)^2 of 5 mm.
+        // The error is of second order in the step: (2e-3)^2 times 5 mm.
         for k in 0..2999 {
             let t = 1e-3 * (f64::from(k) + 0.37);
             assert!((path.at_mm(t) - wave(t)).abs() < 2e-5, "{t}");

@@ -1,4 +1,4 @@
-//! The rig of a case after its recordings were taken: specimen and sensors still stand there and can be asked again.
+//! The rig of a case: the specimen and the sensors, which can take further recordings.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -7,7 +7,7 @@ use super::sensors::Sensors;
 use super::{Case, Programme, TruthSpecimen, path::Path};
 use crate::recording::Recording;
 
-/// What is tested and what it is measured with.
+/// Specimen and sensors of one case.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct TruthRig {
     pub specimen: TruthSpecimen,
@@ -15,11 +15,11 @@ pub(super) struct TruthRig {
 }
 
 impl Case {
-    /// Plays one more test, the `number`th from 1, on the case's specimen with its hidden effects and records it with its
-    /// sensors; `points` are time in s and displacement in mm. The same case and number give the same noise.
+    /// Takes one more recording with the specimen, the hidden effects and the sensors of the case. `points` are time in s and
+    /// displacement in mm; `number` counts these recordings from 1. The same case and number give the same noise.
     pub(crate) fn play(&self, points: &[[f64; 2]], number: u32) -> Recording {
         let mut random = ChaCha8Rng::seed_from_u64(self.label.seed);
-        // Streams that neither a case nor a seal uses.
+        // Random streams that neither the cases nor the sealed labels use.
         random.set_stream(self.label.number | u64::from(number) << 40);
         let name = format!("case-{:04}-next-{number}.csv", self.label.number);
         let motion = Programme::Path(Path::new(points));
@@ -37,9 +37,9 @@ impl Case {
 mod tests {
     use super::*;
 
-    /// A test played afterwards is of the same spring: at the same displacement in the same direction it has the same force.
+    /// A later recording is of the same spring: it has the same force at the same displacement on the same branch.
     #[test]
-    fn the_specimen_is_the_one_that_was_recorded() {
+    fn a_later_recording_is_of_the_same_specimen() {
         let case = Case::single("progressive_stiffness", 3, 10.0).expect("visible");
         let top = case.label.top[0];
         let points = [[0.0, 0.0], [40.0, top], [80.0, 0.0]];
@@ -51,11 +51,11 @@ mod tests {
                 .displacement_mm
                 .iter()
                 .position(|x| *x > 0.8 * top)
-                .expect("gets there");
+                .expect("the ramp passes 80 % of its top");
             r.force_n[k]
         };
         let ratio = loading_n(&again) / loading_n(&case.recordings[0]);
-        // A sample of travel, 1/3000 of the way, and noise of 1e-3 of the range at most.
+        // Tolerance: travel of one sample (1/3000 of the ramp), and noise of at most 1e-3 of the range.
         assert!((ratio - 1.0).abs() < 5e-3, "{ratio}");
     }
 }

@@ -1,4 +1,4 @@
-//! Load cell, LVDT and their amplifiers: noise, hum, a lag that both share, steps of the converter, sampling times.
+//! Load cell, LVDT and their amplifiers: noise, hum, a common lag, quantisation and sampling times.
 
 use std::f64::consts::TAU;
 
@@ -8,33 +8,34 @@ use rand_chacha::ChaCha8Rng;
 use super::{Hidden, Programme, TruthSpecimen, between, normal, one_of};
 use crate::recording::Recording;
 
-/// Step of a 16-bit converter over 10 kN, and over 50 mm.
+/// Resolution of a 16-bit converter over 10 kN.
 const FORCE_STEP_N: f64 = 10_000.0 / 65_536.0;
+/// Resolution of a 16-bit converter over 50 mm.
 const DISPLACEMENT_STEP_MM: f64 = 50.0 / 65_536.0;
-/// About as many samples as the measure of time has in a recording.
+/// Approximate number of samples of a ramp.
 const WANTED_SAMPLES: f64 = 3000.0;
-/// Hum against noise: it must stay below what can be detected.
+/// Largest amplitude of the hum divided by the noise, so that the hum cannot be detected.
 const LARGEST_HUM: f64 = 0.3;
 
-/// The measuring chain of one case.
+/// Both measuring channels of one case.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Sensors {
-    /// Standard deviation of the load cell, N.
+    /// Standard deviation of the noise of the load cell, N.
     pub noise_n: f64,
-    /// Standard deviation of the LVDT, mm.
+    /// Standard deviation of the noise of the LVDT, mm.
     pub noise_mm: f64,
-    /// Amplitude of the 50 Hz hum on the force, N.
+    /// Amplitude of the 50 Hz hum of the force, N.
     pub hum_n: f64,
-    /// Lag of both channels alike, s.
+    /// Common lag of both channels, s.
     pub lag_s: f64,
-    /// Samples a second in fast motions.
+    /// Sampling rate of fast motions, Hz.
     pub rate_hz: f64,
-    /// Sampled at irregular times?
+    /// True if the sampling times are irregular.
     pub uneven: bool,
 }
 
 impl Sensors {
-    /// Draws a chain for a range of force; `noisy` makes it ten times worse than usual.
+    /// Draws the channels for a largest force in N; `noisy` makes the force ten times noisier.
     pub(crate) fn draw(random: &mut ChaCha8Rng, range_n: f64, noisy: bool) -> Sensors {
         let noise_n = range_n * 10f64.powf(between(random, -3.7, -2.9)) * if noisy { 10.0 } else { 1.0 };
         let usual = [50.0, 100.0, 200.0, 250.0, 500.0, 1000.0];
@@ -54,19 +55,19 @@ impl Sensors {
         }
     }
 
-    /// Standard deviation of what a displacement-driven model cannot follow, N.
+    /// Standard deviation in N of the difference to a displacement-driven model: noise, hum and resolution of both channels.
     pub(crate) fn sigma_n(&self, rate_n_per_mm: f64) -> f64 {
         let force = self.noise_n.powi(2) + 0.5 * self.hum_n.powi(2) + FORCE_STEP_N.powi(2) / 12.0;
         let displacement = self.noise_mm.powi(2) + DISPLACEMENT_STEP_MM.powi(2) / 12.0;
         (force + rate_n_per_mm.powi(2) * displacement).sqrt()
     }
 
-    /// When a motion is sampled, in s.
+    /// Sampling times of a motion, s.
     pub(crate) fn times_s(&self, random: &mut ChaCha8Rng, motion: &Programme) -> Vec<f64> {
         let duration_s = motion.duration_s();
         let rate_hz = match motion {
             Programme::Ramp { .. } => self.rate_hz.min((WANTED_SAMPLES / duration_s).max(20.0)),
-            // Fast and slow parts in one file, at most as many samples as a bench of 1 kHz takes.
+            // A path has fast and slow parts; a bench samples at 1 kHz at most.
             Programme::Path(_) => self.rate_hz.min(1000.0),
             _ => self.rate_hz,
         };
@@ -83,7 +84,7 @@ impl Sensors {
             .collect()
     }
 
-    /// What is recorded of a motion; time starts at the first sample of the file as the logger has it.
+    /// Records a motion of a specimen with hidden effects; `name` is the name of the recording.
     pub(crate) fn record(
         &self,
         random: &mut ChaCha8Rng,
@@ -94,14 +95,14 @@ impl Sensors {
     ) -> Recording {
         let times_s = self.times_s(random, motion);
         let seen_s: Vec<f64> = times_s.iter().map(|t| t - self.lag_s).collect();
-        // The amplifier clips what it gets, noise included: deep in the clip it shows its rail and nothing else.
+        // The amplifier also clips the noise: a clipped sample shows the limit exactly.
         let unclipped: Vec<Hidden> = hidden
             .iter()
             .filter(|h| h.code != "sensor_saturation")
             .copied()
             .collect();
         let clean = specimen.forces(&unclipped, motion, &seen_s);
-        let rail_n = hidden
+        let limit_n = hidden
             .iter()
             .find(|h| h.code == "sensor_saturation")
             .map_or(f64::INFINITY, |h| h.limit_n(specimen.top_n()));
@@ -111,13 +112,13 @@ impl Sensors {
             .zip(&clean)
             .map(|(t, f)| {
                 let seen = f + self.noise_n * normal(random) + self.hum_n * (TAU * 50.0 * t + phase).sin();
-                stepped(seen.min(rail_n), FORCE_STEP_N)
+                quantised(seen.min(limit_n), FORCE_STEP_N)
             })
             .collect();
         let displacement_mm = seen_s
             .iter()
             .map(|&t| {
-                stepped(
+                quantised(
                     motion.at_mm(t) + self.noise_mm * normal(random),
                     DISPLACEMENT_STEP_MM,
                 )
@@ -133,11 +134,12 @@ impl Sensors {
     }
 }
 
-fn stepped(value: f64, step: f64) -> f64 {
+/// Rounds to the resolution of a converter.
+fn quantised(value: f64, step: f64) -> f64 {
     (value / step).round() * step
 }
 
-/// A recording as the CSV of contracts.md.
+/// A recording as CSV, see `docs/formats.md`.
 pub(crate) fn csv(recording: &Recording) -> String {
     let mut text = String::from("time_s,displacement_mm,force_n\r\n");
     for k in 0..recording.len() {
@@ -167,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_has_the_size_that_sigma_says() {
+    fn noise_has_the_standard_deviation_of_sigma_n() {
         let mut random = ChaCha8Rng::seed_from_u64(3);
         let sensors = chain();
         let r = sensors.record(&mut random, &plain(), &[], &sine(1.0, 20.0), "a");
@@ -181,13 +183,13 @@ mod tests {
             .sum::<f64>()
             / n)
             .sqrt();
-        // 4000 samples: the spread of an RMS is 1.1 %; four of them.
+        // The standard error of the RMS of 4000 samples is 1.1 %; the tolerance is four of them.
         assert!((rms / 2.0 - 1.0).abs() < 0.05, "{rms}");
         assert!((sensors.sigma_n(100.0) - (4.0f64 + 0.01 + 0.0019 + 4.9e-4).sqrt()).abs() < 1e-3);
     }
 
     #[test]
-    fn uneven_times_still_rise() {
+    fn irregular_times_still_rise() {
         let sensors = Sensors {
             uneven: true,
             ..chain()

@@ -1,60 +1,57 @@
-//! The specimen with its hidden effects, stepped through a motion: true force at every time that is sampled.
+//! The specimen with its hidden effects: the true force at every sampling time of a motion.
 //!
 //! ```text
-//! F = E (1 + mu mean(r_i)),  E = preload + rate x          64 Jenkins elements: r_i in [-1, 1] stops moving at its ends
+//! F = E (1 + mu mean(r_i)),  E = preload + rate x,  dr_i = dx / l_i limited to [-1, 1]
 //! ```
-//! The lengths of the elements are quantiles of a gamma distribution of shape 2 raised to a power: with power 1 the steady
-//! loop turns round exponentially (the second derivative of the branch is the density of the lengths; Iwan 1966), so that a
-//! one-parameter presliding law can represent it. Other powers are a little off it, as a real pack is.
+//! E: carried load, N. mu: friction divided by load. r_i: drag of 64 Jenkins elements. l_i: their lengths, mm. x:
+//! displacement, mm. The lengths are quantiles of a gamma distribution of shape 2, raised to a power. With power 1 the friction
+//! of the steady loop reverses exponentially (the second derivative of the branch is the density of the lengths; W. D. Iwan
+//! 1966), as a presliding law with one parameter does. Other powers deviate a little from that law, as a real pack does.
 
 use super::{Hidden, Programme};
 use crate::units::inertia_force_n;
 
-/// Jenkins elements in a contact.
+/// Number of Jenkins elements in a contact.
 const ELEMENTS: usize = 64;
-/// Jenkins elements in a bushing.
+/// Number of Jenkins elements in a bushing.
 const BUSHING_ELEMENTS: usize = 16;
-/// Travel over which friction that turns at once turns round, mm.
+/// Travel in mm over which a sharp friction reverses.
 const SHARP_MM: f64 = 0.003;
-/// Shorter than this, the transition of a sharp friction is the specimen's own: no contact turns round in no travel.
+/// A presliding travel below this, in mm, is kept for a sharp friction; above it, [`SHARP_MM`] replaces it.
 const BRIEF_MM: f64 = 0.1;
-/// Travel of a bushing of the specimen, of a hidden one, and of the contact that is stickier at rest.
+/// Travel in mm over which three frictions reverse: a bushing of the specimen, a hidden bushing, Stribeck friction.
 const BUSHING_MM: [f64; 3] = [0.03, 0.02, 0.1];
-/// Longest step, s.
+/// Largest time step, s.
 const STEP_S: f64 = 0.004;
 
-/// Shape of the friction that scales with the load.
+/// Form of the friction in proportion to the load.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Form {
-    /// 64 elements.
+    /// It reverses gradually, with 64 elements.
     Gradual,
-    /// Turns round at once.
+    /// It reverses at once.
     Sharp,
-    /// Smoothed by speed: a numerical artefact, kept to measure what it leaves out.
-    Smoothed {
-        /// Speed of the smoothing, mm/s.
-        speed_mm_s: f64,
-    },
+    /// It is smoothed by speed, as in some simulations: a numerical artefact that the diagnosis must find.
+    Smoothed { speed_mm_s: f64 },
 }
 
-/// A leaf spring.
+/// A leaf spring without hidden effects.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct TruthSpecimen {
     /// Force at zero displacement, N.
     pub preload_n: f64,
     /// Spring rate, N/mm.
     pub rate_n_per_mm: f64,
-    /// Friction over load.
+    /// Friction divided by load.
     pub friction_ratio: f64,
-    /// Travel after a reversal over which friction turns round to 1/e, mm.
+    /// Travel after a reversal over which the friction reverses to 1/e of the remainder, mm.
     pub presliding_mm: f64,
     /// Power of the distribution of element lengths.
     pub power: f64,
-    /// Shape of that friction.
     pub form: Form,
-    /// Friction that does not depend on the load, N: part of the specimen where the baseline has it.
+    /// Friction that does not depend on the load, N; only in cases whose baseline has it too.
     pub bushing_n: f64,
-    /// Force at the largest displacement, about, N.
+    /// Force at the largest displacement without friction, N.
     pub range_n: f64,
 }
 
@@ -64,12 +61,12 @@ impl TruthSpecimen {
         (self.range_n - self.preload_n) / self.rate_n_per_mm
     }
 
-    /// Force there, friction included, N.
+    /// Force at the largest displacement with friction, N.
     pub(crate) fn top_n(&self) -> f64 {
         self.range_n * (1.0 + self.friction_ratio)
     }
 
-    /// True force in N at `times_s` (rising) of a motion, before the sensors.
+    /// True force in N at the rising times `times_s` of a motion, before the sensors.
     pub(crate) fn forces(&self, hidden: &[Hidden], motion: &Programme, times_s: &[f64]) -> Vec<f64> {
         let mut contact = SlidingContact::new(self, hidden, motion);
         let delay_s = 1e-3 * get(hidden, "channel_delay").map_or(0.0, |h| h.size);
@@ -90,21 +87,28 @@ fn get<'a>(hidden: &'a [Hidden], code: &str) -> Option<&'a Hidden> {
     hidden.iter().find(|h| h.code == code)
 }
 
-/// Everything that moves.
+/// The specimen in motion: its state at one time.
 struct SlidingContact<'a> {
     form: Form,
     specimen: &'a TruthSpecimen,
     hidden: &'a [Hidden],
     motion: &'a Programme,
-    /// 1 / length and drag of each element.
+    /// 1 / length in 1/mm and drag of each element.
     elements: Vec<[f64; 2]>,
+    /// The same for the frictions of [`BUSHING_MM`].
     bushings: [Vec<[f64; 2]>; 3],
+    /// Force of the relaxing spring, N.
     arm_n: f64,
     time_s: f64,
+    /// Displacement of the specimen, mm.
     position_mm: f64,
+    /// Displacement behind the backlash, mm.
     pin_mm: f64,
+    /// Mean drag of the contact at the last step, -1 to 1.
     drag: f64,
+    /// Sign of the last travel.
     direction: f64,
+    /// Displacement of the last turning point, mm.
     turned_mm: f64,
     half_cycles: f64,
 }
@@ -146,7 +150,7 @@ impl<'a> SlidingContact<'a> {
         get(self.hidden, code)
     }
 
-    /// Steps up to a time, turning points hit exactly, and gives the force there.
+    /// Steps exactly through the turning points up to a time in s, and returns the force there in N.
     fn go_to(&mut self, time_s: f64) -> f64 {
         let from_s = self.time_s;
         let steps = ((time_s - from_s) / STEP_S).ceil().max(1.0) as usize;
@@ -164,7 +168,7 @@ impl<'a> SlidingContact<'a> {
         force_n
     }
 
-    /// Time within the step at which the direction changes.
+    /// Time in s before `to_s` at which the direction changes.
     fn turning_point(&self, to_s: f64) -> Option<f64> {
         let speed = |t: f64| self.motion.speed_mm_s(t);
         let (mut low, mut high) = (self.time_s, to_s);
@@ -197,7 +201,7 @@ impl<'a> SlidingContact<'a> {
         self.pin_mm = pin_mm;
         let mut x = self.seat(pin_mm);
         if let Some(h) = self.get("lift_off") {
-            // The pusher leaves, the specimen stays where it was let go.
+            // The pusher leaves; the specimen stays at the contact.
             x = x.max(h.size);
         }
         let travel = x - self.position_mm;
@@ -206,7 +210,7 @@ impl<'a> SlidingContact<'a> {
             *drag = (*drag + travel * *stiffness).clamp(-1.0, 1.0);
         }
         if let Some(h) = self.get("relaxation") {
-            // Exact for constant speed within the step: the arm is fed in the middle of it.
+            // The travel of the step is added in the middle of the step.
             let half = (-0.5 * dt_s / h.place).exp();
             self.arm_n = (self.arm_n * half + h.size * travel) * half;
         }
@@ -214,24 +218,24 @@ impl<'a> SlidingContact<'a> {
         self.force(to_s)
     }
 
-    /// Position of the specimen behind a fixture that gives: pin and specimen carry the same force. It grows with the
-    /// position, so that halving finds it.
+    /// Displacement in mm of the specimen in series with a compliant fixture: both carry the same force. The force grows with
+    /// the displacement, so bisection finds it.
     fn seat(&self, pin_mm: f64) -> f64 {
         let Some(h) = self.get("series_compliance") else {
             return pin_mm;
         };
-        let gives = 1e-3 * h.size;
+        let compliance_mm_per_n = 1e-3 * h.size;
         let too_far = |x: f64| {
             let travel = x - self.position_mm;
             let drag = match self.form {
                 Form::Smoothed { .. } => self.drag,
-                Form::Gradual | Form::Sharp => dragged(&self.elements, travel),
+                Form::Gradual | Form::Sharp => mean_after(&self.elements, travel),
             };
-            let own = dragged(&self.bushings[0], travel);
-            x + gives * (self.carried(x) + self.friction(x, drag, own)) > pin_mm
+            let own = mean_after(&self.bushings[0], travel);
+            x + compliance_mm_per_n * (self.carried(x) + self.friction(x, drag, own)) > pin_mm
         };
-        let (mut low, mut high) = (pin_mm - gives * 2.0 * self.specimen.top_n(), pin_mm);
-        // To 1e-9 of some millimetres.
+        let (mut low, mut high) = (pin_mm - compliance_mm_per_n * 2.0 * self.specimen.top_n(), pin_mm);
+        // 32 halvings of some millimetres leave 1e-9 mm.
         for _ in 0..32 {
             let middle = 0.5 * (low + high);
             if too_far(middle) {
@@ -243,7 +247,7 @@ impl<'a> SlidingContact<'a> {
         low
     }
 
-    /// Friction of contact and bushing at a position, by how far they are dragged along.
+    /// Friction in N of contact and bushing at a displacement, from the drag of each (`drag`, `own`).
     fn friction(&self, x: f64, drag: f64, own: f64) -> f64 {
         let s = self.specimen;
         let mut ratio = s.friction_ratio;
@@ -263,7 +267,7 @@ impl<'a> SlidingContact<'a> {
         self.carried(x) * ratio * drag + s.bushing_n * own
     }
 
-    /// Half cycles, by turning points more than 2 % of the range apart.
+    /// Counts half cycles: turning points that are more than 2 % of the range apart.
     fn count(&mut self, x: f64, travel: f64) {
         if travel == 0.0 {
             return;
@@ -277,7 +281,7 @@ impl<'a> SlidingContact<'a> {
         self.direction = travel.signum();
     }
 
-    /// Force without moving.
+    /// Force in N at the present displacement.
     fn force(&mut self, time_s: f64) -> f64 {
         let x = self.position_mm;
         let speed = self.motion.speed_mm_s(time_s);
@@ -307,12 +311,12 @@ impl<'a> SlidingContact<'a> {
         force_n + self.arm_n
     }
 
-    /// Load carried without friction; never tensile.
+    /// Carried load in N, without friction; never tensile.
     fn carried(&self, x: f64) -> f64 {
         let s = self.specimen;
         let mut load = s.preload_n + s.rate_n_per_mm * x;
         if let Some(h) = self.get("geometric_stiffness") {
-            // A link of length L swings: 1 - cos, so that the rate's change fades with the swing.
+            // A swinging link: 1 - cos, so that the change of the rate fades with the angle.
             let link = 3.0 * s.top_mm();
             load += h.size * link * link * (1.0 - (x / link).cos());
         }
@@ -327,7 +331,7 @@ impl<'a> SlidingContact<'a> {
             };
         }
         if let Some(h) = self.get("strength_loss") {
-            // Pinched in the middle of the travel once a crack has opened.
+            // After a crack has opened, the load is lower in the middle of the travel.
             if 0.5 * self.half_cycles >= h.place {
                 let middle = (x / s.top_mm() - 0.45) / 0.25;
                 load *= 1.0 - h.size * (-middle * middle).exp();
@@ -337,24 +341,25 @@ impl<'a> SlidingContact<'a> {
     }
 }
 
-/// Elements at rest: 1 / length, drag.
+/// Elements at rest: 1 / length in 1/mm, and drag.
 fn elements(lengths_mm: Vec<f64>) -> Vec<[f64; 2]> {
     lengths_mm.into_iter().map(|l| [1.0 / l, 0.0]).collect()
 }
 
+/// Mean drag of elements, -1 to 1.
 fn mean(elements: &[[f64; 2]]) -> f64 {
     elements.iter().map(|e| e[1]).sum::<f64>() / elements.len() as f64
 }
 
-/// Mean after a travel that is only thought of.
-fn dragged(elements: &[[f64; 2]], travel_mm: f64) -> f64 {
+/// Mean drag of elements after a trial travel in mm.
+fn mean_after(elements: &[[f64; 2]], travel_mm: f64) -> f64 {
     let moved = elements
         .iter()
         .map(|[stiffness, drag]| (drag + travel_mm * stiffness).clamp(-1.0, 1.0));
     moved.sum::<f64>() / elements.len() as f64
 }
 
-/// Lengths in mm at which the elements begin to slide: half of what a reversal takes.
+/// Lengths in mm of `count` elements: half of the travel that each needs to reverse.
 fn quantiles(presliding_mm: f64, power: f64, count: usize) -> Vec<f64> {
     (0..count)
         .map(|i| {

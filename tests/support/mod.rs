@@ -1,7 +1,6 @@
 //! Daemons, mock rigs and commands as processes: started on free ports, waited for by condition, ended with the test.
 
 pub mod bench;
-pub mod truth;
 pub mod wire;
 
 use std::io::{BufRead, BufReader};

@@ -1,4 +1,4 @@
-//! Each force by hand, on a spring of 100 N + 80 N/mm.
+//! Every force by hand, on a spring with 100 N preload and 80 N/mm.
 
 use super::super::hidden::find;
 use super::*;
@@ -25,7 +25,7 @@ pub(crate) fn sine(frequency_hz: f64, cycles: f64) -> Programme {
     }
 }
 
-/// A ramp and two sines.
+/// A ramp and two sines, with their sampling times.
 pub(crate) fn programme() -> Vec<(Programme, Vec<f64>)> {
     let times = |motion: &Programme, rate: f64| -> Vec<f64> {
         (0..(motion.duration_s() * rate) as usize)
@@ -60,9 +60,9 @@ fn hidden(code: &'static str, size: f64, place: f64) -> Hidden {
     }
 }
 
-/// Force of the frictionless spring in the 1 Hz sine (approach of half a second) at a time after its start.
+/// Force in N of the frictionless spring in the 1 Hz sine, `after_s` after the approach of 0.5 s.
 fn with(h: Hidden, after_s: f64) -> f64 {
-    // 200 Hz up to the time asked for.
+    // Samples at 200 Hz up to that time.
     let times: Vec<f64> = (1..=(200.0 * (0.5 + after_s)).round() as usize)
         .map(|k| k as f64 / 200.0)
         .collect();
@@ -73,8 +73,8 @@ fn with(h: Hidden, after_s: f64) -> f64 {
 }
 
 #[test]
-fn the_steady_loop_turns_round_exponentially() {
-    // Power 1: gamma(2) lengths give r = 2 exp(-s / p) - 1 after a full reversal; 64 elements leave about a hundredth.
+fn the_friction_of_the_steady_loop_reverses_exponentially() {
+    // Power 1: gamma(2) lengths give r = 2 exp(-s / p) - 1 after a full reversal; 64 elements have an error of about 1 %.
     let ramp = Programme::Ramp {
         top_mm: 10.0,
         branch_s: 10.0,
@@ -106,7 +106,7 @@ fn forces_far_along_a_branch_are_those_of_dry_friction() {
 }
 
 #[test]
-fn the_friction_turns_at_the_true_turning_point_whatever_the_sampling() {
+fn the_friction_reverses_at_the_true_turning_point_at_any_sampling_rate() {
     let sharp = TruthSpecimen {
         form: Form::Sharp,
         ..plain()
@@ -116,7 +116,7 @@ fn the_friction_turns_at_the_true_turning_point_whatever_the_sampling() {
     let coarse: Vec<f64> = fine.iter().copied().skip(7).step_by(160).collect();
     let dense = sharp.forces(&[], &motion, &fine);
     for (k, f) in sharp.forces(&[], &motion, &coarse).iter().enumerate() {
-        // Friction is 96 N or more: a turning point missed by a step would show as that.
+        // The friction is 96 N or more; a turning point that is late by one step would change the force by that.
         assert!((f - dense[7 + 160 * k]).abs() < 1.0, "sample {k}");
     }
 }
@@ -143,20 +143,20 @@ fn forces_by_hand() {
     close(with(hidden("sensor_saturation", 0.6, 0.0), 0.25), 800.0, 1e-6);
     close(with(hidden("lift_off", 2.0, 0.0), 0.25), 740.0, 1e-6);
     close(with(hidden("lift_off", 5.0, 0.0), 0.0), 0.0, 1e-12);
-    // The pin follows half a gap behind; gives 2 mm/kN: 80 in series with 500 N/mm.
+    // The specimen follows half a gap behind. 2 mm/kN: 80 N/mm in series with 500 N/mm.
     close(with(hidden("backlash", 1.0, 0.0), 0.25), 860.0, 1e-6);
     close(
         with(hidden("series_compliance", 2.0, 0.0), 0.25),
         100.0 + 80.0 * (10.0 - 0.2) / 1.16,
         1e-6,
     );
-    // Force of 5 ms ago: 5 ms at full speed less.
+    // The force of 5 ms before, at full speed.
     close(
         with(hidden("channel_delay", 5.0, 0.0), 0.25),
         900.0 - 80.0 * 0.005 * speed,
         0.1,
     );
-    // Peak: full acceleration downwards; 10 kg at 237 mm/s2 are 2.37 N. Differences of the formula leave 1e-3.
+    // Peak: full acceleration downwards; 10 kg times 237 mm/s2 is 2.37 N. The differences have an error of 1e-3.
     close(
         with(hidden("inertia", 10.0, 0.0), 0.5),
         1380.0 - 0.01 * 6.0 * TAU * TAU,
@@ -170,14 +170,14 @@ fn forces_by_hand() {
         1e-6,
     );
     close(with(hidden("ripple", 5.0, 8.0), 0.25), 905.0, 1e-4);
-    // Where nothing slides a Stribeck or a local friction needs: no base friction, full speed against at rest.
+    // Local friction in its middle; Stribeck friction that does not fade (1e6 mm/s) and that has faded (1 mm/s).
     close(with(hidden("local_friction", 0.1, 10.0), 0.25), 990.0, 0.5);
     close(with(hidden("stribeck", 0.1, 1e6), 0.25), 990.0, 1e-3);
     close(with(hidden("stribeck", 0.1, 1.0), 0.25), 900.0, 1e-3);
 }
 
 #[test]
-fn the_arm_of_a_relaxation_decays_in_the_hold_and_nothing_else_does() {
+fn only_relaxation_changes_the_force_in_a_hold() {
     let ramp = Programme::Ramp {
         top_mm: 10.0,
         branch_s: 10.0,
@@ -186,7 +186,7 @@ fn the_arm_of_a_relaxation_decays_in_the_hold_and_nothing_else_does() {
     let times: Vec<f64> = (0..=280).map(|k| 0.1 * f64::from(k)).collect();
     let forces = frictionless().forces(&[hidden("relaxation", 8.0, 4.0)], &ramp, &times);
     let arm = |k: usize| forces[k] - 900.0;
-    // 4 s of hold: 1/e is left. Nothing but rounding of the exponentials.
+    // After 4 s of hold, 1/e is left; the error is rounding only.
     assert!((arm(160) / arm(120) - (-1.0f64).exp()).abs() < 1e-9);
     let still = plain().forces(&[], &ramp, &times);
     assert!((still[160] - still[120]).abs() < 1e-9);
@@ -194,7 +194,7 @@ fn the_arm_of_a_relaxation_decays_in_the_hold_and_nothing_else_does() {
 
 #[test]
 fn cycles_count_for_run_in_and_strength_loss() {
-    // After many cycles the whole change is there: upwards through the mean, eight cycles on.
+    // Upwards through the mean in the eighth cycle, after almost the whole change.
     let times: Vec<f64> = (1..=1550).map(|k| 0.005 * f64::from(k)).collect();
     let last = |h: Hidden| {
         *frictionless()
@@ -214,7 +214,7 @@ fn cycles_count_for_run_in_and_strength_loss() {
 }
 
 #[test]
-fn a_smoothed_friction_is_gone_in_a_slow_ramp_and_a_hidden_one_stays() {
+fn a_smoothed_friction_fades_in_a_slow_ramp_and_the_hidden_friction_remains() {
     let smoothed = TruthSpecimen {
         form: Form::Smoothed { speed_mm_s: 10.0 },
         ..plain()
