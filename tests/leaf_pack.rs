@@ -6,7 +6,7 @@
 
 use super::leaf_pack_duty::{all_sources, close, pack, shackle, sine_row, static_row, values};
 use crate::model::Plant;
-use crate::model::leaf_pack::{NormalChoice, PackStructure, Values, graded_path};
+use crate::model::leaf_pack::{ContactChoice, PackStructure, Values, graded_path};
 
 /// The reference's table of stiffness over clamp length. It comes out to 0.1 % with E = 210 GPa; at the 207 GPa of the
 /// other rows every entry is 1.4 % softer, as it must be: the table was evidently made with 210.
@@ -141,7 +141,7 @@ fn static_row_is_converged() {
         (
             "Hertz contact",
             PackStructure {
-                contact_law: NormalChoice::Hertz,
+                contact_law: ContactChoice::Hertz,
                 ..base
             },
             1.0,

@@ -3,7 +3,7 @@
 use super::leaf_pack_duty::{all_sources, close, loop_j, pack, sine_row, static_loop, static_row, values};
 use crate::model::Plant;
 use crate::model::leaf_pack::{
-    Dynamics, FrictionChoice, Mounting, PackStructure, Source, Values, graded_path,
+    Dynamics, FrictionChoice, FrictionSource, Mounting, PackStructure, Values, graded_path,
 };
 
 /// Work in = stored + dissipated, with every source on, in both mountings.
@@ -21,21 +21,16 @@ fn energy_balances() {
             let there = k as f64 / steps as f64;
             p.step(10.0 * if there <= 1.0 { there } else { 2.0 - there }, 1e-3);
         }
-        let e = p.energy();
-        let error = (e.work_nmm - e.stored_nmm - e.lost_nmm()) / (e.work_nmm + e.stored_nmm);
-        println!(
-            "{mounting:?}: work {:.3} stored {:.3} lost {:.3} N mm, error {error:.1e}",
-            e.work_nmm,
-            e.stored_nmm,
-            e.lost_nmm()
-        );
+        let (e, stored_nmm) = (p.energy(), p.stored_nmm());
+        let lost_nmm: f64 = e.dissipated_nmm.iter().sum();
+        let error = (e.work_nmm - stored_nmm - lost_nmm) / (e.work_nmm + stored_nmm);
         // Trapezoids of 1.7 um: their error falls with the square of the step.
         assert!(error.abs() < 1e-6);
     }
 }
 
 /// Switches one source off: its own entry in the books goes to zero, and the loop shrinks by what that entry was.
-fn share_of(source: Source, mounting: Mounting, off: Values) {
+fn share_of(source: FrictionSource, mounting: Mounting, off: Values) {
     let structure = PackStructure {
         mounting,
         ..PackStructure::default()
@@ -76,7 +71,7 @@ fn share_of(source: Source, mounting: Mounting, off: Values) {
 #[test]
 fn switching_off_interleaf_friction_takes_its_share() {
     share_of(
-        Source::Interleaf,
+        FrictionSource::Interleaf,
         Mounting::Rail,
         Values {
             interleaf_mu: 0.0,
@@ -84,7 +79,7 @@ fn switching_off_interleaf_friction_takes_its_share() {
         },
     );
     share_of(
-        Source::Interleaf,
+        FrictionSource::Interleaf,
         Mounting::Shackle,
         Values {
             interleaf_mu: 0.0,
@@ -96,7 +91,7 @@ fn switching_off_interleaf_friction_takes_its_share() {
 #[test]
 fn switching_off_pin_friction_takes_its_share() {
     share_of(
-        Source::Pin,
+        FrictionSource::Pin,
         Mounting::Rail,
         Values {
             pin_mu: 0.0,
@@ -104,7 +99,7 @@ fn switching_off_pin_friction_takes_its_share() {
         },
     );
     share_of(
-        Source::Pin,
+        FrictionSource::Pin,
         Mounting::Shackle,
         Values {
             pin_mu: 0.0,
@@ -116,7 +111,7 @@ fn switching_off_pin_friction_takes_its_share() {
 #[test]
 fn switching_off_pivot_torque_takes_its_share() {
     share_of(
-        Source::PivotTorque,
+        FrictionSource::PivotTorque,
         Mounting::Rail,
         Values {
             pivot_torque_nmm: 0.0,
@@ -124,7 +119,7 @@ fn switching_off_pivot_torque_takes_its_share() {
         },
     );
     share_of(
-        Source::PivotTorque,
+        FrictionSource::PivotTorque,
         Mounting::Shackle,
         Values {
             pivot_torque_nmm: 0.0,
@@ -136,7 +131,7 @@ fn switching_off_pivot_torque_takes_its_share() {
 #[test]
 fn switching_off_rail_friction_takes_its_share() {
     share_of(
-        Source::Rail,
+        FrictionSource::Rail,
         Mounting::Rail,
         Values {
             rail_mu: 0.0,
@@ -148,7 +143,7 @@ fn switching_off_rail_friction_takes_its_share() {
 #[test]
 fn switching_off_constant_rail_friction_takes_its_share() {
     share_of(
-        Source::RailConstant,
+        FrictionSource::RailConstant,
         Mounting::Rail,
         Values {
             rail_constant_n: 0.0,
@@ -160,7 +155,7 @@ fn switching_off_constant_rail_friction_takes_its_share() {
 #[test]
 fn switching_off_board_friction_takes_its_share() {
     share_of(
-        Source::Board,
+        FrictionSource::Board,
         Mounting::Shackle,
         Values {
             board_mu: 0.0,
