@@ -79,15 +79,15 @@ pub(crate) struct Equivalent {
     /// Displacement that carries the preload.
     datum_mm: f64,
     displacement_mm: f64,
-    /// Speed told for the next step.
+    /// Speed for the next step where the recording gives it, mm/s.
     velocity_mm_s: Option<f64>,
     law: Box<dyn DragLaw>,
     carried_n: f64,
 }
 
 impl Equivalent {
-    /// From values in the order of [`MODEL`]'s parameters. `structure` may have `friction`, `datum_mm` and the keys of the
-    /// friction laws.
+    /// From values in the order of [`MODEL`]'s parameters. The structure table may have `friction`,
+    /// `datum_mm` and the keys of the friction laws.
     fn from_structure(values: &[f64], structure: &toml::Table) -> Result<Self, BuildError> {
         let &[preload_n, rate_n_per_mm, friction_ratio, presliding_mm] = values else {
             return Err(refused(format!(

@@ -57,7 +57,7 @@ mod tests {
         assert!((law.drag(0.002, 1e-3, None) - 0.761_594).abs() < 1e-6);
         assert!((law.drag(0.000_02, 1e-3, None) - 0.009_999_7).abs() < 1e-7);
         assert_eq!(law.drag(0.0, 1e-3, None), 0.0);
-        // A speed that is told counts instead of slip over time; a step without duration has no speed.
+        // A given speed replaces slip over time; a step without duration has no speed.
         assert!((law.drag(0.0, 1e-3, Some(-2.0)) + 0.761_594).abs() < 1e-6);
         assert_eq!(law.drag(0.1, 0.0, None), 0.0);
     }
