@@ -67,8 +67,8 @@ fn any_motion_gives_a_finite_force() {
     }
 }
 
-/// Displacements far beyond any load frame, up to more than the length of the leaves: the force is finite, and the pack
-/// recovers.
+/// Displacements far beyond any load frame, up to more than the length of the leaves: the force is finite, and the loop
+/// afterwards is that of a fresh pack.
 #[test]
 fn the_pack_recovers_from_absurd_displacements() {
     for mounting in [Mounting::Rail, Mounting::Shackle] {

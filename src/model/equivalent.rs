@@ -255,7 +255,7 @@ mod tests {
         let carried_mean = 50.0 + 80.0 * 5.0;
         let r = 1.0 - (-6.0f64 / 0.4).exp();
         let expected = 2.0 * 0.12 * carried_mean * (6.0 * (2.0 - r) - 0.8 * r);
-        // Midpoints of 32 equal shares: the mean length of the elements is 0.5 % short, and it counts for 15 % of the loop.
+        // 32 elements: their mean length is 0.5 % too short, and the length is 15 % of the loop energy.
         let found = loop_energy_nmm(6000);
         assert!(
             (found / expected - 1.0).abs() < 1e-3,

@@ -8,7 +8,7 @@ pub(crate) mod five_link;
 pub(crate) mod friction;
 pub(crate) mod leaf_pack;
 
-/// A model ready to step. It is always driven by displacement, also where the rig controls force. Same input, same bits.
+/// A model ready to step. It is always driven by displacement, also where the profile controls force. Same input, same bits.
 pub(crate) trait Plant: Send {
     /// Back to the virgin state at zero displacement.
     fn reset(&mut self);

@@ -67,7 +67,7 @@ impl Twin {
             .plant
             .step(displacement_mm, ticks as f64 / self.sample_rate_hz);
         if sample.force_n.is_finite() && !sample.flags.has(Flags::FORCE_INVALID) {
-            // Segment 0 is the unloading after the run. It is no test of the model.
+            // Samples outside the profile, such as the unloading after the run, are no test of the model.
             let watch = self.watch.as_mut().filter(|_| sample.segment > 0);
             self.mismatch = watch.and_then(|w| w.sample(displacement_mm, sample.force_n, force_n));
         }

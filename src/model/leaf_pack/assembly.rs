@@ -142,7 +142,7 @@ fn settle(side: &mut HalfPack) -> bool {
         }
         side.band.solve(&mut side.scratch);
         let slope = descent(side);
-        // No body turns by more than 0.05 rad per iteration.
+        // A body turns by 0.05 rad per iteration at most.
         let turn = side.scratch.iter().fold(0.0f64, |m, r| m.max(r[2].abs()));
         let whole = (0.05 / turn).min(1.0);
         go(side, whole);
@@ -212,7 +212,7 @@ struct Bodies {
     inner: Vec<usize>,
     leaf_of: Vec<usize>,
     contacts: Vec<Contact>,
-    /// Farthest later body that each body couples to.
+    /// Number of bodies after each body that it can couple to.
     reach: Vec<usize>,
 }
 

@@ -12,7 +12,7 @@ pub(super) type M3 = [f64; 9];
 #[derive(Debug, Clone)]
 pub(super) struct BlockBand {
     width: usize,
-    /// How many rows below (and columns right of) each pivot its elimination touches.
+    /// Number of rows below (and of columns right of) each pivot that its elimination changes.
     reach: Vec<usize>,
     /// Diagonal and upper blocks: row `b` holds columns `b ..= b + width`.
     upper: Vec<M3>,

@@ -26,7 +26,7 @@ pub(crate) struct Leaf {
 pub(crate) enum Mounting {
     /// Both eyes on linear bearings on a guide rail.
     Rail,
-    /// One eye pinned to the frame, the other on a shackle.
+    /// One eye on a pin in the load frame, the other on a shackle.
     Shackle,
 }
 

@@ -12,7 +12,7 @@
 //! | `newton`, `pack` | equilibrium at one position of the pusher, and the plant step by step |
 //! | `energy`, `path`, `shape` | energy balance, static paths for identification, state for drawing |
 //!
-//! The plant is driven by the pusher's displacement (0 where it first touches the unloaded pack, plus `preload_mm`) and returns
+//! The plant is driven by the pusher's displacement (0 at first contact with the unloaded pack, plus `preload_mm`) and returns
 //! the pusher's force. Quasi-static steps do not depend on the rate, except with the tanh law or structural damping.
 
 mod assembly;

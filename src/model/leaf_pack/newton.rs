@@ -15,7 +15,7 @@ use crate::units::inertia_force_n;
 
 /// Most iterations of one step.
 const ITERATIONS: usize = 20;
-/// The tangent is factored again where the residual falls to more than this share per iteration.
+/// The tangent is factored again where an iteration leaves more than this share of the residual.
 const SLOW: f64 = 0.1;
 /// Age of the factors, in steps, beyond which a new factorisation is worth one saved iteration per step.
 const WORTH_KEEPING: u32 = 24;

@@ -17,7 +17,7 @@ const FIRST_MM: f64 = 0.05;
 /// Ratio of one increment to the one before.
 const GROWTH: f64 = 1.35;
 
-/// A path through the turning points: fine after each of them, then up to `longest_mm` a step.
+/// A path through the turning points: fine after each of them, then up to `longest_mm` per step.
 pub(crate) fn graded_path(turning_points_mm: &[f64], longest_mm: f64) -> Vec<f64> {
     let mut path = Vec::new();
     path.extend(turning_points_mm.first());
@@ -31,7 +31,7 @@ pub(crate) fn graded_path(turning_points_mm: &[f64], longest_mm: f64) -> Vec<f64
             ladder.push(at);
             increment = (increment * GROWTH).min(longest_mm);
         }
-        // Stretched so that it ends on the turning point.
+        // Scaled so that the last step ends at the turning point.
         let scale = if at > 0.0 { (to - from) / at } else { 0.0 };
         path.extend(ladder.into_iter().map(|d| from + d * scale));
     }
