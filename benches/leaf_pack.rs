@@ -1,7 +1,7 @@
-//! The leaf pack's speed: 1 kHz steps, the static row, cost over segments, and the slowest steps of a minute.
+//! Speed of the leaf pack: 1 kHz steps, static loop, cost by number of segments, and the slowest steps of a minute.
 //!
-//! Times are the thread's own, so that a busy machine does not blur them.
-//! Same duty as the peers in the models' table: Table 1 geometry, clamp 100 mm, interleaf mu 0.3, nothing else.
+//! Times are processor times of the thread, so that other programs do not count. The duty is that of the peer programs in
+//! `benches/peers`: Table 1 geometry, clamp 100 mm, interleaf mu 0.3, no other friction.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -17,12 +17,12 @@ fn seconds(clock: ClockId) -> f64 {
     t.tv_sec() as f64 + 1e-9 * t.tv_nsec() as f64
 }
 
-/// This thread's own time: what other programs took of the processor does not count.
+/// Processor time of this thread, s.
 fn own_time_s() -> f64 {
     seconds(ClockId::CLOCK_THREAD_CPUTIME_ID)
 }
 
-/// The same for criterion.
+/// Processor time of the thread as a measurement for criterion.
 pub struct OwnTime;
 
 impl Measurement for OwnTime {
@@ -60,7 +60,7 @@ fn pack(structure: &PackStructure) -> LeafPack {
     LeafPack::new(structure, &values()).expect("valid pack")
 }
 
-/// 6 mm stroke, 2 -> 8 mm.
+/// Displacement in mm at the `k`-th millisecond of a sine from 2 to 8 mm.
 fn sine(frequency_hz: f64, k: u64) -> f64 {
     5.0 - 3.0 * (frequency_hz * k as f64 * 1e-3 * std::f64::consts::TAU).cos()
 }
@@ -130,7 +130,7 @@ pub fn step(c: &mut Criterion<OwnTime>) {
 
 pub fn static_row(c: &mut Criterion<OwnTime>) {
     let path = graded_path(&[0.0, 26.0, 0.0], 1.0);
-    let mut group = c.benchmark_group("leaf pack, static row with assembly");
+    let mut group = c.benchmark_group("leaf pack, static loop with assembly");
     for (name, structure) in variants().into_iter().take(3) {
         group.bench_function(name, |b| {
             b.iter(|| black_box(pack(&structure).static_path(&path, 120.0)));
@@ -139,7 +139,7 @@ pub fn static_row(c: &mut Criterion<OwnTime>) {
     group.finish();
 }
 
-/// What the peers run: 2.5 s of the 1 Hz sine, in the thread's own time, five times; the middle one is printed.
+/// The duty of the peer programs: 2.5 s of the 1 Hz sine. Prints the median of five real-time factors.
 pub fn duty(_: &mut Criterion<OwnTime>) {
     for (name, structure) in variants() {
         let mut took_s: Vec<f64> = (0..5)
@@ -158,7 +158,7 @@ pub fn duty(_: &mut Criterion<OwnTime>) {
     }
 }
 
-/// Not a mean but a tail: printed once, over 60 s of the 2.5 Hz sine, in the thread's own time.
+/// Prints the slowest steps over 60 s of the 2.5 Hz sine, because a mean hides them.
 pub fn tail(_: &mut Criterion<OwnTime>) {
     for (name, structure) in variants() {
         let mut p = pack(&structure);
@@ -183,7 +183,7 @@ pub fn tail(_: &mut Criterion<OwnTime>) {
     }
 }
 
-/// The first paper's budget: 300 static rows with other values each, on two threads.
+/// The number of evaluations in the first paper: 300 static loops with different values, on two threads. Prints the time.
 pub fn evolution(_: &mut Criterion<OwnTime>) {
     let path = graded_path(&[0.0, 26.0, 0.0], 1.0);
     let start = Instant::now();
@@ -208,6 +208,6 @@ pub fn evolution(_: &mut Criterion<OwnTime>) {
     let wall_s = start.elapsed().as_secs_f64();
     let own_s = seconds(ClockId::CLOCK_PROCESS_CPUTIME_ID) - own_s;
     println!(
-        "300 static rows with assembly on 2 threads: {wall_s:.2} s, {own_s:.2} s of processor time in all"
+        "300 static loops with assembly on 2 threads: {wall_s:.2} s, {own_s:.2} s of processor time in all"
     );
 }

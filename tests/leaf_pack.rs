@@ -1,15 +1,15 @@
 //! The leaf pack against published and independent figures: stiffness, nip, forces and loops of both mountings, convergence,
-//! symmetry and closed forms. Each test prints its error.
+//! symmetry and closed forms.
 //!
 //! The reference figures are those of an independent planar corotational script, of MuJoCo 4.0.0 and of Exudyn 1.13.6 on the
 //! same duty.
 
 use super::leaf_pack_duty::{all_sources, close, pack, shackle, sine_row, static_row, values};
 use crate::model::Plant;
-use crate::model::leaf_pack::{NormalChoice, PackStructure, Values, graded_path};
+use crate::model::leaf_pack::{ContactChoice, PackStructure, Values, graded_path};
 
-/// The reference's table of stiffness over clamp length. It comes out to 0.1 % with E = 210 GPa; at the 207 GPa of the
-/// other rows every entry is 1.4 % softer, as it must be: the table was evidently made with 210.
+/// The reference's table of stiffness over clamp length, met within 0.1 % with E = 210 GPa. With the 207 GPa of the other
+/// rows every entry is 1.4 % softer, so the table was evidently made with 210 GPa.
 #[test]
 fn frictionless_stiffness_over_clamp_length() {
     let table = [
@@ -107,7 +107,7 @@ fn forces_and_loops_of_the_shackle() {
     }
 }
 
-/// Step, mesh and both contact stiffnesses: the figures that every tool's loop energy hangs on.
+/// Step, mesh and both contact stiffnesses, on which the loop energy depends in every program.
 #[test]
 fn static_row_is_converged() {
     let base = PackStructure::default();
@@ -141,7 +141,7 @@ fn static_row_is_converged() {
         (
             "Hertz contact",
             PackStructure {
-                contact_law: NormalChoice::Hertz,
+                contact_law: ContactChoice::Hertz,
                 ..base
             },
             1.0,
@@ -154,7 +154,7 @@ fn static_row_is_converged() {
     }
 }
 
-/// The full model of two sides does what the mirrored one does.
+/// The model of two sides gives the same result as the mirrored side.
 #[test]
 fn both_sides_mirror_each_other() {
     let mut half = pack(&PackStructure::default(), &all_sources());
@@ -173,14 +173,13 @@ fn both_sides_mirror_each_other() {
     let shape = full.shape();
     let lean =
         (shape.eyes_mm[0][0] + shape.eyes_mm[1][0]).abs() + (shape.eyes_mm[0][1] - shape.eyes_mm[1][1]).abs();
-    println!("mirrored against full: {worst:.1e} N, eyes {lean:.1e} mm");
-    // Both stop at 5e-4 N residual a body.
-    assert!(worst < 0.05 && lean < 1e-9);
+    // Both stop at a residual of 5e-4 N per body.
+    assert!(worst < 0.05 && lean < 1e-9, "{worst:.1e} N, eyes {lean:.1e} mm");
 }
 
-/// A very thick leaf: the pack gives no more than its supports do.
+/// With one very thick leaf only the supports are elastic.
 #[test]
-fn a_rigid_leaf_leaves_the_supports_stiffness() {
+fn a_rigid_leaf_has_the_stiffness_of_the_supports() {
     let mut s = PackStructure {
         support_stiffness_n_per_mm: 100.0,
         ..PackStructure::default()
@@ -216,7 +215,7 @@ fn a_single_flat_leaf_is_a_beam() {
         p.set_tolerance_n(1e-7);
         let inertia = 50.0 * 6.15f64.powi(3) / 12.0;
         let wanted = 48.0 * 207_000.0 * inertia / 880f64.powi(3);
-        // Nothing but the second order of a slope of 2e-5 and the supports' 1e6 N/mm.
+        // Second-order term of a slope of 2e-5, and supports of 1e6 N/mm.
         close(
             &format!("rate with {segments} segments, N/mm"),
             p.step(0.005, 1.0) / 0.005,

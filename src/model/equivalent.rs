@@ -1,28 +1,28 @@
-//! Equivalent spring: preload, linear spring and load-proportional friction with presliding. No geometry, no rate.
+//! Equivalent spring: preload, linear spring and load-proportional friction. It has no geometry.
 //!
 //! ```text
-//! E(x) = max(0, preload + rate * (x - datum))          carried load, N
-//! F    = E(x) * (1 + friction_ratio * r)                r in [-1, 1]: how far the contacts are dragged along
-//! dr/dx = (1 - r * sgn dx) / presliding                 between two far ends; r is the mean of 32 elastic-plastic elements
+//! E(x) = max(0, preload + rate * (x - datum))
+//! F    = E(x) * (1 + friction_ratio * r)
 //! ```
-//! The elements (Iwan 1966) close nested loops where they turned (Masing 1926): a dry contact does, the differential law by
-//! itself (Dahl 1968) creeps there.
+//! x displacement and datum, mm; E carried load, N; rate in N/mm; F force, N; r drag ratio of the contacts from -1 to 1, by
+//! the friction law that the structure key `friction` names (see [`super::friction`]; default "presliding"). A law with less
+//! physics is for a baseline that lacks what a diagnosis is to find.
+//!
+//! The friction is a ratio of the carried load because the measured loss grows with the square of the peak force (loop
+//! energies of Kadziela et al. 2015, Tables 2 and 3). With the law "presliding" a closed cycle of stroke S inside the contact
+//! has `loop energy = 2 * friction_ratio * E_mean * (S * (2 - q) - 2 * presliding * q)`, `q = 1 - exp(-S / presliding)`.
+//!
+//! It holds for small rotations of the leaves and one linear rate. The force is never tensile: below the displacement where
+//! E reaches zero the pusher has left the spring.
 
-//! The friction is a ratio of the carried load, as the loop energies of Kadziela et al. (2015, Tables 2 and 3) demand:
-//! measured loss grows with the square of the peak force. Over a closed cycle of stroke S inside the contact,
-//! `loop energy = 2 * friction_ratio * E_mean * (S * (2 - r) - 2 * presliding * r)`, `r = 1 - exp(-S / presliding)`.
-//! The structure's `friction` limits it, so that a baseline may lack what a diagnosis is to find: `"presliding"` (default),
-//! `"sharp"` (turns round within 5 um), `"tanh"` (`r = tanh(v / v_t)`, the law of Kadziela et al. that fades in a slow
-//! ramp; `transition_velocity_mm_s`, default 5) and `"none"`.
-//! The force is never tensile: below the displacement where E reaches zero the pusher has left the spring.
+use super::friction::{self, DragLaw};
+use super::{BuildError, Model, Motion, Parameter, Plant, structure_numbers_beside};
 
-use super::friction::dahl;
-use super::friction::elements::{Elements, spread};
-use super::{BuildError, Model, Motion, Parameter, Plant, structure_numbers};
+const NAME: &str = "equivalent";
 
 /// The entry of [`super::MODELS`].
 pub(crate) const MODEL: Model = Model {
-    name: "equivalent",
+    name: NAME,
     what: "preload, linear spring and load-proportional presliding friction",
     parameters: &[
         Parameter {
@@ -55,7 +55,7 @@ pub(crate) const MODEL: Model = Model {
             start: 0.5,
             bounds: [1e-3, 50.0],
             belief: [0.01, 5.0],
-            what: "travel after a reversal over which the friction turns round (to 1/e of the remainder)",
+            what: "travel after a reversal over which the friction reverses (to 1/e of the remainder)",
         },
     ],
     physics: &[
@@ -63,77 +63,51 @@ pub(crate) const MODEL: Model = Model {
         "load_dependent_friction",
         "presliding",
     ],
-    build: |values, structure| {
-        let mut numbers = structure.clone();
-        let friction = numbers.remove("friction");
-        let keys = [("datum_mm", 0.0), ("transition_velocity_mm_s", 5.0)];
-        let [datum_mm, transition_mm_s] = structure_numbers("equivalent", &numbers, keys)?;
-        let mut plant = Equivalent::new(values, datum_mm)?;
-        plant.friction = match friction.as_ref().map(toml::Value::as_str) {
-            None | Some(Some("presliding")) => Friction::Presliding,
-            Some(Some("sharp")) => Friction::Sharp,
-            Some(Some("tanh")) if transition_mm_s > 0.0 => Friction::Tanh { transition_mm_s },
-            Some(Some("none")) => Friction::None,
-            _ => {
-                return Err(BuildError::Structure {
-                    model: "equivalent",
-                    reason: "friction is not one of \"presliding\", \"sharp\", \"tanh\" (with a transition velocity above 0), \"none\": use one"
-                        .to_owned(),
-                });
-            }
-        };
-        Ok(Box::new(plant))
-    },
+    build: |values, structure| Ok(Box::new(Equivalent::from_structure(values, structure)?)),
 };
 
-/// What the structure leaves of the friction.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Friction {
-    Presliding,
-    Sharp,
-    Tanh { transition_mm_s: f64 },
-    None,
+fn refused(reason: String) -> BuildError {
+    BuildError::Structure { model: NAME, reason }
 }
 
-/// Elements of the contact.
-const ELEMENTS: usize = 32;
-/// Travel over which sharp friction turns round, mm: below any LVDT's noise.
-const SHARP_MM: f64 = 0.005;
-
 /// The model ready to step.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Clone)]
 pub(crate) struct Equivalent {
     preload_n: f64,
     rate_n_per_mm: f64,
     friction_ratio: f64,
+    /// Displacement that carries the preload.
     datum_mm: f64,
-    friction: Friction,
     displacement_mm: f64,
+    /// Speed for the next step where the recording gives it, mm/s.
     velocity_mm_s: Option<f64>,
-    elements: Elements<ELEMENTS>,
-    sharp: f64,
+    law: Box<dyn DragLaw>,
     carried_n: f64,
 }
 
 impl Equivalent {
-    /// From values in the order of [`MODEL`]'s parameters; `datum_mm` is the displacement that carries the preload.
-    pub(crate) fn new(values: &[f64], datum_mm: f64) -> Result<Self, BuildError> {
+    /// From values in the order of [`MODEL`]'s parameters. The structure table may have `friction`,
+    /// `datum_mm` and the keys of the friction laws.
+    fn from_structure(values: &[f64], structure: &toml::Table) -> Result<Self, BuildError> {
         let &[preload_n, rate_n_per_mm, friction_ratio, presliding_mm] = values else {
-            return Err(BuildError::Structure {
-                model: "equivalent",
-                reason: format!("{} values given for 4 parameters: give one each", values.len()),
-            });
+            return Err(refused(format!(
+                "{} values given for 4 parameters: give one for each",
+                values.len()
+            )));
         };
+        let law = friction::chosen(structure.get("friction")).map_err(refused)?;
+        let keys: Vec<(&str, f64)> = std::iter::once(("datum_mm", 0.0))
+            .chain(friction::keys_for(law))
+            .collect();
+        let numbers = structure_numbers_beside(NAME, structure, &["friction"], &keys)?;
         Ok(Equivalent {
             preload_n,
             rate_n_per_mm,
             friction_ratio,
-            datum_mm,
-            friction: Friction::Presliding,
+            datum_mm: numbers[0],
             displacement_mm: 0.0,
             velocity_mm_s: None,
-            elements: Elements::new(spread(presliding_mm, 1.0)),
-            sharp: 0.0,
+            law: law.at_rest(presliding_mm, &numbers[1..]).map_err(refused)?,
             carried_n: 0.0,
         })
     }
@@ -142,25 +116,13 @@ impl Equivalent {
 impl Plant for Equivalent {
     fn reset(&mut self) {
         self.displacement_mm = 0.0;
-        self.elements.reset();
-        self.sharp = 0.0;
+        self.law.reset();
     }
 
     fn step(&mut self, displacement_mm: f64, dt_s: f64) -> f64 {
         let slip_mm = displacement_mm - self.displacement_mm;
         self.displacement_mm = displacement_mm;
-        let told_mm_s = self.velocity_mm_s.take();
-        let drag = match self.friction {
-            Friction::Presliding => self.elements.advance(slip_mm).iter().sum::<f64>() / ELEMENTS as f64,
-            Friction::Sharp => {
-                self.sharp = dahl::drag(self.sharp, slip_mm / SHARP_MM);
-                self.sharp
-            }
-            Friction::Tanh { transition_mm_s } if dt_s > 0.0 => {
-                (told_mm_s.unwrap_or(slip_mm / dt_s) / transition_mm_s).tanh()
-            }
-            Friction::Tanh { .. } | Friction::None => 0.0,
-        };
+        let drag = self.law.drag(slip_mm, dt_s, self.velocity_mm_s.take());
         self.carried_n = (self.preload_n + self.rate_n_per_mm * (displacement_mm - self.datum_mm)).max(0.0);
         self.carried_n * (1.0 + self.friction_ratio * drag)
     }
@@ -175,6 +137,15 @@ impl Plant for Equivalent {
 
     fn boxed_clone(&self) -> Box<dyn Plant> {
         Box::new(self.clone())
+    }
+}
+
+#[cfg(test)]
+impl Equivalent {
+    /// With the default friction law; `datum_mm` is the displacement that carries the preload.
+    pub(crate) fn new(values: &[f64], datum_mm: f64) -> Result<Self, BuildError> {
+        let structure = toml::Table::from_iter([("datum_mm".to_owned(), datum_mm.into())]);
+        Equivalent::from_structure(values, &structure)
     }
 }
 
@@ -223,7 +194,7 @@ mod tests {
         assert!((spring.step(4.6, 1e-3) - back_n).abs() < 2e-3 * 418.0 * 0.12);
     }
 
-    /// Masing (1926): a nested loop ends where it began, and the branch goes on as if it had not been.
+    /// Masing (1926): a nested loop ends where it began, and the branch then continues unchanged.
     #[test]
     fn nested_loops_close() {
         let (mut nested, mut straight) = (spring(), spring());
@@ -240,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn friction_is_limited_by_the_structure() {
+    fn the_structure_chooses_the_friction_law() {
         let force_n = |friction: &str, dt_s: f64| {
             let structure = toml::Table::from_iter([("friction".to_owned(), friction.into())]);
             let mut plant = MODEL.plant(&[50.0, 80.0, 0.12, 0.4], &structure)?;
@@ -248,11 +219,35 @@ mod tests {
             Ok::<f64, BuildError>(plant.step(5.0, dt_s))
         };
         assert_eq!(force_n("none", 0.1), Ok(450.0));
-        // 20 and more lengths after the start: sliding to 1e-8.
+        // More than 20 reversal lengths after the start: full sliding to 1e-8.
         assert!((force_n("sharp", 0.1).expect("built") - 504.0).abs() < 1e-6);
         assert!((force_n("tanh", 0.1).expect("built") - 450.0 * (1.0 + 0.12 * 0.2f64.tanh())).abs() < 1e-9);
         assert!((force_n("presliding", 0.1).expect("built") - 504.0).abs() < 1e-3);
-        assert!(force_n("magnetic", 0.1).is_err());
+        let error = force_n("magnetic", 0.1).expect_err("no such law").to_string();
+        assert!(
+            error.contains("model equivalent") && error.contains("\"sharp\""),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn structure_keys_are_checked() {
+        let error = |text: &str| {
+            let structure: toml::Table = text.parse().expect("valid TOML");
+            let built = MODEL.plant(&[50.0, 80.0, 0.12, 0.4], &structure);
+            built.err().map(|error| error.to_string())
+        };
+        let unknown = error("frction = \"none\"").expect("a key that does not exist");
+        for key in ["frction", "friction", "datum_mm", "transition_velocity_mm_s"] {
+            assert!(unknown.contains(key), "{unknown}");
+        }
+        assert!(error("friction = \"tanh\"\ntransition_velocity_mm_s = 0").is_some());
+        // A key of another law has no effect, so that one file runs with each law.
+        assert_eq!(error("friction = \"none\"\ntransition_velocity_mm_s = 0"), None);
+        assert_eq!(
+            error("friction = \"tanh\"\ntransition_velocity_mm_s = 3\ndatum_mm = 1"),
+            None
+        );
     }
 
     #[test]
@@ -260,7 +255,7 @@ mod tests {
         let carried_mean = 50.0 + 80.0 * 5.0;
         let r = 1.0 - (-6.0f64 / 0.4).exp();
         let expected = 2.0 * 0.12 * carried_mean * (6.0 * (2.0 - r) - 0.8 * r);
-        // Midpoints of 32 equal shares: the mean length of the elements is 0.5 % short, and it counts for 15 % of the loop.
+        // 32 elements: their mean length is 0.5 % too short, and the length is 15 % of the loop energy.
         let found = loop_energy_nmm(6000);
         assert!(
             (found / expected - 1.0).abs() < 1e-3,
@@ -278,7 +273,7 @@ mod tests {
             for i in 1..=500 {
                 force_n = fine.step(from + (target - from) * f64::from(i) / 500.0, 1e-3);
             }
-            // Same exponential, split into 500 factors: rounding only.
+            // The elements are exact over any step: rounding only.
             assert!((force_n - expected).abs() < 1e-9, "{force_n} against {expected}");
         }
     }

@@ -1,5 +1,6 @@
-//! Finite-segment spring: three rigid segments, bilinear joint torque, friction that grows with it.
-//! Polach and Hajzman, Parameter identification of a leaf spring dynamic model (UIC spring, GRP and steel), eq. 1.
+//! Finite-segment spring: three rigid segments, bilinear joint torque, friction in proportion to the torque.
+//!
+//! Source: Polach and Hajzman, Parameter identification of a leaf spring dynamic model (UIC spring, GRP and steel), eq. 1.
 //!
 //! ```text
 //! torque    M_e = k1 q + (k2 - k1) G(q - q1)                  eq. 1; G is max(0, x), rounded over |x| < smoothing
@@ -8,15 +9,18 @@
 //! links         l sin p = l sin p0 - L [cos(q - c) - cos c]   l link, p its angle from the vertical
 //! force     F   = 2 (M_e + b dq/dt + M_f) / (dw/dq)           virtual work of the two joints; symmetric, no inertia
 //! ```
-//! How the paper is read, because it leaves it open:
+//! q joint angle, rad; M_e elastic and M_f friction torque, N mm; k1 and k2 stiffnesses, N mm/rad; b damping, N mm s/rad; w
+//! displacement of the centre, mm; lengths in mm; F force, N. It holds for joint angles where dw/dq is at least 0.3 L.
+//!
+//! The paper leaves some points open. They are read as follows:
 //! - The break "is made by the step function": here the stiffness steps (cubic 3 s^2 - 2 s^3 from q1 - smoothing to
-//!   q1 + smoothing), so that the torque meets both straight lines and the stiffness never dips.
-//! - The friction element takes the value of the elastic torque for its normal force, a coefficient f and an effective moment
-//!   arm r_f: f * N * r_f with N = M_e / (1 m). So f and r_f enter as a product and no curve can tell them apart. (The quotient
-//!   would make the friction four times the elastic torque; the product makes it 3.6 % for GRP and 8.1 % for steel.)
-//! - v_eps is the half width of the range in which the velocity's sign turns; below it the friction vanishes with the speed.
-//! - Lengths are not printed. 400 mm a segment (1200 mm from eye to eye) and the printed torques give 540 and
-//!   1800 N/mm for GRP, 750 and 1650 N/mm for steel, which is what such springs have. Camber 0.1 rad is assumed.
+//!   q1 + smoothing), so that the torque meets both straight lines and the stiffness never falls.
+//! - The friction element has the elastic torque as its normal force, a coefficient f and an effective moment arm r_f:
+//!   f * N * r_f with N = M_e / (1 m). So f and r_f enter as a product and no curve can separate them. (The quotient would make
+//!   the friction four times the elastic torque. The product makes it 3.6 % for GRP and 8.1 % for steel.)
+//! - v_eps is half the width of the range in which the sign of the velocity changes. Below it the friction falls with the speed.
+//! - Lengths are not printed. 400 mm per segment (1200 mm from eye to eye) and the printed torques give 540 and
+//!   1800 N/mm for GRP, 750 and 1650 N/mm for steel, which is usual for such springs. Camber 0.1 rad is assumed.
 //! - The test stand has no shackles: the eyes slide freely (`link_length_mm = 0`). A vehicle has links.
 
 use super::{BuildError, Model, Parameter, Plant, structure_numbers};
@@ -24,10 +28,10 @@ use super::{BuildError, Model, Parameter, Plant, structure_numbers};
 const NAME: &str = "finite-segment";
 /// Lever that turns the elastic torque into the friction element's normal force: the paper's units (N m, m).
 const UNIT_LEVER_MM: f64 = 1000.0;
-/// The centre always moves by at least this much of a segment a rad of joint angle: short of folding, links short of stretched.
+/// Least motion of the centre per rad of joint angle, as a share of a segment. Below it the spring folds or the links stretch.
 const LEAST_SLOPE: f64 = 0.3;
 
-/// Values of one of the paper's tables in this model's order and units; no material damping, no preload.
+/// Values of one of the paper's tables in the order and units of this model, without material damping and preload.
 const fn table(k1_nm: f64, k2_nm: f64, q1: f64, f: f64, r_f_m: f64, v_eps: f64) -> [f64; 8] {
     [k1_nm * 1e3, k2_nm * 1e3, q1, f, r_f_m * 1e3, v_eps, 0.0, 0.0]
 }
@@ -41,7 +45,7 @@ pub(crate) const STEEL_START: [f64; 8] = table(7e4, 1.4e5, 0.12, 0.7, 0.08, 0.3e
 /// Table 2, optimum of the steel spring.
 pub(crate) const STEEL_OPTIMUM: [f64; 8] = table(59_897.0, 132_300.0, 0.1365, 0.8542, 0.0948, 0.3170e-3);
 
-/// The entry of [`super::MODELS`]; starts are those of Table 1 (GRP).
+/// The entry of [`super::MODELS`]. The starts are those of Table 1 (GRP).
 pub(crate) const MODEL: Model = Model {
     name: NAME,
     what: "three rigid segments with bilinear torque and torque-proportional friction (Polach and Hajzman, eq. 1)",
@@ -52,7 +56,7 @@ pub(crate) const MODEL: Model = Model {
             start: GRP_START[0],
             bounds: [1e5, 1e10],
             belief: [1e7, 3e8],
-            what: "torsional stiffness of a joint before the helper leaf takes up contact",
+            what: "torsional stiffness of a joint before the helper leaf is in contact",
         },
         Parameter {
             name: "k2_nmm_per_rad",
@@ -122,7 +126,7 @@ pub(crate) const MODEL: Model = Model {
     },
 };
 
-/// Segments and links: centre displacement over joint angle.
+/// Segments and links: displacement of the centre by joint angle.
 #[derive(Debug, Clone, PartialEq)]
 struct SegmentGeometry {
     segment_mm: f64,
@@ -132,12 +136,12 @@ struct SegmentGeometry {
     link_mm: f64,
     sin_link0: f64,
     cos_link0: f64,
-    /// Joint angles within which the mechanism works.
+    /// Joint angles within which the mechanism works, rad.
     range: [f64; 2],
 }
 
 impl SegmentGeometry {
-    /// Widens `range` from the unloaded spring until the lever gets short.
+    /// Widens `range` from the unloaded spring until dw/dq is too small.
     fn find_range(&mut self) {
         let works = |q: f64| self.centre(q).1 > LEAST_SLOPE * self.segment_mm;
         let reach = |direction: f64| {
@@ -162,7 +166,7 @@ impl SegmentGeometry {
         (w, slope)
     }
 
-    /// Joint angle at centre displacement `w`, and dw/dq there. `q` is where the search begins.
+    /// Joint angle at centre displacement `w`, and dw/dq there. The search begins at `q`.
     fn joint(&self, w: f64, q: f64) -> (f64, f64) {
         if self.link_mm == 0.0 {
             let sin = (w / self.segment_mm - self.sin_camber).clamp(-0.95, 0.95);
@@ -172,7 +176,7 @@ impl SegmentGeometry {
             );
         }
         let mut q = q;
-        // Newton doubles its digits each time: from the last sample's angle two passes reach rounding.
+        // Newton's method converges quadratically: from the angle of the last sample two iterations reach the rounding error.
         for _ in 0..20 {
             let (reached, slope) = self.centre(q);
             let correction = (w - reached) / slope;
@@ -192,12 +196,12 @@ pub(crate) struct FiniteSegment {
     k1: f64,
     k2: f64,
     q1: f64,
-    /// f * r_f / 1 m.
+    /// Friction torque divided by elastic torque, f * r_f / 1 m.
     friction: f64,
     v_eps: f64,
     b: f64,
     smoothing: f64,
-    /// Joint angle and centre displacement at the datum.
+    /// Joint angle, rad, and centre displacement, mm, at the datum.
     q_datum: f64,
     w_datum: f64,
     q: f64,
@@ -209,7 +213,7 @@ impl FiniteSegment {
     pub(crate) fn new(values: &[f64], structure: &toml::Table) -> Result<Self, BuildError> {
         let &[k1, k2, q1, f, r_f_mm, v_eps, b, preload_n] = values else {
             return Err(refused(format!(
-                "{} values given for 8 parameters: give one each",
+                "{} values given for 8 parameters: give one for each",
                 values.len()
             )));
         };
@@ -231,8 +235,8 @@ impl FiniteSegment {
             && link_angle.abs() < 1.2;
         if !sane {
             return Err(refused(
-                "segment_length_mm and smoothing_rad must be positive, link_length_mm not negative, camber_rad within 0.8 \
-                 and link_angle_rad within 1.2"
+                "segment_length_mm and smoothing_rad must be above 0, link_length_mm 0 or more, camber_rad within -0.8 to 0.8 and \
+                 link_angle_rad within -1.2 to 1.2: enter values in these ranges"
                     .to_owned(),
             ));
         }
@@ -289,10 +293,10 @@ impl FiniteSegment {
         let (mut low, mut high) = (0.0, self.geometry.range[1]);
         if elastic(high) < force_n {
             return Err(refused(format!(
-                "preload_n = {force_n} folds the spring: enter the preload at the datum"
+                "preload_n = {force_n} folds the spring: enter a smaller preload"
             )));
         }
-        // Halved until the interval is one rounding wide.
+        // Bisection until the interval is one rounding error wide.
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
             if elastic(middle) < force_n {
@@ -354,7 +358,7 @@ mod tests {
         for direction in [1.0, -1.0] {
             let expected = 2.0 * torque * (1.0 + direction * friction) / 400.0;
             let force_n = sliding_force(&mut spring, w, direction);
-            // asin and sin of the way round: rounding only.
+            // asin and sin in sequence: rounding only.
             assert!(
                 (force_n / expected - 1.0).abs() < 1e-12,
                 "{force_n} against {expected}"
@@ -363,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn torque_meets_both_lines_and_its_stiffness_never_dips() {
+    fn the_torque_meets_both_lines_and_its_stiffness_never_falls() {
         let spring = plant(&STEEL_OPTIMUM, "smoothing_rad = 0.02");
         let (k1, k2, q1) = (spring.k1, spring.k2, spring.q1);
         assert_eq!(spring.elastic_torque(q1 - 0.02), k1 * (q1 - 0.02));
@@ -395,7 +399,7 @@ mod tests {
 
     #[test]
     fn links_change_the_force_as_their_geometry_says() {
-        // Links that stand upright and are long do nothing; short ones that lean soften the spring.
+        // Long upright links change nothing; short inclined links soften the spring.
         let force = |structure: &str| sliding_force(&mut plant(&GRP_OPTIMUM, structure), 30.0, 1.0);
         let stand = force("");
         let upright = force("link_length_mm = 100000.0\nlink_angle_rad = 0.0");
@@ -404,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn friction_vanishes_below_the_switch_velocity_and_saturates_above() {
+    fn friction_falls_below_the_switch_velocity_and_is_constant_above() {
         let mut values = GRP_OPTIMUM;
         values[5] = 1e-3;
         let half_width = |speed: f64| {
@@ -426,7 +430,7 @@ mod tests {
     }
 
     #[test]
-    fn preload_stands_at_the_datum() {
+    fn the_preload_is_the_force_at_the_datum() {
         let mut values = STEEL_OPTIMUM;
         values[3] = 0.0;
         values[7] = 20_000.0;

@@ -1,4 +1,4 @@
-//! Five-link spring with modified Dahl torques at its two inner joints. Chula thesis, chapter V, eqs. 5-1 to 5-6.
+//! Five-link spring with modified Dahl torques at its two inner joints. Source: Chula thesis, chapter V, eqs. 5-1 to 5-6.
 //!
 //! ```text
 //! links   A-B, B-C (clamped middle), C-D, D-E (shackle), E-A (ground, theta5 = 180 deg); centre height y = Y - u
@@ -6,20 +6,24 @@
 //!         h = [(h_u + h_l) s + (h_u - h_l)] / 2     (5-2)   h_u = a u + b (5-3), h_l = d u + e (5-4)
 //! force   F = T_B dphi_B/du + T_C dphi_C/du                 virtual work; the clamped middle does not turn
 //! ```
-//! How the printed numbers are read, because the thesis leaves it open:
-//! - The envelopes are printed as force over travel (a in N/m, b in N), the law acts on joint torque over joint angle. Each joint
-//!   carries half of the envelope through its lever at installation, `l = du/dphi`: `T = l F_j`, `u_j = l phi_j`.
-//!   In the installed position the pair gives exactly the printed lines, away from it the geometry bends them.
-//! - beta = 100 has no unit; its argument is the joint's angle, so it is taken a radian (0.24 per mm of travel). A reading a
-//!   metre would spread each reversal over 10 mm and leave a third of the loop that the thesis draws.
-//! - L is not printed. AB = CD = 0.75 L (5-5); with A, D, theta1 and Y as printed, the leaf's whole length 2 L
-//!   also fixes BC = 0.5 L, and 5-6 then gives L = 593 mm with the middle link level within a degree.
-//! - beta has the unit N^(1-mu) a radian; with mu = 1 (the printed value) a step is exact, otherwise it is substepped.
+//! u travel of the centre, mm; phi angle of a joint, rad; a and d slopes of the envelopes, N/mm; b and e their offsets, N; h
+//! envelope that the joint approaches; F force, N. It does not depend on speed. It holds while the links reach the travel and
+//! are not near a dead centre; beyond that the travel is limited.
 //!
-//! `preload_mm` is ours: Table 5-1 carries 294 N at 0.03 mm, and the thesis' model has nothing for that.
+//! The thesis leaves some points open. They are read as follows:
+//! - The envelopes are printed as force over travel (a in N/m, b in N), but the law acts on joint torque over joint angle. Each
+//!   joint carries half of the envelope through its lever at installation, `l = du/dphi`: `T = l F_j`, `u_j = l phi_j`. In the
+//!   installed position the pair gives exactly the printed lines. Away from it the geometry bends them.
+//! - beta = 100 has no unit. Its argument is the angle of the joint, so it is read per radian (0.24 per mm of travel). Read per
+//!   metre, each reversal would take 10 mm and a third of the loop in the thesis would be missing.
+//! - L is not printed. AB = CD = 0.75 L (5-5). With A, D, theta1 and Y as printed, the whole length 2 L of the leaf also gives
+//!   BC = 0.5 L, and 5-6 then gives L = 593 mm with the middle link level within a degree.
+//! - beta has the unit N^(1-mu) per radian. With mu = 1 (the printed value) a step is exact, otherwise it has substeps.
 //!
-//! The spring cannot pull: where the force would turn negative the pusher leaves and the spring keeps its shape. That place is
-//! searched within the step, so that the shape does not hang on the steps.
+//! `preload_mm` is not in the thesis: Table 5-1 has 294 N at 0.03 mm, and the model of the thesis cannot give that.
+//!
+//! The spring cannot pull. Where the force would become negative the pusher leaves and the spring keeps its shape. The travel
+//! where this happens is searched within the step, so that the shape does not depend on the step size.
 
 use super::{BuildError, Model, Parameter, Plant, structure_numbers};
 
@@ -40,7 +44,7 @@ const fn envelope(
     }
 }
 
-/// The entry of [`super::MODELS`]; starts are the thesis' final values, and no preload.
+/// The entry of [`super::MODELS`]. The starts are the final values of the thesis, without preload.
 pub(crate) const MODEL: Model = Model {
     name: "five-link",
     what: "three-link spring with shackle and modified Dahl joints (Chula thesis, eqs. 5-1 to 5-6)",
@@ -79,7 +83,7 @@ pub(crate) const MODEL: Model = Model {
             start: 100.0,
             bounds: [1.0, 1e5],
             belief: [20.0, 2e4],
-            what: "how fast a joint turns from one envelope to the other",
+            what: "rate at which a joint changes from one envelope to the other",
         },
         Parameter {
             name: "mu",
@@ -110,25 +114,25 @@ pub(crate) const MODEL: Model = Model {
     },
 };
 
-/// Lengths in mm and angles in rad of the mechanism in the frame of 5-6: A at the origin, E at (AE, 0), y upwards.
+/// Lengths in mm and angles in rad of the mechanism in the axes of 5-6: A at the origin, E at (AE, 0), y upwards.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct LinkGeometry {
     ae: f64,
     de: f64,
-    /// AB = CD.
+    /// Length of AB and of CD, which are equal.
     ab: f64,
     bc: f64,
     theta2: f64,
-    /// Centre height at installation; the spring hangs below its eyes, so it is negative.
+    /// Height of the centre at installation, negative because the spring is below its eyes.
     y: f64,
 }
 
-/// Joint angles since the horizontal, and their change a mm of travel.
+/// Joint angles from the horizontal, and their derivatives by travel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Pose {
-    /// Angles by which B and C have opened: theta1 and -theta3.
+    /// Opening angles of B and C, rad: theta1 and -theta3.
     phi: [f64; 2],
-    /// dphi/du, 1/mm.
+    /// Derivative dphi/du of each, rad/mm.
     slope: [f64; 2],
 }
 
@@ -161,12 +165,12 @@ impl LinkGeometry {
         let half_length = if half_length > 0.0 {
             half_length
         } else {
-            // BC shrinks and 0.5 L grows with L: one crossing, halved 60 times.
+            // BC falls and 0.5 L rises with L, so there is one crossing: 60 bisections.
             let (mut low, mut high) = (0.25 * ae, ae);
             for _ in 0..60 {
                 let mid = 0.5 * (low + high);
                 let (_, bc, _) = middle(mid);
-                // A length too short to reach has no middle link (NaN): it counts as too long a gap.
+                // A length too short to close the mechanism gives NaN, which counts as too short.
                 if bc < 0.5 * mid { high = mid } else { low = mid }
             }
             0.5 * (low + high)
@@ -176,7 +180,7 @@ impl LinkGeometry {
             return Err(BuildError::Structure {
                 model: "five-link",
                 reason: format!(
-                    "the links do not close with half_length_mm = {half_length:.1}: measure ae_mm, de_mm, height_mm and the angles again"
+                    "the links do not close with half_length_mm = {half_length:.1}: check ae_mm, de_mm, height_mm, theta1_deg and theta4_deg"
                 ),
             });
         }
@@ -197,7 +201,7 @@ impl LinkGeometry {
         let cos1 = (1.0 - sin1 * sin1).sqrt();
         let cx = self.ab * cos1 + self.bc * self.theta2.cos();
         let cy = self.y + travel_mm + half_rise;
-        // D is where the circle of CD about C meets that of the shackle about E, on the side below the line C-E.
+        // D is the intersection of the circle of CD about C and of the shackle's circle about E, below the line C-E.
         let (ex, ey) = (self.ae - cx, -cy);
         let distance2 = ex * ex + ey * ey;
         let along = (self.ab * self.ab - self.de * self.de + distance2) / (2.0 * distance2);
@@ -205,25 +209,25 @@ impl LinkGeometry {
         let (dx, dy) = (along * ex + across * ey, along * ey - across * ex);
         let (sin3, cos3) = (dy / self.ab, dx / self.ab);
         let (sin4, cos4) = ((ey - dy) / self.de, (ex - dx) / self.de);
-        // Velocity of D seen from C and from E, taken along the shackle, which does not stretch.
+        // Velocity of D along the shackle, from C and from E: the shackle does not stretch.
         let leverage = self.ab * (sin4 * cos3 - cos4 * sin3);
         let slope3 = (sin1 / cos1 * cos4 - sin4) / leverage;
         let pose = Pose {
             phi: [sin1.asin(), -sin3.atan2(cos3)],
             slope: [1.0 / (self.ab * cos1), -slope3],
         };
-        // Near a dead centre the levers grow without bound: a twentieth of CD is far outside any real spring.
+        // Near a dead centre the levers grow without bound. A lever of 5 % of CD is far outside any real spring.
         let works = leverage > 0.05 * self.ab && cos1 > 0.05;
         (works && pose.slope.iter().chain(&pose.phi).all(|v| v.is_finite())).then_some(pose)
     }
 }
 
-/// The geometry bends little over this while the preload is taken up.
+/// Longest step while the preload is applied, mm: the geometry changes little over it.
 const LONGEST_STEP_MM: f64 = 0.5;
-/// Halvings of the step in which the pusher leaves: a metre to a nanometre.
+/// Bisections for the travel where the pusher leaves: from a metre to a nanometre.
 const HALVINGS: u32 = 30;
 
-/// One joint: its lever, its angle at installation and the force that its torque makes there.
+/// One joint: its lever, its angle at installation, its angle now, rad, and its torque divided by the lever, N.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Joint {
     lever_mm: f64,
@@ -240,30 +244,34 @@ pub(crate) struct FiveLink {
     envelopes: [[f64; 2]; 2],
     beta_per_rad: f64,
     mu: f64,
-    /// Travel at the sensor's zero.
+    /// Travel from the free spring where the LVDT reads zero, mm.
     preload_mm: f64,
-    /// Travel that the links can follow.
+    /// Travel that the links can reach, mm.
     range_mm: [f64; 2],
     joints: [Joint; 2],
-    /// Travel at which the joints stand.
+    /// Travel of the joints' last state, mm.
     travel_mm: f64,
-    /// The pusher has left the spring there.
+    /// True where the pusher has left the spring at that travel.
     apart: bool,
 }
 
 impl FiveLink {
-    /// From values in the order of [`MODEL`]'s parameters and the geometry as measured.
+    /// From values in the order of [`MODEL`]'s parameters and the measured geometry.
     pub(crate) fn new(values: &[f64], structure: &toml::Table) -> Result<Self, BuildError> {
         let &[a, b, d, e, beta_per_rad, mu, preload_mm] = values else {
             return Err(BuildError::Structure {
                 model: "five-link",
-                reason: format!("{} values given for 7 parameters: give one each", values.len()),
+                reason: format!(
+                    "{} values given for 7 parameters: give one for each",
+                    values.len()
+                ),
             });
         };
         let geometry = LinkGeometry::new(structure)?;
         let installed = geometry.pose(0.0).ok_or_else(|| BuildError::Structure {
             model: "five-link",
-            reason: "the links are at a dead centre as installed: check theta4_deg and de_mm".to_owned(),
+            reason: "the links are at a dead centre in the installed position: check theta4_deg and de_mm"
+                .to_owned(),
         })?;
         let joint = |j: usize| Joint {
             lever_mm: 1.0 / installed.slope[j],
@@ -290,7 +298,7 @@ impl FiveLink {
         Ok(plant)
     }
 
-    /// From the free spring to the sensor's zero.
+    /// Moves from the free spring to the travel where the LVDT reads zero.
     fn preload(&mut self) {
         let steps = (self.preload_mm / LONGEST_STEP_MM).ceil();
         for i in 1..=steps as u32 {
@@ -298,10 +306,10 @@ impl FiveLink {
         }
     }
 
-    /// Force after one monotone step to a travel from the free spring.
+    /// Moves to a travel from the free spring in one monotone step and returns the force.
     fn go(&mut self, travel_mm: f64) -> f64 {
         let travel_mm = travel_mm.clamp(self.range_mm[0], self.range_mm[1]);
-        let Some((joints, force_n)) = self.led_to(travel_mm) else {
+        let Some((joints, force_n)) = self.trial(travel_mm) else {
             return 0.0;
         };
         if force_n >= 0.0 {
@@ -314,8 +322,8 @@ impl FiveLink {
         0.0
     }
 
-    /// Joints and force after one monotone step to `travel_mm`, which is not taken.
-    fn led_to(&self, travel_mm: f64) -> Option<([Joint; 2], f64)> {
+    /// Joints and force after one monotone step to `travel_mm`; the state does not change.
+    fn trial(&self, travel_mm: f64) -> Option<([Joint; 2], f64)> {
         let pose = self.geometry.pose(travel_mm)?;
         let joints = [
             self.turned(self.joints[0], pose.phi[0]),
@@ -325,25 +333,25 @@ impl FiveLink {
         Some((joints, joints.iter().zip(pose.slope).map(force).sum()))
     }
 
-    /// Goes on to where the force vanishes on the way to `pulling_mm`, and stays there.
+    /// Moves to the travel where the force becomes zero on the way to `pulling_mm`.
     fn leave_before(&mut self, pulling_mm: f64) {
-        let (mut carries, mut pulls) = (self.travel_mm, pulling_mm);
+        let (mut pushes, mut pulls) = (self.travel_mm, pulling_mm);
         let mut left = None;
         for _ in 0..HALVINGS {
-            let middle = 0.5 * (carries + pulls);
-            match self.led_to(middle) {
+            let middle = 0.5 * (pushes + pulls);
+            match self.trial(middle) {
                 Some((joints, force_n)) if force_n >= 0.0 => {
-                    carries = middle;
+                    pushes = middle;
                     left = Some(joints);
                 }
                 _ => pulls = middle,
             }
         }
         self.joints = left.unwrap_or(self.joints);
-        (self.travel_mm, self.apart) = (carries, true);
+        (self.travel_mm, self.apart) = (pushes, true);
     }
 
-    /// Joint after turning to `phi`: eqs. 5-1 to 5-4 over one monotone step.
+    /// Joint after a monotone rotation to `phi`: eqs. 5-1 to 5-4.
     fn turned(&self, joint: Joint, phi: f64) -> Joint {
         let dphi = phi - joint.phi;
         if dphi == 0.0 {
@@ -352,9 +360,9 @@ impl FiveLink {
         let direction = dphi.signum();
         let [rate, offset] = self.envelopes[usize::from(direction < 0.0)];
         let line = |phi: f64| rate * joint.lever_mm * (phi - joint.phi_0) + offset;
-        // Distance to the envelope ahead, z = h - T s. It closes by beta z^mu and opens with the line's own slope.
+        // Distance to the envelope ahead, z = h - T s. It falls by beta z^mu and rises with the slope of the line.
         let z = direction * (line(joint.phi) - joint.force_n);
-        let z = self.closed(z, rate * joint.lever_mm, dphi.abs());
+        let z = self.distance_after(z, rate * joint.lever_mm, dphi.abs());
         Joint {
             phi,
             force_n: line(phi) - direction * z,
@@ -363,13 +371,13 @@ impl FiveLink {
     }
 
     /// Solves `dz/dy = slope - beta sgn(z) |z|^mu` over `angle`; exact for mu = 1, else linearised over short substeps.
-    fn closed(&self, mut z: f64, slope: f64, angle: f64) -> f64 {
+    fn distance_after(&self, mut z: f64, slope: f64, angle: f64) -> f64 {
         if self.mu == 1.0 {
             let end = slope / self.beta_per_rad;
             return end + (z - end) * (-self.beta_per_rad * angle).exp();
         }
         let rate = |z: f64| self.beta_per_rad * self.mu * z.abs().max(1e-3).powf(self.mu - 1.0);
-        // A tenth of the local decay length a substep, at most 100: more would only polish a tail.
+        // A tenth of the local decay length per substep, at most 100 substeps. More would not change the result visibly.
         let substeps = (10.0 * rate(z) * angle).ceil().clamp(1.0, 100.0);
         let part = angle / substeps;
         for _ in 0..substeps as u32 {

@@ -1,4 +1,4 @@
-//! Models of the spring: displacement in, force out. What a model leaves out is in `effect`; fitting is in `identify`.
+//! Models of the spring: displacement in, force out. `effect` has the physics that models leave out, `identify` the fit.
 //!
 //! A new model is one file and one line in [`MODELS`].
 
@@ -8,30 +8,28 @@ pub(crate) mod five_link;
 pub(crate) mod friction;
 pub(crate) mod leaf_pack;
 
-/// A model ready to step. Always driven by displacement, whatever the rig controls; same input, same bits.
-pub trait Plant: Send {
+/// A model ready to step. It is always driven by displacement, also where the profile controls force. Same input, same bits.
+pub(crate) trait Plant: Send {
     /// Back to the virgin state at zero displacement.
     fn reset(&mut self);
     /// Moves to `displacement_mm` within `dt_s` and returns the force in N. Loading is positive.
     fn step(&mut self, displacement_mm: f64, dt_s: f64) -> f64;
     /// A copy with its state.
     fn boxed_clone(&self) -> Box<dyn Plant>;
-    /// Told just before a step where the motion is known with hindsight, as in a recording. A twin is never told.
+    /// Gives the motion just before a step, where the whole recording is known. A twin never gets it.
     fn told(&mut self, _motion: &Motion) {}
-    /// Load in N that the contacts carried at the last step, friction left out; `None` where the model cannot say.
+    /// Load in N that the contacts carried at the last step, without friction; `None` where the model does not know it.
     fn carried_n(&self) -> Option<f64> {
         None
     }
 }
 
-/// The motion at one instant, seen with hindsight: no difference of noisy samples comes near it.
+/// Motion at one instant, smoothed over samples before and after it. Differences of noisy samples are far worse.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Motion {
-    /// Speed in mm/s.
+pub(crate) struct Motion {
     pub velocity_mm_s: f64,
-    /// Acceleration in mm/s2.
     pub acceleration_mm_s2: f64,
-    /// Turning points before and after, the lower first, in mm.
+    /// Displacement at the reversals before and after this instant, the lower first, in mm.
     pub reach_mm: [f64; 2],
 }
 
@@ -43,24 +41,24 @@ impl Clone for Box<dyn Plant> {
 
 /// One parameter of a model, law or effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Parameter {
-    /// Name with its unit at the end, as it stands in a config file: `rate_n_per_mm`.
+pub(crate) struct Parameter {
+    /// Name with its unit at the end, as in a config file: `rate_n_per_mm`.
     pub name: &'static str,
     /// Unit for people: `N/mm`; empty for a pure number.
     pub unit: &'static str,
     /// Value that a fit starts from.
     pub start: f64,
-    /// The equations hold within these bounds.
+    /// Range within which the equations hold; a value outside is refused.
     pub bounds: [f64; 2],
-    /// A person would believe values within these; outside is a finding.
+    /// Plausible range for a leaf spring; a fitted value outside is a finding.
     pub belief: [f64; 2],
-    /// One sentence: what it is.
+    /// What it is, in one line.
     pub what: &'static str,
 }
 
 impl Parameter {
-    /// Does a bound hold a value where nobody believes it? Bounds that are those of belief are no finding.
-    pub fn strained_by(&self, value: f64) -> bool {
+    /// True if a bound stops `value` outside the plausible range. A bound that is also the limit of that range is no finding.
+    pub(crate) fn strained_by(&self, value: f64) -> bool {
         let near = 1e-3 * (self.belief[1] - self.belief[0]);
         let beyond = |side: usize, sign: f64| {
             sign * (self.bounds[side] - value) < near && sign * (self.bounds[side] - self.belief[side]) > near
@@ -72,44 +70,33 @@ impl Parameter {
 /// Why a model could not be built.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub(crate) enum BuildError {
-    /// No model of this name.
     #[error("no model is called \"{name}\": use one of {known}")]
     UnknownModel {
-        /// As asked for.
         name: String,
-        /// What there is.
+        /// Names and descriptions of all models.
         known: String,
     },
-    /// A parameter is not one of the model's.
-    #[error("model {model} has no parameter \"{name}\": it has {known}")]
+    #[error("model {model} has no parameter \"{name}\": use one of {known}")]
     UnknownParameter {
-        /// The model.
         model: &'static str,
-        /// As given.
         name: String,
-        /// What there is.
+        /// Names of the model's parameters.
         known: String,
     },
-    /// A value is not finite or outside its bounds.
     #[error("{name} = {value} of model {model} is outside {low} to {high}: enter a value within")]
     OutOfBounds {
-        /// The model.
         model: &'static str,
-        /// The parameter.
+        /// Name of the parameter.
         name: String,
-        /// As given.
         value: f64,
-        /// Lower bound.
         low: f64,
-        /// Upper bound.
         high: f64,
     },
     /// The structure table (leaves, geometry, options) does not fit the model.
     #[error("structure of model {model}: {reason}")]
     Structure {
-        /// The model.
         model: &'static str,
-        /// What is wrong and what to do.
+        /// What is wrong, at which key, and what to do.
         reason: String,
     },
 }
@@ -122,13 +109,13 @@ pub(crate) type BuildPlant =
 pub(crate) struct Model {
     /// Name in files and on the command line.
     pub name: &'static str,
-    /// One sentence with the source.
+    /// What it is, with its source, as the error text for an unknown name shows it.
     pub what: &'static str,
-    /// What a fit may move, in the order that `build` takes.
+    /// Parameters that a fit may change, in the order of the values that `build` takes.
     pub parameters: &'static [Parameter],
-    /// Codes of physics (contracts.md) that the model already has.
+    /// Codes of physics (docs/formats.md) that the model already has.
     pub physics: &'static [&'static str],
-    /// Builds a plant from one value a parameter and the model's own structure table (geometry, options; may be empty).
+    /// Builds a plant from one value per parameter and the model's own structure table (geometry, options; may be empty).
     pub build: BuildPlant,
 }
 
@@ -147,12 +134,16 @@ pub(crate) fn find(name: &str) -> Result<&'static Model, BuildError> {
         .find(|m| m.name == name)
         .ok_or_else(|| BuildError::UnknownModel {
             name: name.to_owned(),
-            known: MODELS.iter().map(|m| m.name).collect::<Vec<_>>().join(", "),
+            known: MODELS
+                .iter()
+                .map(|m| format!("{} ({})", m.name, m.what))
+                .collect::<Vec<_>>()
+                .join(", "),
         })
 }
 
 impl Model {
-    /// Every parameter at its start.
+    /// The start value of every parameter.
     pub(crate) fn start_values(&self) -> Vec<f64> {
         self.parameters.iter().map(|p| p.start).collect()
     }
@@ -202,23 +193,37 @@ pub(crate) fn structure_numbers<const N: usize>(
     structure: &toml::Table,
     keys: [(&str, f64); N],
 ) -> Result<[f64; N], BuildError> {
-    let known = || keys.iter().map(|k| k.0).collect::<Vec<_>>().join(", ");
-    let mut numbers = keys.map(|k| k.1);
+    let numbers = structure_numbers_beside(model, structure, &[], &keys)?;
+    Ok(std::array::from_fn(|i| numbers[i]))
+}
+
+/// [`structure_numbers`] of a table that also has `others`: keys that the caller reads itself.
+pub(crate) fn structure_numbers_beside(
+    model: &'static str,
+    structure: &toml::Table,
+    others: &[&str],
+    keys: &[(&str, f64)],
+) -> Result<Vec<f64>, BuildError> {
+    let refused = |reason| Err(BuildError::Structure { model, reason });
+    let mut numbers: Vec<f64> = keys.iter().map(|k| k.1).collect();
     for (key, value) in structure {
+        if others.contains(&key.as_str()) {
+            continue;
+        }
         let number = value.as_float().or_else(|| value.as_integer().map(|i| i as f64));
         match (keys.iter().position(|k| k.0 == key), number) {
             (Some(i), Some(number)) if number.is_finite() => numbers[i] = number,
             (Some(_), _) => {
-                return Err(BuildError::Structure {
-                    model,
-                    reason: format!("{key} = {value} is not a finite number: enter one"),
-                });
+                return refused(format!(
+                    "{key} = {value} is not a finite number: enter a finite number"
+                ));
             }
             (None, _) => {
-                return Err(BuildError::Structure {
-                    model,
-                    reason: format!("key \"{key}\" is unknown: use {}", known()),
-                });
+                let known: Vec<&str> = others.iter().copied().chain(keys.iter().map(|k| k.0)).collect();
+                return refused(format!(
+                    "key \"{key}\" is unknown: use one of {}",
+                    known.join(", ")
+                ));
             }
         }
     }
@@ -230,7 +235,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_bound_where_nobody_believes_holds_a_value_and_one_of_belief_does_not() {
+    fn only_a_bound_outside_the_plausible_range_is_a_finding() {
         let rate = Parameter {
             name: "rate_n_per_mm",
             unit: "N/mm",
@@ -239,11 +244,11 @@ mod tests {
             belief: [10.0, 300.0],
             what: "",
         };
-        assert!(rate.strained_by(0.1), "at a bound far below what is believed");
-        assert!(!rate.strained_by(5.0), "not believed, but no bound holds it");
+        assert!(rate.strained_by(0.1), "at a bound far below the plausible range");
+        assert!(!rate.strained_by(5.0), "implausible, but no bound stops it");
         assert!(
             !rate.strained_by(80.0) && !rate.strained_by(300.0),
-            "bound and belief are one"
+            "the bound is the limit of the plausible range"
         );
     }
 }

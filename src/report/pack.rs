@@ -5,7 +5,7 @@
 
 use std::fmt::Write;
 
-use crate::model::leaf_pack::{ContactShape, Grip, LeafShape, PackShape};
+use crate::model::leaf_pack::{ContactShape, LeafShape, PackShape, SlipState};
 
 /// Length of an arrow, mm of the picture a newton.
 const ARROW_MM_PER_N: f64 = 0.05;
@@ -101,9 +101,9 @@ impl Moving<'_> {
 
     /// The normal force across a joint of two leaves, green where it grips and orange where it slips.
     fn contact(&mut self, i: usize) -> std::fmt::Result {
-        let class = |s: &PackShape| match s.contacts[i].grip {
-            Grip::SlipUp | Grip::SlipDown | Grip::Smooth => "force slips",
-            Grip::Stick | Grip::Free => "force grips",
+        let class = |s: &PackShape| match s.contacts[i].state {
+            SlipState::SlipUp | SlipState::SlipDown | SlipState::Smooth => "force slips",
+            SlipState::Stick | SlipState::Free => "force grips",
         };
         self.coloured("", |s| arrow(&s.contacts[i]), Some(class))
     }

@@ -1,5 +1,7 @@
-//! Runs a profile on a model before it runs on the rig: forces, travel, speeds and the margin to each limit.
-//! Where the rig would control force, the plant (driven by displacement, as ever) is inverted tick by tick.
+//! Runs a profile on the model before it runs on the load frame: forces, travel, speeds and the margin to each limit.
+//!
+//! A model is always driven by displacement. Where the profile controls force, the displacement that gives the commanded
+//! force is searched at every tick. `control` decides what a predicted trip means for a run.
 
 use serde::Serialize;
 
@@ -7,57 +9,50 @@ use crate::model::Plant;
 use crate::profile::{Extreme, LimitWatch, Player, Profile, ProfileError, ProfileLimits, Slot, Violation};
 use crate::units::{Command, joules_from_nmm};
 
-/// What a profile is predicted to do.
+/// Prediction for a whole profile.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct DryRun {
-    /// Highest force.
     pub peak_force_n: f64,
-    /// Lowest force.
     pub valley_force_n: f64,
-    /// Highest displacement.
     pub peak_displacement_mm: f64,
-    /// Lowest displacement.
     pub valley_displacement_mm: f64,
-    /// Highest less lowest displacement.
+    /// Peak minus valley of the displacement.
     pub travel_mm: f64,
-    /// Highest speed.
     pub peak_velocity_mm_s: f64,
-    /// Work done on the specimen from start to end; what is not given back is friction.
+    /// Work done on the specimen from start to end. For a closed path it is the friction loss.
     pub energy_j: f64,
-    /// Length of the profile.
     pub duration_s: f64,
-    /// Counted cycles.
     pub cycles: u32,
-    /// Largest difference between the force asked for and the one reached, in force control.
+    /// Largest difference between commanded and reached force in force control; 0 in displacement control.
     pub force_error_n: f64,
-    /// The worst value beside each limit.
+    /// The worst value for each limit.
     pub margins: Vec<Margin>,
-    /// Limits that would trip: no arming on any of them.
+    /// Limits that the model exceeds. A profile with any of them must not be armed.
     pub predicted_trips: Vec<Violation>,
 }
 
-/// A limit with what is left to it.
+/// A limit with the margin that is left.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(crate) struct Margin {
-    /// The limit, the worst value and when.
+    /// The limit, the worst value and its time.
     #[serde(flatten)]
     pub worst: Extreme,
-    /// In percent of the limit; negative beyond it.
+    /// Margin in percent of the limit; negative beyond it.
     pub margin_percent: f64,
 }
 
 /// One tick of a dry run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Predicted {
-    /// What the profile asks for.
+    /// Command, segment and cycle of the profile at this tick.
     pub slot: Slot,
-    /// Where the model stands.
+    /// Displacement of the model.
     pub displacement_mm: f64,
-    /// Its force.
+    /// Force of the model.
     pub force_n: f64,
 }
 
-/// Plays `profile` from zero displacement on a copy of `plant`, reset. A trip is a finding, not an error.
+/// Plays `profile` from zero displacement on a reset copy of `plant`. A predicted trip is part of the result, not an error.
 pub(crate) fn dry_run(
     profile: &Profile,
     plant: &dyn Plant,
@@ -67,7 +62,7 @@ pub(crate) fn dry_run(
     dry_run_with(profile, plant, limits, sample_rate_hz, &mut |_| ())
 }
 
-/// [`dry_run`] that shows every tick to `watcher`.
+/// [`dry_run`] that passes every tick to `watcher`.
 pub(crate) fn dry_run_with(
     profile: &Profile,
     plant: &dyn Plant,
@@ -145,14 +140,14 @@ impl PredictedRange {
     }
 }
 
-/// A force this close to the one asked for is reached: a tenth of a count of the load cell.
+/// A force this close to the command is reached: a tenth of a count of the load cell.
 const FORCE_TOLERANCE_N: f64 = 0.01;
-/// Secant steps a tick; two or three are the rule, more only at a reversal.
+/// Most secant steps per tick. Two or three are usual, a reversal needs more.
 const MAX_TRIES: usize = 20;
-/// Slopes of the plant that a step is computed with, N/mm.
+/// Range of the model's stiffness that the secant steps use, N/mm.
 const SLOPE_N_PER_MM: [f64; 2] = [0.1, 1e5];
 
-/// A plant with its state, that can be asked for a force.
+/// A model with its state that can be driven to a force.
 struct Inverse {
     plant: Box<dyn Plant>,
     displacement_mm: f64,
@@ -167,14 +162,14 @@ impl Inverse {
         let dt_s = 1.0 / sample_rate_hz;
         plant.reset();
         let force_n = plant.step(0.0, dt_s);
-        // The first slope is that of a small move; it decides no more than how many tries the first ticks take.
+        // The first slope is that of a small move. It only affects how many tries the first ticks take.
         let slope_n_per_mm = (plant.boxed_clone().step(0.1, dt_s) - force_n) / 0.1;
         Inverse {
             plant,
             displacement_mm: 0.0,
             force_n,
             slope_n_per_mm: slope_n_per_mm.clamp(SLOPE_N_PER_MM[0], SLOPE_N_PER_MM[1]),
-            // A rig that must move faster than allowed to keep the force lags behind it instead.
+            // Where the force needs a faster motion than the limit allows, the displacement lags behind.
             step_max_mm: limits.velocity_max_mm_s * dt_s,
             dt_s,
         }
@@ -200,7 +195,7 @@ impl Inverse {
             }
             let next_error = self.plant.boxed_clone().step(next, self.dt_s) - force_n;
             let slope = (next_error - error) / (next - x);
-            // Where the pusher has left the spring there is no slope; the one from before leads back.
+            // Where the pusher has left the spring the slope is 0. The slope from before leads back to contact.
             if slope >= SLOPE_N_PER_MM[0] {
                 self.slope_n_per_mm = slope.min(SLOPE_N_PER_MM[1]);
             }
@@ -243,7 +238,7 @@ mod tests {
         let ramp = shipped(include_str!("../../bench-configs/profiles/static-ramp.toml"));
         let run = dry_run(&ramp, spring().as_ref(), &LIMITS, 1000.0).unwrap();
         assert!((run.peak_force_n - 2000.0).abs() <= FORCE_TOLERANCE_N, "{run:?}");
-        // 2000 N / (72 N/mm * 1.15), the friction fully turned.
+        // 2000 N / (72 N/mm * 1.15): full sliding.
         assert!((run.peak_displacement_mm - 24.155).abs() < 0.01, "{run:?}");
         assert!(run.force_error_n <= FORCE_TOLERANCE_N, "{run:?}");
         assert_eq!((run.duration_s, run.cycles), (120.0, 0));
@@ -254,12 +249,12 @@ mod tests {
             .find(|m| m.worst.name == "force_max_n")
             .unwrap();
         assert!((force.margin_percent - 37.5).abs() < 0.01);
-        // Table 2 of Kadziela et al. gives 6.05 J; the specimen was set to it within a few percent.
+        // Table 2 of Kadziela et al. gives 6.05 J; the specimen was adjusted to that within a few percent.
         assert!((run.energy_j / 6.05 - 1.0).abs() < 0.05, "{} J", run.energy_j);
     }
 
     #[test]
-    fn a_trip_is_predicted_with_its_time() {
+    fn a_limit_that_would_trip_is_predicted() {
         let sine = shipped(include_str!("../../bench-configs/profiles/sine-15mm-1hz.toml"));
         let tight = ProfileLimits {
             force_max_n: 2500.0,

@@ -1,37 +1,38 @@
-//! Where twin and measurement part while a run goes on: one "model mismatch" with its place on the loop.
+//! Watches the residual (measured minus twin force) during a run and reports a model mismatch with its place on the loop.
 //!
 //! ```text
-//! e = mean of (measured - twin) over 10 ms, in units of the noise: force channel, and displacement noise times stiffness;
-//!     less what the play before the twin makes
-//! |e| > ENTER begins a stretch, |e| < LEAVE, another sign or a reversal ends it; stretches add up to a share of the leg
+//! e = mean of (measured - twin) over 10 ms, in units of the noise: force noise, and displacement noise times stiffness;
+//!     less the force that the play in front of the twin makes
+//! a stretch begins at |e| > ENTER and ends at |e| < LEAVE, at a change of sign or at a reversal
 //! ```
-//! Stretches shorter than a twentieth of the leg before are forgotten. One that counts opens the case; after the whole cycle that follows
-//! (or [`LATEST_S`], in a slow test) the largest is reported. No second report before a whole cycle without a stretch that counts.
+//! A leg is the travel between two reversals. A stretch shorter than 5 % of the leg before it is ignored. The first long
+//! stretch starts an observation; after one whole cycle more (or [`LATEST_S`] in a slow test) the largest stretch is reported.
+//! The next report needs a whole cycle without a long stretch first. What a report does to the run is up to `daemon`.
 
 use std::collections::VecDeque;
 
 use crate::recording::play::Play;
 
-/// Residual that begins a stretch, in units of the noise.
+/// Residual at which a stretch begins, in units of the noise.
 const ENTER: f64 = 6.0;
-/// Residual that ends it.
+/// Residual at which a stretch ends, in units of the noise.
 const LEAVE: f64 = 3.0;
-/// Smoothing, s.
+/// Window of the mean of the residual, s.
 const SMOOTH_S: f64 = 0.01;
-/// Share of a leg that a stretch must last.
+/// Shortest stretch that counts, as a share of the samples of a leg.
 const LEAST_SHARE: f64 = 0.05;
-/// And at least so long, s.
+/// Shortest stretch that counts, s.
 const LEAST_S: f64 = 0.03;
-/// A case is reported after so long even where no cycle has ended, s.
+/// A mismatch is reported after this time even if no cycle has ended, s.
 const LATEST_S: f64 = 5.0;
-/// A stiff stretch after a reversal is remembered: this share of it from step to step.
+/// Share of the estimated stiffness that is kept from step to step: the high stiffness after a reversal fades slowly.
 const FADE: f64 = 0.9;
-/// A reversal is a way back of so many deviations of the displacement noise.
+/// A reversal is a way back of this many standard deviations of the displacement noise.
 const BAND: f64 = 20.0;
-/// And of at least this, mm: a servo's ripple at rest is no reversal.
+/// A reversal is a way back of at least this, mm: the servo's ripple at rest is no reversal.
 const LEAST_BAND: f64 = 0.02;
 
-/// What the channels' own noise is.
+/// Noise of the two channels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Noise {
     /// Standard deviation of the force, N.
@@ -40,18 +41,18 @@ pub(crate) struct Noise {
     pub displacement_mm: f64,
 }
 
-/// A stretch of the loop on which twin and measurement part.
+/// A stretch of the loop on which twin and measurement differ.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Mismatch {
-    /// Displacement where it begins and ends, the lower first, mm.
+    /// Displacement at its two ends, the lower first, mm.
     pub displacement_mm: [f64; 2],
-    /// True while the displacement rises.
+    /// True where the displacement rises.
     pub loading: bool,
-    /// Travel since the reversal, at its begin and its end, mm.
+    /// Travel since the reversal where it begins and where it ends, mm.
     pub after_reversal_mm: [f64; 2],
     /// Mean of measured minus twin, N.
     pub residual_n: f64,
-    /// That in units of the noise.
+    /// Mean of the residual in units of the noise.
     pub in_noise: f64,
 }
 
@@ -61,8 +62,8 @@ impl std::fmt::Display for Mismatch {
         let [near, far] = self.after_reversal_mm;
         write!(
             f,
-            "model mismatch: measured is {:.1} N {} the twin ({:.0} times the noise) from {from:.2} to {to:.2} mm while {}, {near:.2} to \
-             {far:.2} mm after the reversal: look at specimen and rig, then diagnose this run",
+            "model mismatch: the measured force is {:.1} N {} the twin ({:.0} times the noise) from {from:.2} to {to:.2} mm while {}, \
+             {near:.2} to {far:.2} mm after the reversal: check the specimen and the load frame, then diagnose this run",
             self.residual_n.abs(),
             if self.residual_n > 0.0 { "above" } else { "below" },
             self.in_noise.abs(),
@@ -95,13 +96,13 @@ impl Stretch {
         }
     }
 
-    /// What makes one stretch larger than another.
-    fn weight(&self) -> f64 {
+    /// Size of the stretch: its residual summed over its samples.
+    fn size(&self) -> f64 {
         self.sum_noise.abs()
     }
 }
 
-/// Legs between reversals, by a band.
+/// Travel since the last reversal.
 #[derive(Debug, Clone, Copy)]
 struct Leg {
     loading: bool,
@@ -110,7 +111,7 @@ struct Leg {
     samples: u64,
 }
 
-/// Watches one run.
+/// Watches the residual of one run.
 #[derive(Debug, Clone)]
 pub(crate) struct MismatchWatch {
     noise: Noise,
@@ -119,23 +120,24 @@ pub(crate) struct MismatchWatch {
     leg: Option<Leg>,
     leg_before: u64,
     legs: u64,
-    /// Stiffness of the twin where it is now, N/mm: the last step's, or what is left of a larger one before.
+    /// Estimated stiffness of the twin, N/mm: that of the last step, or a larger one before it, faded.
     stiffness: f64,
     last: Option<(f64, f64)>,
-    /// Residuals of the last [`SMOOTH_S`] and their sum.
+    /// Residuals of the last [`SMOOTH_S`].
     recent_n: VecDeque<f64>,
     recent_sum_n: f64,
     open: Option<Stretch>,
     largest: Option<Stretch>,
-    /// Legs and samples since the case was opened.
-    since_opened: Option<(u64, u64)>,
-    /// Legs ended since the last stretch that counted; while told, nothing is told again.
+    /// Leg at which the observation began, and samples since then.
+    observing: Option<(u64, u64)>,
+    /// Legs that ended since the last long stretch.
     quiet_legs: u64,
-    told: bool,
+    /// A report was made and the mismatch has not ended since.
+    reported: bool,
 }
 
 impl MismatchWatch {
-    /// Nothing seen yet.
+    /// A watch before its first run.
     pub(crate) fn new(noise: Noise) -> Self {
         MismatchWatch {
             noise,
@@ -150,13 +152,13 @@ impl MismatchWatch {
             recent_sum_n: 0.0,
             open: None,
             largest: None,
-            since_opened: None,
+            observing: None,
             quiet_legs: 0,
-            told: false,
+            reported: false,
         }
     }
 
-    /// A run begins.
+    /// Starts a run with this sample rate.
     pub(crate) fn begin(&mut self, rate_hz: f64) {
         *self = MismatchWatch {
             rate_hz,
@@ -164,7 +166,7 @@ impl MismatchWatch {
         };
     }
 
-    /// One compared sample; a report where there is one to make.
+    /// Takes one sample and returns a mismatch when it is time to report one.
     pub(crate) fn sample(&mut self, displacement_mm: f64, measured_n: f64, twin_n: f64) -> Option<Mismatch> {
         self.follow_stiffness(displacement_mm, twin_n);
         let reversed = self.follow_leg(displacement_mm);
@@ -199,10 +201,10 @@ impl MismatchWatch {
             }
             None => {}
         }
-        self.judge()
+        self.due()
     }
 
-    /// Mean over the last [`SMOOTH_S`].
+    /// Mean residual over the last [`SMOOTH_S`].
     fn smoothed(&mut self, residual_n: f64) -> f64 {
         self.recent_n.push_back(residual_n);
         self.recent_sum_n += residual_n;
@@ -212,8 +214,8 @@ impl MismatchWatch {
         self.recent_sum_n / self.recent_n.len() as f64
     }
 
-    /// A residual in units of the noise. The play before the twin shifts its displacement by its half width, one deviation more is
-    /// noise: what that makes in force is no mismatch.
+    /// A residual in units of the noise. The play in front of the twin shifts the displacement by its half width, and noise adds
+    /// one standard deviation: the force of that shift is subtracted first.
     fn in_noise(&self, residual_n: f64) -> f64 {
         let noise_n = self
             .noise
@@ -233,10 +235,10 @@ impl MismatchWatch {
         }
     }
 
-    /// True at a reversal.
+    /// Follows the leg; true at a reversal.
     fn follow_leg(&mut self, displacement_mm: f64) -> bool {
         let Some(leg) = &mut self.leg else {
-            // Before the first motion there is no branch.
+            // Before the first motion there is no leg.
             let (from_mm, _) = self.last.unwrap_or((displacement_mm, 0.0));
             if (displacement_mm - from_mm).abs() >= 0.5 * self.band_mm {
                 self.leg = Some(Leg {
@@ -273,7 +275,7 @@ impl MismatchWatch {
         true
     }
 
-    fn counts(&self, stretch: &Stretch) -> bool {
+    fn is_long(&self, stretch: &Stretch) -> bool {
         let leg = match self.leg_before {
             0 => self.leg.map_or(0, |l| l.samples),
             samples => samples,
@@ -282,46 +284,47 @@ impl MismatchWatch {
         stretch.samples as f64 >= least
     }
 
-    /// Ends the open stretch and keeps it where it counts.
+    /// Ends the open stretch and keeps it if it is long and the largest so far.
     fn close(&mut self) {
         let Some(stretch) = self.open.take() else { return };
-        if !self.counts(&stretch) {
+        if !self.is_long(&stretch) {
             return;
         }
         self.quiet_legs = 0;
-        if self.largest.is_none_or(|l| l.weight() < stretch.weight()) {
+        if self.largest.is_none_or(|l| l.size() < stretch.size()) {
             self.largest = Some(stretch);
         }
     }
 
-    fn judge(&mut self) -> Option<Mismatch> {
-        if self.told {
-            // The rest of the leg and a whole cycle after it without a stretch that counts end the case.
-            if self.quiet_legs >= 3 && self.open.is_none_or(|s| !self.counts(&s)) {
-                self.told = false;
+    /// The largest stretch when the observation is over.
+    fn due(&mut self) -> Option<Mismatch> {
+        if self.reported {
+            // The mismatch has ended after the rest of the leg and a whole cycle without a long stretch.
+            if self.quiet_legs >= 3 && self.open.is_none_or(|s| !self.is_long(&s)) {
+                self.reported = false;
                 self.largest = None;
-                self.since_opened = None;
+                self.observing = None;
             }
             return None;
         }
-        let counting = self.open.filter(|s| self.counts(s));
-        if self.largest.is_none() && counting.is_none() {
+        let open = self.open.filter(|s| self.is_long(s));
+        if self.largest.is_none() && open.is_none() {
             return None;
         }
-        let (legs, samples) = self.since_opened.get_or_insert((self.legs, 0));
+        let (legs, samples) = self.observing.get_or_insert((self.legs, 0));
         *samples += 1;
-        // The rest of the leg it began on and a whole cycle after it: a taper has grown by then.
+        // The rest of the leg and a whole cycle: a stretch that grows gradually is large by then.
         let whole_cycle = self.legs >= *legs + 3;
         if !whole_cycle && (*samples as f64) < LATEST_S * self.rate_hz {
             return None;
         }
         let larger = |a: Option<Stretch>, b: Option<Stretch>| match (a, b) {
-            (Some(a), Some(b)) if b.weight() > a.weight() => Some(b),
+            (Some(a), Some(b)) if b.size() > a.size() => Some(b),
             (Some(a), _) => Some(a),
             (None, b) => b,
         };
-        let report = larger(self.largest, counting)?.report();
-        self.told = true;
+        let report = larger(self.largest, open)?.report();
+        self.reported = true;
         Some(report)
     }
 }
@@ -335,7 +338,7 @@ mod tests {
         displacement_mm: 0.001,
     };
 
-    /// Reports over 1 Hz sines of 6 mm at 1 kHz; `residual` of displacement, branch, cycle.
+    /// Reports with their time, s, over 1 Hz sines of 6 mm at 1 kHz; `residual` of displacement, loading, cycle.
     fn reports(cycles: u32, residual: impl Fn(f64, bool, u32) -> f64) -> Vec<(f64, Mismatch)> {
         let mut watch = MismatchWatch::new(NOISE);
         watch.begin(1000.0);
@@ -356,12 +359,12 @@ mod tests {
     #[test]
     fn noise_alone_is_no_mismatch() {
         assert_eq!(reports(100, |_, _, _| 0.0), []);
-        // Three deviations of offset stay inside the band.
+        // An offset of three standard deviations stays below ENTER.
         assert_eq!(reports(20, |_, _, _| 1.5), []);
     }
 
     #[test]
-    fn one_report_with_the_place_however_long_it_lasts() {
+    fn a_lasting_mismatch_is_reported_once_with_its_place() {
         let found = reports(50, |x, loading, _| if loading && x > 4.0 { 20.0 } else { 0.0 });
         assert_eq!(found.len(), 1, "{found:?}");
         let (at_s, m) = found[0];
@@ -378,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_told_again_only_after_a_cycle_in_peace() {
+    fn the_next_report_needs_a_cycle_without_mismatch() {
         let bad = |cycle: u32| cycle < 3 || (10..12).contains(&cycle);
         let found = reports(20, |x, loading, cycle| {
             if bad(cycle) && loading && x > 4.0 {
@@ -392,8 +395,8 @@ mod tests {
     }
 
     #[test]
-    fn a_blink_is_forgotten() {
-        // 20 ms at 94 mm/s is nothing that a person can look for.
+    fn a_short_deviation_is_ignored() {
+        // 0.3 mm at 19 mm/s: 16 ms, shorter than LEAST_S.
         assert_eq!(
             reports(5, |x, loading, _| if loading && (3.0..3.3).contains(&x) {
                 30.0

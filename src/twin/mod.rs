@@ -1,5 +1,7 @@
-//! The virtual twin: a recorder that steps a plant beside the run and passes each sample on with the model's force.
-//! `dry_run` asks the same plant before anything moves. Neither knows the rig; the twin never delays who feeds it.
+//! The virtual twin: steps a model beside the run and writes its force into each sample.
+//!
+//! It is a recorder in front of the next recorder. `dry_run` predicts a whole profile before anything moves; `mismatch` watches
+//! the difference between measurement and model. None of them knows the load frame, and the twin never delays the recording.
 
 mod dry_run;
 mod mismatch;
@@ -7,63 +9,16 @@ mod mismatch;
 pub(crate) use dry_run::{Margin, Predicted, dry_run, dry_run_with};
 pub(crate) use mismatch::{Mismatch, MismatchWatch, Noise};
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use crate::model::Plant;
 use crate::recording::play::Play;
 use crate::recording::{Event, EventKind, Flags, Header, Outcome, Recorder, Sample};
 
-/// How well twin and measurement agree so far; written by the twin, read by anyone.
-#[derive(Debug, Default)]
-pub(crate) struct TwinScore {
-    nrmse_bits: AtomicU64,
-    compared: AtomicU64,
-    skipped: AtomicU64,
-}
-
-impl TwinScore {
-    /// rms(measured - model) / (max - min of measured force); `None` before the force has moved.
-    pub(crate) fn nrmse(&self) -> Option<f64> {
-        let nrmse = f64::from_bits(self.nrmse_bits.load(Ordering::Relaxed));
-        (self.compared() > 0 && nrmse.is_finite()).then_some(nrmse)
-    }
-
-    /// Samples compared.
-    pub(crate) fn compared(&self) -> u64 {
-        self.compared.load(Ordering::Relaxed)
-    }
-
-    /// Samples left empty because the twin was behind or the displacement was not valid.
-    pub(crate) fn skipped(&self) -> u64 {
-        self.skipped.load(Ordering::Relaxed)
-    }
-}
-
-/// Sums of the running NRMSE.
-#[derive(Debug, Clone, Copy)]
-struct Sums {
-    squares: f64,
-    lowest_n: f64,
-    highest_n: f64,
-}
-
-impl Sums {
-    const EMPTY: Sums = Sums {
-        squares: 0.0,
-        lowest_n: f64::INFINITY,
-        highest_n: f64::NEG_INFINITY,
-    };
-}
-
-/// Steps a plant at the measured displacement and fills `twin_force_n`.
+/// A recorder that steps a model at the measured displacement and fills `twin_force_n`.
 pub(crate) struct Twin {
     plant: Box<dyn Plant>,
     play: Play,
     next: Box<dyn Recorder + Send>,
     behind: Box<dyn Fn() -> bool + Send>,
-    score: Arc<TwinScore>,
-    sums: Sums,
     sample_rate_hz: f64,
     last_tick: Option<u64>,
     watch: Option<MismatchWatch>,
@@ -71,8 +26,8 @@ pub(crate) struct Twin {
 }
 
 impl Twin {
-    /// Passes everything on to `next`. `noise_mm` is the LVDT's standard deviation, which must not look like motion to
-    /// the plant. `behind` says that samples pile up: the twin then leaves its column empty.
+    /// Passes everything on to `next`. `noise_mm` is the standard deviation of the LVDT; a play of that width keeps the noise
+    /// from the model. `behind` is true while samples pile up: the twin then leaves its column empty.
     pub(crate) fn new(
         plant: Box<dyn Plant>,
         noise_mm: f64,
@@ -84,8 +39,6 @@ impl Twin {
             play: Play::for_noise(noise_mm),
             next,
             behind: Box::new(behind),
-            score: Arc::default(),
-            sums: Sums::EMPTY,
             sample_rate_hz: 1.0,
             last_tick: None,
             watch: None,
@@ -93,24 +46,18 @@ impl Twin {
         }
     }
 
-    /// Watches the residual against this noise and tells of a mismatch as an event of the run.
+    /// Watches the residual against this noise and records a mismatch as an event of the run.
     pub(crate) fn watching(mut self, noise: Noise) -> Self {
         self.watch = Some(MismatchWatch::new(noise));
         self
     }
 
-    /// The score, to be read while the run goes on.
-    pub(crate) fn score(&self) -> Arc<TwinScore> {
-        Arc::clone(&self.score)
-    }
-
     fn force_n(&mut self, sample: &Sample) -> Option<f64> {
         let usable = sample.displacement_mm.is_finite() && !sample.flags.has(Flags::DISPLACEMENT_INVALID);
         if !usable || (self.behind)() {
-            self.score.skipped.fetch_add(1, Ordering::Relaxed);
             return None;
         }
-        // After samples that were skipped the plant is led straight to where the rig is now, in the time that it took.
+        // After skipped samples the model goes straight to the present displacement, in the time that has passed.
         let ticks = self
             .last_tick
             .map_or(1, |last| sample.tick.saturating_sub(last).max(1));
@@ -120,22 +67,11 @@ impl Twin {
             .plant
             .step(displacement_mm, ticks as f64 / self.sample_rate_hz);
         if sample.force_n.is_finite() && !sample.flags.has(Flags::FORCE_INVALID) {
-            self.compare(sample.force_n, force_n);
-            // The unloading after the run is no test of the model.
+            // Samples outside the profile, such as the unloading after the run, are no test of the model.
             let watch = self.watch.as_mut().filter(|_| sample.segment > 0);
             self.mismatch = watch.and_then(|w| w.sample(displacement_mm, sample.force_n, force_n));
         }
         Some(force_n)
-    }
-
-    fn compare(&mut self, measured_n: f64, model_n: f64) {
-        let sums = &mut self.sums;
-        sums.squares += (measured_n - model_n).powi(2);
-        sums.lowest_n = sums.lowest_n.min(measured_n);
-        sums.highest_n = sums.highest_n.max(measured_n);
-        let compared = self.score.compared.fetch_add(1, Ordering::Relaxed) + 1;
-        let nrmse = (sums.squares / compared as f64).sqrt() / (sums.highest_n - sums.lowest_n);
-        self.score.nrmse_bits.store(nrmse.to_bits(), Ordering::Relaxed);
     }
 }
 
@@ -143,15 +79,11 @@ impl Recorder for Twin {
     fn begin(&mut self, header: &Header) {
         self.plant.reset();
         self.play.reset();
-        self.sums = Sums::EMPTY;
         self.sample_rate_hz = header.sample_rate_hz;
         self.last_tick = None;
         self.mismatch = None;
         if let Some(watch) = &mut self.watch {
             watch.begin(header.sample_rate_hz);
-        }
-        for counter in [&self.score.compared, &self.score.skipped, &self.score.nrmse_bits] {
-            counter.store(0, Ordering::Relaxed);
         }
         self.next.begin(header);
     }
@@ -188,10 +120,10 @@ impl Recorder for Twin {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::Mutex;
-    use std::sync::atomic::AtomicBool;
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::sync::{Arc, Mutex};
 
-    /// Force = 10 N/mm plus 1 N for each step since reset: shows resets and steps.
+    /// Force = 10 N/mm plus 1 N for each step since reset, so that resets and steps can be counted.
     #[derive(Clone)]
     struct Counting(f64);
 
@@ -236,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn fills_the_column_and_leaves_it_empty_when_behind_or_blind() {
+    fn the_column_is_empty_where_the_twin_is_behind_or_the_displacement_invalid() {
         let kept = Arc::new(Mutex::new(Vec::new()));
         let late = Arc::new(AtomicBool::new(false));
         let asked = Arc::clone(&late);
@@ -244,8 +176,6 @@ mod tests {
         let mut twin = Twin::new(Box::new(Counting(0.0)), 0.0, next, move || {
             asked.load(Ordering::Relaxed)
         });
-        let score = twin.score();
-        assert_eq!(score.nrmse(), None);
         twin.sample(&sample(1, Flags::default()));
         late.store(true, Ordering::Relaxed);
         twin.sample(&sample(2, Flags::default()));
@@ -257,8 +187,5 @@ mod tests {
             *kept.lock().unwrap(),
             [Some(11.0), None, None, Some(42.0), Some(53.0)]
         );
-        assert_eq!((score.compared(), score.skipped()), (2, 2));
-        // Residuals 1 and 3 N over a range of 40 N.
-        assert!((score.nrmse().unwrap() - 5.0_f64.sqrt() / 40.0).abs() < 1e-12);
     }
 }

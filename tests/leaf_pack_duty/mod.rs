@@ -1,4 +1,4 @@
-//! The duty that the leaf pack's tests share: Table 1 geometry, clamp 100 mm, no eye offset, interleaf mu 0.3, nothing else.
+//! Duty and helpers of the leaf pack's tests: Table 1 geometry, clamp 100 mm, no eye offset, interleaf mu 0.3, no other friction.
 
 use crate::model::Plant;
 use crate::model::leaf_pack::{LeafPack, Mounting, PackStructure, Values, graded_path};
@@ -30,6 +30,7 @@ pub fn pack(structure: &PackStructure, values: &Values) -> LeafPack {
     LeafPack::new(structure, values).expect("valid pack")
 }
 
+/// Loop energy in J of (displacement mm, force N) points.
 pub fn loop_j(points: &[(f64, f64)]) -> f64 {
     points
         .windows(2)
@@ -42,6 +43,7 @@ pub fn static_row(pack: &mut LeafPack, longest_mm: f64) -> (f64, f64) {
     static_loop(pack, 26.0, longest_mm)
 }
 
+/// Peak force (N) and loop energy (J) of 0 -> stroke -> 0 mm in 120 s.
 pub fn static_loop(pack: &mut LeafPack, stroke_mm: f64, longest_mm: f64) -> (f64, f64) {
     let path = graded_path(&[0.0, stroke_mm, 0.0], longest_mm);
     let points: Vec<(f64, f64)> = pack
@@ -66,15 +68,17 @@ pub fn sine_row(pack: &mut LeafPack, rate: usize) -> (f64, f64) {
     (points.iter().fold(0.0, |m, p| m.max(p.1)), loop_j(&points))
 }
 
+/// Asserts that `got` is within a relative error of `wanted`.
 pub fn close(what: &str, got: f64, wanted: f64, relative: f64) {
     let error = got / wanted - 1.0;
-    println!("{what}: {got:.5} against {wanted:.5} ({:+.2} %)", 100.0 * error);
     assert!(
         error.abs() <= relative,
-        "{what}: {got} against {wanted}, allowed {relative}"
+        "{what}: {got} against {wanted} ({:+.2} %), allowed {relative}",
+        100.0 * error
     );
 }
 
+/// Values with every source of friction.
 pub fn all_sources() -> Values {
     Values {
         interleaf_mu: 0.2,

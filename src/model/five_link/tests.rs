@@ -13,7 +13,7 @@ fn drive(plant: &mut FiveLink, from: f64, to: f64, steps: u32) -> f64 {
 }
 
 #[test]
-fn a_preloaded_spring_is_one_that_was_pushed_there_before() {
+fn preload_is_the_same_as_an_earlier_push() {
     let mut values = MODEL.start_values();
     values[6] = 7.3;
     let mut preloaded = FiveLink::new(&values, &toml::Table::new()).expect("closes");
@@ -33,7 +33,7 @@ fn installed_pose_is_the_printed_one() {
     let geometry = LinkGeometry::new(&toml::Table::new()).expect("the printed geometry closes");
     let pose = geometry.pose(0.0).expect("within reach");
     assert!((pose.phi[0] - (-20f64).to_radians()).abs() < 1e-9);
-    // Half the leaf by BC = 0.5 L; level within a degree, as a symmetrical spring should be.
+    // L from BC = 0.5 L. The middle link is level within a degree, as in a symmetrical spring.
     assert!(
         (geometry.ab / 0.75 - 593.0).abs() < 1.0,
         "L = {}",
@@ -55,8 +55,8 @@ fn installed_pose_is_the_printed_one() {
 }
 
 #[test]
-fn asymptotes_are_the_envelopes_less_the_lag() {
-    // Near the installed pose and with a steep beta the branches are the printed lines.
+fn asymptotes_are_the_envelopes() {
+    // Near the installed pose and with a large beta the branches are the printed lines.
     let mut values = MODEL.start_values();
     values[4] = 1e5;
     let mut plant = FiveLink::new(&values, &toml::Table::new()).expect("closes");
@@ -79,8 +79,8 @@ fn asymptotes_are_the_envelopes_less_the_lag() {
 }
 
 #[test]
-fn loop_of_the_thesis() {
-    // Table 5-1 (p001_table5_1_load_deflection.csv), mm and N. The authors name both loop ends as the misfit.
+fn the_loop_of_the_thesis_within_9_percent() {
+    // Table 5-1 (p001_table5_1_load_deflection.csv), mm and N. The authors report the misfit at both loop ends.
     let mut plant = spring(1.0);
     let mut at = 0.0;
     let mut worst: f64 = 0.0;
@@ -98,14 +98,13 @@ fn loop_of_the_thesis() {
         let force_n = drive(&mut plant, at, x, 200);
         at = x;
         worst = worst.max((force_n - measured).abs());
-        eprintln!("{x:7.3} mm: {force_n:7.1} N, measured {measured:7.1} N");
     }
-    // The largest miss is 159 N at 32 mm on the way up: under 9 % of the peak, with the printed values as they stand.
+    // The largest error is 159 N at 32 mm on the way up, under 9 % of the peak, with the printed values.
     assert!(worst < 170.0, "worst {worst} N");
 }
 
 #[test]
-fn step_size_does_not_matter() {
+fn the_result_does_not_depend_on_the_step_size() {
     for (mu, tolerance_n) in [(1.0, 1e-8), (1.4, 2.0)] {
         let (mut coarse, mut fine) = (spring(mu), spring(mu));
         let mut at = 0.0;
@@ -132,24 +131,26 @@ fn never_pulls_and_follows_again_after_lift_off() {
 }
 
 #[test]
-fn lift_off_does_not_hang_on_the_step() {
-    // Past lift-off on the way down, back before the spring is touched again, and on; in 1 step a leg and in 5000.
+fn lift_off_does_not_depend_on_the_step_size() {
+    // Beyond lift-off on the way down, back to before contact, and on; in 1 step per leg and in 5000.
     for (mu, tolerance_n) in [(1.0, 1e-5), (1.4, 2.0)] {
         let (mut coarse, mut fine) = (spring(mu), spring(mu));
         let mut at = 0.0;
         for to in [30.0, -20.0, 2.0, 9.0, -5.0, 40.0] {
             let one = drive(&mut coarse, at, to, 1);
             let many = drive(&mut fine, at, to, 5000);
-            eprintln!("mu {mu}, {to} mm: {one:.4} N, in small steps {many:.4} N");
-            // mu = 1: the place where it leaves is found to a nanometre, at some hundred N/mm where it is touched again.
-            assert!((one - many).abs() < tolerance_n, "{one} against {many}");
+            // mu = 1: the lift-off is found to a nanometre, and the stiffness at contact is some hundred N/mm.
+            assert!(
+                (one - many).abs() < tolerance_n,
+                "mu {mu} at {to}: {one} against {many}"
+            );
             at = to;
         }
     }
 }
 
 #[test]
-fn geometry_that_cannot_close_is_refused() {
+fn a_geometry_that_cannot_close_is_refused() {
     let structure: toml::Table = "de_mm = 2000.0".parse().expect("valid TOML");
     assert!(FiveLink::new(&MODEL.start_values(), &structure).is_err());
     let structure: toml::Table = "de_m = 0.1".parse().expect("valid TOML");

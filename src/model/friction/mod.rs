@@ -1,144 +1,168 @@
-//! Friction laws: slip and normal force in, friction force out. Where the slip comes from is the model's business.
+//! Friction laws that the model `equivalent` chooses by name: how far the contacts are dragged along after a step.
 //!
-//! A new law is one file and one line in [`LAWS`].
+//! ```text
+//! T = friction_ratio * N * r
+//! ```
+//! T friction force, N; N carried load, N; r drag ratio from -1 to 1, where -1 and 1 are full sliding. A law gives r from
+//! slip, time step and speed. The ratio and the load are the model's.
+//!
+//! A new law is one file and one line in [`LAWS`]. [`elements`] is no law: laws, effects and the diagnosis build on it.
+//! The leaf pack has its own law type (`leaf_pack/slip_law.rs`), because its implicit step also needs the derivatives of
+//! the friction force by slip and by friction limit.
 
-use super::{BuildError, Parameter};
-
-pub(crate) mod coulomb;
-pub(crate) mod dahl;
 pub(crate) mod elements;
-pub(crate) mod maxwell_slip;
-pub(crate) mod tanh;
+mod none;
+mod presliding;
+mod sharp;
+mod tanh;
 
 /// A friction law with its state. Same input, same bits.
-pub trait FrictionLaw: Send {
-    /// Name as in [`LAWS`].
-    fn name(&self) -> &'static str;
-    /// What a fit may move, in the order that `build` takes.
-    fn parameters(&self) -> &'static [Parameter];
-    /// Slips to the position `slip_mm` within `dt_s` under `normal_n` (negative counts as open) and returns the force
-    /// in N that resists; positive resists rising slip.
-    fn force(&mut self, slip_mm: f64, dt_s: f64, normal_n: f64) -> f64;
-    /// Back to the virgin state at zero slip.
+pub(crate) trait DragLaw: Send {
+    /// Slips by `slip_mm` within `dt_s` and returns the drag ratio, -1 to 1. `velocity_mm_s` is the speed where it is known
+    /// from the whole recording; without it a law that needs the speed takes slip over time.
+    fn drag(&mut self, slip_mm: f64, dt_s: f64, velocity_mm_s: Option<f64>) -> f64;
+    /// Back to the virgin state.
     fn reset(&mut self);
     /// A copy with its state.
-    fn boxed_clone(&self) -> Box<dyn FrictionLaw>;
+    fn boxed_clone(&self) -> Box<dyn DragLaw>;
 }
 
-impl Clone for Box<dyn FrictionLaw> {
+impl Clone for Box<dyn DragLaw> {
     fn clone(&self) -> Self {
         self.boxed_clone()
     }
 }
 
-/// One entry of [`LAWS`].
-pub(crate) struct Law {
-    /// Name in files.
+/// A number that a law reads from the structure table. It must be above 0.
+pub(crate) struct LawKey {
+    /// Name with its unit at the end, as in the file: `transition_velocity_mm_s`.
     pub name: &'static str,
-    /// One sentence with the source.
+    /// Unit for people: `mm/s`.
+    pub unit: &'static str,
+    /// Value where the file does not give one.
+    pub default: f64,
+}
+
+/// One entry of [`LAWS`].
+pub(crate) struct FrictionLaw {
+    /// Name in the structure table: `friction = "presliding"`.
+    pub name: &'static str,
+    /// What it does, with its source, as the error text for an unknown name shows it.
     pub what: &'static str,
-    /// What a fit may move, in the order that `build` takes.
-    pub parameters: &'static [Parameter],
-    /// Builds the law from one checked value a parameter.
-    build: fn(values: &[f64]) -> Option<Box<dyn FrictionLaw>>,
+    /// Numbers of the structure table that only this law reads.
+    pub keys: &'static [LawKey],
+    /// Builds the law at rest from the model's `presliding_mm` and one number a key.
+    build: fn(presliding_mm: f64, numbers: &[f64]) -> Box<dyn DragLaw>,
 }
 
-/// All laws, by name.
-pub(crate) static LAWS: &[Law] = &[coulomb::LAW, dahl::LAW, maxwell_slip::LAW, tanh::LAW];
+/// All laws. The first one is the default.
+pub(crate) static LAWS: &[FrictionLaw] = &[presliding::LAW, sharp::LAW, tanh::LAW, none::LAW];
 
-/// The law called `name`.
-pub(crate) fn find(name: &str) -> Option<&'static Law> {
-    LAWS.iter().find(|law| law.name == name)
+/// The law that a structure table names, or the default. The error says what is wrong and which names exist.
+pub(crate) fn chosen(name: Option<&toml::Value>) -> Result<&'static FrictionLaw, String> {
+    let Some(name) = name else {
+        return Ok(&LAWS[0]);
+    };
+    LAWS.iter()
+        .find(|law| name.as_str() == Some(law.name))
+        .ok_or_else(|| {
+            let known: Vec<String> = LAWS
+                .iter()
+                .map(|law| format!("\"{}\" ({})", law.name, law.what))
+                .collect();
+            format!("friction = {name} is unknown: use {}", known.join(", "))
+        })
 }
 
-impl Law {
-    /// Builds after checking that every value is finite and within bounds.
-    pub(crate) fn law(&self, values: &[f64]) -> Result<Box<dyn FrictionLaw>, BuildError> {
-        for (p, &value) in self.parameters.iter().zip(values) {
-            let [low, high] = p.bounds;
-            if !(value >= low && value <= high) {
-                return Err(BuildError::OutOfBounds {
-                    model: self.name,
-                    name: p.name.to_owned(),
-                    value,
-                    low,
-                    high,
-                });
+/// Names and defaults of the keys of all laws, those of `law` first. A key of another law is allowed and has no effect, so
+/// that one file runs with each law.
+pub(crate) fn keys_for(law: &FrictionLaw) -> impl Iterator<Item = (&'static str, f64)> {
+    let others = LAWS.iter().filter(move |other| other.name != law.name);
+    law.keys
+        .iter()
+        .chain(others.flat_map(|other| other.keys))
+        .map(|key| (key.name, key.default))
+}
+
+impl FrictionLaw {
+    /// The law at rest. `numbers` has one number a key and may go on.
+    pub(crate) fn at_rest(&self, presliding_mm: f64, numbers: &[f64]) -> Result<Box<dyn DragLaw>, String> {
+        for (key, number) in self.keys.iter().zip(numbers) {
+            if *number <= 0.0 {
+                return Err(format!(
+                    "{} = {number} with friction = \"{}\": enter a number above 0 {}",
+                    key.name, self.name, key.unit
+                ));
             }
         }
-        (self.build)(values).ok_or_else(|| BuildError::Structure {
-            model: self.name,
-            reason: format!(
-                "{} values given for {} parameters: give one each",
-                values.len(),
-                self.parameters.len()
-            ),
-        })
+        Ok((self.build)(presliding_mm, &numbers[..self.keys.len()]))
     }
 }
-
-/// The coefficient that all laws begin with.
-const COEFFICIENT: Parameter = Parameter {
-    name: "friction_coefficient",
-    unit: "",
-    start: 0.15,
-    bounds: [0.0, 20.0],
-    belief: [0.02, 0.6],
-    what: "friction force in proportion to the normal force",
-};
-
-/// The transition length of the laws that have one.
-const PRESLIDING: Parameter = Parameter {
-    name: "presliding_mm",
-    unit: "mm",
-    start: 0.05,
-    bounds: [1e-6, 50.0],
-    belief: [1e-3, 5.0],
-    what: "slip after a reversal over which the friction turns round",
-};
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Every law over the list: unique sorted names, full sliding at mu N, an open contact carries nothing, and a
-    /// clone goes on as its original does.
+    fn at_rest(law: &FrictionLaw) -> Box<dyn DragLaw> {
+        let defaults: Vec<f64> = law.keys.iter().map(|key| key.default).collect();
+        law.at_rest(0.05, &defaults).expect("defaults are valid")
+    }
+
+    /// Full sliding is a ratio of 1, a copy goes on as its original does, and a reset gives back the virgin state.
     #[test]
     fn all_laws_keep_the_common_rules() {
-        assert!(LAWS.windows(2).all(|w| w[0].name < w[1].name));
         for law in LAWS {
-            let values: Vec<f64> = law.parameters.iter().map(|p| p.start).collect();
-            let mut friction = law.law(&values).expect("start values are within bounds");
-            assert_eq!(friction.name(), law.name);
-            let mut force_n = 0.0;
-            for i in 1..=2000 {
-                force_n = friction.force(0.01 * f64::from(i), 1e-3, 1000.0);
-            }
-            // 20 mm at 10 mm/s is full sliding for every law at its start values.
-            assert!((force_n - 150.0).abs() < 1e-6, "{}: {force_n}", law.name);
+            let mut friction = at_rest(law);
+            let first = friction.drag(0.01, 1e-3, None);
+            // 20 mm at 100 mm/s is full sliding for every law that has friction.
+            let last = (0..200).fold(0.0, |_, _| friction.drag(0.1, 1e-3, None));
+            let full = if law.name == "none" { 0.0 } else { 1.0 };
+            assert!((last - full).abs() < 1e-6, "{}: {last}", law.name);
             let mut copy = friction.boxed_clone();
             assert_eq!(
-                copy.force(19.9, 1e-3, 500.0),
-                friction.force(19.9, 1e-3, 500.0),
+                copy.drag(-0.01, 1e-3, None),
+                friction.drag(-0.01, 1e-3, None),
                 "{}",
                 law.name
             );
-            assert_eq!(friction.force(25.0, 1e-3, -5.0), 0.0, "{}", law.name);
-            assert!(law.law(&vec![f64::NAN; values.len()]).is_err());
-            assert!(law.law(&values[1..]).is_err());
+            friction.reset();
+            assert_eq!(friction.drag(0.01, 1e-3, None), first, "{}", law.name);
         }
     }
 
-    /// The laws without a rate give the same loop at any speed; tanh does not (Kadziela 2015, section 4).
+    #[test]
+    fn names_and_keys_are_unique() {
+        for (i, law) in LAWS.iter().enumerate() {
+            assert!(
+                LAWS[..i].iter().all(|other| other.name != law.name),
+                "{}",
+                law.name
+            );
+            let mut names: Vec<&str> = keys_for(law).map(|key| key.0).collect();
+            let all = names.len();
+            names.sort_unstable();
+            names.dedup();
+            assert_eq!(names.len(), all, "{names:?}");
+        }
+    }
+
+    #[test]
+    fn an_unknown_name_lists_all_laws() {
+        let error = chosen(Some(&"magnetic".into())).err().expect("no such law");
+        assert!(LAWS.iter().all(|law| error.contains(law.name)), "{error}");
+        assert!(error.contains("friction = \"magnetic\" is unknown"), "{error}");
+        assert!(chosen(Some(&5.into())).is_err());
+    }
+
+    /// The other laws give the same loop at any speed; tanh does not (Kadziela et al. 2015, section 7.5).
     #[test]
     fn only_tanh_depends_on_speed() {
         for law in LAWS {
-            let values: Vec<f64> = law.parameters.iter().map(|p| p.start).collect();
-            let peak = |dt_s: f64| {
-                let mut friction = law.law(&values).expect("start values are within bounds");
-                (1..=100).fold(0.0, |_, i| friction.force(0.01 * f64::from(i), dt_s, 100.0))
+            let end = |dt_s: f64| {
+                let mut friction = at_rest(law);
+                (0..100).fold(0.0, |_, _| friction.drag(0.01, dt_s, None))
             };
-            assert_eq!(peak(1e-3) == peak(10.0), law.name != "tanh", "{}", law.name);
+            assert_eq!(end(1e-3) == end(10.0), law.name != "tanh", "{}", law.name);
         }
     }
 }

@@ -1,72 +1,47 @@
-//! Coulomb friction smoothed by speed: `T = mu * N * tanh(v / v_transition)`. It vanishes as the speed goes to zero.
+//! Friction that depends on speed: Coulomb's law smoothed by a transition velocity.
 //!
-//! Source: the contact law of Kadziela et al. (2015, sections 4 and 5), whose slow static test therefore loses its
-//! loop. Here to reproduce that omission, not as a description of steel on steel.
+//! ```text
+//! r = tanh(v / v_t)
+//! ```
+//! v speed, mm/s; v_t `transition_velocity_mm_s`; r drag ratio. Source: the contact law of Kadziela et al. (2015, sections
+//! 6 and 7.5). It fades with the speed, so a slow static test loses its loop. It is here to reproduce that model. It does
+//! not describe steel on steel.
 
-use super::{COEFFICIENT, FrictionLaw, Law};
-use crate::model::Parameter;
-
-const PARAMETERS: &[Parameter] = &[
-    COEFFICIENT,
-    Parameter {
-        name: "transition_velocity_mm_s",
-        unit: "mm/s",
-        start: 0.1,
-        bounds: [1e-6, 1e3],
-        belief: [1e-4, 5.0],
-        what: "speed at which 76 % of the friction has built up",
-    },
-];
+use super::{DragLaw, FrictionLaw, LawKey};
 
 /// The entry of [`super::LAWS`].
-pub(crate) const LAW: Law = Law {
+pub(super) const LAW: FrictionLaw = FrictionLaw {
     name: "tanh",
-    what: "friction that fades below a transition velocity (Kadziela 2015)",
-    parameters: PARAMETERS,
-    build: |values| match *values {
-        [coefficient, transition_velocity_mm_s] => Some(Box::new(Tanh {
-            coefficient,
-            transition_velocity_mm_s,
-            slip_mm: 0.0,
-        })),
-        _ => None,
+    what: "the friction fades below transition_velocity_mm_s: Kadziela et al. 2015, sections 6 and 7.5",
+    keys: &[LawKey {
+        name: "transition_velocity_mm_s",
+        unit: "mm/s",
+        default: 5.0,
+    }],
+    build: |_, numbers| {
+        Box::new(Tanh {
+            transition_mm_s: numbers[0],
+        })
     },
 };
 
-/// The law with the slip it stands at.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 struct Tanh {
-    coefficient: f64,
-    transition_velocity_mm_s: f64,
-    slip_mm: f64,
+    transition_mm_s: f64,
 }
 
-impl FrictionLaw for Tanh {
-    fn name(&self) -> &'static str {
-        LAW.name
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        PARAMETERS
-    }
-
-    fn force(&mut self, slip_mm: f64, dt_s: f64, normal_n: f64) -> f64 {
-        let slipped_mm = slip_mm - self.slip_mm;
-        self.slip_mm = slip_mm;
-        // A step without duration is a jump: full sliding, or rest where nothing moved.
-        let lengths = if slipped_mm == 0.0 {
-            0.0
+impl DragLaw for Tanh {
+    fn drag(&mut self, slip_mm: f64, dt_s: f64, velocity_mm_s: Option<f64>) -> f64 {
+        if dt_s > 0.0 {
+            (velocity_mm_s.unwrap_or(slip_mm / dt_s) / self.transition_mm_s).tanh()
         } else {
-            slipped_mm / (dt_s * self.transition_velocity_mm_s)
-        };
-        self.coefficient * normal_n.max(0.0) * lengths.tanh()
+            0.0
+        }
     }
 
-    fn reset(&mut self) {
-        self.slip_mm = 0.0;
-    }
+    fn reset(&mut self) {}
 
-    fn boxed_clone(&self) -> Box<dyn FrictionLaw> {
+    fn boxed_clone(&self) -> Box<dyn DragLaw> {
         Box::new(self.clone())
     }
 }
@@ -77,11 +52,22 @@ mod tests {
 
     #[test]
     fn fades_below_the_transition_velocity() {
-        let mut law = LAW.law(&[0.5, 2.0]).expect("within bounds");
-        // 2 mm/s: tanh(1) = 0.76159.
-        assert!((law.force(0.002, 1e-3, 100.0) - 38.0797).abs() < 1e-4);
-        // A hundredth of it: 1 % of the friction, almost.
-        assert!((law.force(0.002_02, 1e-3, 100.0) - 0.499_983).abs() < 1e-5);
-        assert_eq!(law.force(0.002_02, 1e-3, 100.0), 0.0);
+        let mut law = LAW.at_rest(0.5, &[2.0]).expect("above 0");
+        // 2 mm/s: tanh(1) = 0.76159. A hundredth of it: tanh(0.01) = 0.0099997.
+        assert!((law.drag(0.002, 1e-3, None) - 0.761_594).abs() < 1e-6);
+        assert!((law.drag(0.000_02, 1e-3, None) - 0.009_999_7).abs() < 1e-7);
+        assert_eq!(law.drag(0.0, 1e-3, None), 0.0);
+        // A given speed replaces slip over time; a step without duration has no speed.
+        assert!((law.drag(0.0, 1e-3, Some(-2.0)) + 0.761_594).abs() < 1e-6);
+        assert_eq!(law.drag(0.1, 0.0, None), 0.0);
+    }
+
+    #[test]
+    fn a_transition_velocity_of_0_is_refused() {
+        let error = LAW.at_rest(0.5, &[0.0]).err().expect("refused");
+        assert!(
+            error.contains("transition_velocity_mm_s = 0") && error.contains("above 0 mm/s"),
+            "{error}"
+        );
     }
 }

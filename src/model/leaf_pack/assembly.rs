@@ -1,27 +1,27 @@
-//! Assembly: each leaf as its own free arc, then clamped onto the others, which gives the nip.
+//! Assembly: each leaf is a free arc and is then clamped onto the others, which gives the nip.
 //!
-//! The clamp holds the leaves flat. The leaves start out as parallel arcs of leaf 1's curvature and take their own
-//! curvatures in a few steps without friction, the eyes free: what is left between the tips is the pre-stress.
+//! The clamp holds the leaves flat. The leaves start as parallel arcs with the curvature of leaf 1 and take their own
+//! curvatures in a few steps without friction and with free eyes. The contact forces that remain are the pre-stress.
 
 use super::band::V3;
 use super::beam::Beam;
 use super::contact::{Contact, NormalLaw};
-use super::friction::SlipLaw;
-use super::geometry::{FrictionChoice, Leaf, Mesh, NormalChoice, PackStructure};
+use super::geometry::{ContactChoice, Leaf, Mesh, PackStructure};
 use super::parameters::Values;
 use super::side::{HalfPack, StepInfo};
+use super::slip_law::SlipLaw;
 
 /// Steps from parallel arcs to the leaves' own curvatures.
 const NIP_STEPS: f64 = 4.0;
-/// Share of the way below which the assembly is given up.
+/// Shortest step, as a share of the whole change of curvature. The assembly fails below it.
 const SHORTEST_STRIDE: f64 = 1e-3;
-/// Newton iterations of one of them.
+/// Newton iterations of one step.
 const NIP_ITERATIONS: usize = 80;
-/// Those of them that take the whole correction: mostly the contacts are found by then.
+/// Iterations that take the whole correction. Usually the contacts are found within them.
 const WHOLE_ITERATIONS: usize = 14;
-/// Residual below which no contact opens or closes any more, N.
+/// Residual below which no contact opens or closes, N.
 const LINEAR_N: f64 = 1e-2;
-/// Residual at which the assembly counts as in equilibrium, N.
+/// Residual at which the assembly is in equilibrium, N.
 const NIP_TOLERANCE_N: f64 = 1e-6;
 
 /// The parts of one side, ready for [`HalfPack::new`].
@@ -32,7 +32,6 @@ pub(super) struct Assembly {
     pub inner: Vec<usize>,
     pub leaf_of: Vec<usize>,
     pub contacts: Vec<Contact>,
-    pub contact_count: usize,
     pub reach: Vec<usize>,
     pub mass: Vec<[f64; 2]>,
     pub normal_law: NormalLaw,
@@ -41,6 +40,22 @@ pub(super) struct Assembly {
 
 /// A clamped side at rest, its eye free, before friction is switched on.
 pub(super) fn clamped_side(structure: &PackStructure, values: &Values) -> Result<HalfPack, String> {
+    let leaves = corrected_leaves(structure, values)?;
+    let halves: Vec<f64> = leaves.iter().map(|l| 0.5 * l.length_mm).collect();
+    let mesh = Mesh::new(&halves, 0.5 * values.clamp_length_mm, structure.segments)?;
+    let mut side = HalfPack::new(parts(structure, values, &leaves, &mesh));
+    take_own_curvatures(&mut side, &leaves)?;
+    side.mu = values.interleaf_mu;
+    start_slips(&mut side);
+    side.note_strain();
+    side.settled.copy_from_slice(&side.nodes);
+    side.before.copy_from_slice(&side.nodes);
+    side.older.copy_from_slice(&side.nodes);
+    Ok(side)
+}
+
+/// The leaves with the thickness correction.
+fn corrected_leaves(structure: &PackStructure, values: &Values) -> Result<Vec<Leaf>, String> {
     let leaves: Vec<Leaf> = structure
         .leaves
         .iter()
@@ -49,17 +64,20 @@ pub(super) fn clamped_side(structure: &PackStructure, values: &Values) -> Result
             ..*leaf
         })
         .collect();
-    if let Some(i) = leaves.iter().position(|l| l.thickness_mm <= 0.0) {
-        return Err(format!(
-            "leaf {} is {} mm thick after the correction: correct less",
+    match leaves.iter().position(|l| l.thickness_mm <= 0.0) {
+        Some(i) => Err(format!(
+            "leaf {} is {} mm thick after thickness_correction_mm = {}: enter a smaller correction",
             i + 1,
-            leaves[i].thickness_mm
-        ));
+            leaves[i].thickness_mm,
+            values.thickness_correction_mm
+        )),
+        None => Ok(leaves),
     }
-    let halves: Vec<f64> = leaves.iter().map(|l| 0.5 * l.length_mm).collect();
-    let mesh = Mesh::new(&halves, 0.5 * values.clamp_length_mm, structure.segments)?;
-    let mut side = HalfPack::new(parts(structure, values, &leaves, &mesh));
-    let depth = depths(&leaves);
+}
+
+/// From parallel arcs to the leaves' own curvatures, in shorter steps where the equilibrium is not found.
+fn take_own_curvatures(side: &mut HalfPack, leaves: &[Leaf]) -> Result<(), String> {
+    let depth = depths(leaves);
     let bend = |side: &mut HalfPack, share: f64| {
         for b in 0..side.beams.len() {
             let leaf = side.leaf_of[b];
@@ -75,18 +93,23 @@ pub(super) fn clamped_side(structure: &PackStructure, values: &Values) -> Result
     while done < 1.0 {
         let goal = f64::min(done + stride, 1.0);
         side.settled.copy_from_slice(&side.nodes);
-        if bend(&mut side, goal) {
+        if bend(side, goal) {
             done = goal;
         } else if stride > SHORTEST_STRIDE {
             side.nodes.copy_from_slice(&side.settled);
             stride *= 0.5;
         } else {
             return Err(
-                "the leaves found no equilibrium when clamped: check radii and thicknesses".to_owned(),
+                "the clamped leaves have no equilibrium: check radius_mm and thickness_mm of the leaves"
+                    .to_owned(),
             );
         }
     }
-    side.mu = values.interleaf_mu;
+    Ok(())
+}
+
+/// Starts the friction of all contacts without force, at the present slip.
+fn start_slips(side: &mut HalfPack) {
     for i in 0..side.contacts.len() {
         let c = side.contacts[i].contact;
         let (u, l) = (side.nodes[c.upper], side.nodes[c.lower]);
@@ -95,21 +118,16 @@ pub(super) fn clamped_side(structure: &PackStructure, values: &Values) -> Result
         side.contacts[i].slip_start_mm = m.slip;
         side.contacts[i].normal_n = side.normal_law.force(-m.gap).0;
     }
-    side.note_strain();
-    side.settled.copy_from_slice(&side.nodes);
-    side.before.copy_from_slice(&side.nodes);
-    side.older.copy_from_slice(&side.nodes);
-    Ok(side)
 }
 
-/// Newton's method to equilibrium with the eye free. Without friction there is an energy to descend: where whole
-/// corrections go to and fro between contacts, one that runs past the energy's minimum is shortened to it.
+/// Newton's method to equilibrium with the eye free. Without friction the equilibrium is a minimum of energy. Where whole
+/// corrections alternate between contacts, a correction that passes the minimum is shortened to it.
 fn settle(side: &mut HalfPack) -> bool {
     let still = StepInfo {
         dt_s: 1.0,
         viscosity: 0.0,
         inertia: 0.0,
-        frame_acceleration: [0.0; 2],
+        clamp_acceleration: [0.0; 2],
     };
     let fixed = side.fixed;
     for k in 0..NIP_ITERATIONS {
@@ -124,7 +142,7 @@ fn settle(side: &mut HalfPack) -> bool {
         }
         side.band.solve(&mut side.scratch);
         let slope = descent(side);
-        // No body turns by more than this in one go.
+        // A body turns by 0.05 rad per iteration at most.
         let turn = side.scratch.iter().fold(0.0f64, |m, r| m.max(r[2].abs()));
         let whole = (0.05 / turn).min(1.0);
         go(side, whole);
@@ -141,7 +159,7 @@ fn settle(side: &mut HalfPack) -> bool {
     false
 }
 
-/// How steeply the energy falls along the correction at hand.
+/// Slope of the energy along the present correction, N mm.
 fn descent(side: &HalfPack) -> f64 {
     let rest = &side.residual[side.fixed..];
     rest.iter()
@@ -150,7 +168,7 @@ fn descent(side: &HalfPack) -> f64 {
         .sum()
 }
 
-/// Takes a share of the correction at hand.
+/// Takes a share of the present correction.
 fn go(side: &mut HalfPack, share: f64) {
     let fixed = side.fixed;
     for (node, d) in side.nodes[fixed..].iter_mut().zip(&side.scratch) {
@@ -160,79 +178,99 @@ fn go(side: &mut HalfPack, share: f64) {
     }
 }
 
+/// All parts of one side, the leaves as parallel arcs.
 fn parts(structure: &PackStructure, values: &Values, leaves: &[Leaf], mesh: &Mesh) -> Assembly {
-    let start_mm = 0.5 * values.clamp_length_mm;
-    let depth = depths(leaves);
-    let fixed = leaves.len();
-    // Within a station the lowest leaf comes first, so that leaf 1 with the eye is eliminated last.
-    let mut nodes: Vec<V3> = (0..fixed)
-        .rev()
-        .map(|leaf| [start_mm, -depth[leaf], 0.0])
-        .collect();
-    let (mut beams, mut inner, mut leaf_of, mut contacts, mut reach) =
-        (vec![], vec![], vec![], vec![], vec![]);
-    let mut last: Vec<usize> = (0..fixed).map(|leaf| fixed - 1 - leaf).collect();
-    let mut from_mm = start_mm;
-    for (k, &at_mm) in mesh.station_mm.iter().enumerate() {
-        let here = mesh.leaves_at[k];
-        let next = mesh.leaves_at.get(k + 1).copied().unwrap_or(0);
-        for leaf in (0..here).rev() {
-            let Leaf {
-                thickness_mm,
-                width_mm,
-                ..
-            } = leaves[leaf];
-            let node = nodes.len();
-            let radius = leaves[0].radius_mm + depth[leaf];
-            let angle = (at_mm - start_mm) / radius;
-            nodes.push([
-                start_mm + radius * angle.sin(),
-                leaves[0].radius_mm - radius * angle.cos(),
-                angle,
-            ]);
-            beams.push(Beam::new(
-                values.e_mpa,
-                width_mm,
-                thickness_mm,
-                at_mm - from_mm,
-                1.0 / radius,
-            ));
-            inner.push(last[leaf]);
-            last[leaf] = node;
-            leaf_of.push(leaf);
-            // To the same leaf's body at the next station, or at least to the end of this one.
-            reach.push(if leaf < next { next } else { leaf });
-            if leaf > 0 {
-                contacts.push(contact(leaves, leaf, node));
-            }
-        }
-        from_mm = at_mm;
-    }
-    let reach = envelope(reach);
-    let slip_law = match structure.friction_law {
-        FrictionChoice::Presliding => SlipLaw::Presliding(structure.tangential_stiffness_n_per_mm),
-        FrictionChoice::Tanh => SlipLaw::Tanh(structure.transition_velocity_mm_s),
-    };
-    let normal_law = match structure.contact_law {
-        NormalChoice::Penalty => NormalLaw::Penalty(structure.contact_stiffness_n_per_mm),
-        NormalChoice::Hertz => NormalLaw::hertz(values.e_mpa, structure.sphere_radius_mm),
-    };
-    Assembly {
-        fixed,
-        mass: masses(structure, leaves, &beams, &leaf_of),
-        contact_count: contacts.len(),
+    let Bodies {
         nodes,
         beams,
         inner,
         leaf_of,
         contacts,
         reach,
-        normal_law,
-        slip_law,
+    } = bodies(values, leaves, mesh);
+    Assembly {
+        fixed: leaves.len(),
+        mass: masses(structure, leaves, &beams, &leaf_of),
+        nodes,
+        beams,
+        inner,
+        leaf_of,
+        contacts,
+        reach: envelope(reach),
+        normal_law: match structure.contact_law {
+            ContactChoice::Penalty => NormalLaw::Penalty(structure.contact_stiffness_n_per_mm),
+            ContactChoice::Hertz => NormalLaw::hertz(values.e_mpa, structure.sphere_radius_mm),
+        },
+        slip_law: structure.slide_law(),
     }
 }
 
-/// How far each leaf's middle lies below leaf 1's in the clamp, mm.
+/// Nodes, beams and contacts of one side, see [`HalfPack`].
+struct Bodies {
+    nodes: Vec<V3>,
+    beams: Vec<Beam>,
+    inner: Vec<usize>,
+    leaf_of: Vec<usize>,
+    contacts: Vec<Contact>,
+    /// Number of bodies after each body that it can couple to.
+    reach: Vec<usize>,
+}
+
+/// Bodies station by station. Within a station the lowest leaf comes first, so that leaf 1 with the eye is eliminated last.
+fn bodies(values: &Values, leaves: &[Leaf], mesh: &Mesh) -> Bodies {
+    let start_mm = 0.5 * values.clamp_length_mm;
+    let depth = depths(leaves);
+    let fixed = leaves.len();
+    let clamped = (0..fixed).rev().map(|leaf| [start_mm, -depth[leaf], 0.0]);
+    let mut out = Bodies {
+        nodes: clamped.collect(),
+        beams: vec![],
+        inner: vec![],
+        leaf_of: vec![],
+        contacts: vec![],
+        reach: vec![],
+    };
+    let mut last: Vec<usize> = (0..fixed).map(|leaf| fixed - 1 - leaf).collect();
+    let mut from_mm = start_mm;
+    for (k, &at_mm) in mesh.station_mm.iter().enumerate() {
+        let next = mesh.leaves_at.get(k + 1).copied().unwrap_or(0);
+        for leaf in (0..mesh.leaves_at[k]).rev() {
+            let Leaf {
+                thickness_mm,
+                width_mm,
+                ..
+            } = leaves[leaf];
+            let radius = leaves[0].radius_mm + depth[leaf];
+            let angle = (at_mm - start_mm) / radius;
+            let length_mm = at_mm - from_mm;
+            let node = out.nodes.len();
+            out.nodes.push([
+                start_mm + radius * angle.sin(),
+                leaves[0].radius_mm - radius * angle.cos(),
+                angle,
+            ]);
+            out.beams.push(Beam::new(
+                values.e_mpa,
+                width_mm,
+                thickness_mm,
+                length_mm,
+                1.0 / radius,
+            ));
+            out.inner.push(last[leaf]);
+            last[leaf] = node;
+            out.leaf_of.push(leaf);
+            // To the same leaf's body at the next station, or at least to the end of this station.
+            out.reach.push(if leaf < next { next } else { leaf });
+            if leaf > 0 {
+                out.contacts.push(contact(leaves, leaf, node));
+            }
+        }
+        from_mm = at_mm;
+    }
+    out
+}
+
+/// Distance of each leaf's middle line below that of leaf 1 in the clamp, mm.
 fn depths(leaves: &[Leaf]) -> Vec<f64> {
     let mut depth = vec![0.0];
     for pair in leaves.windows(2) {
@@ -255,7 +293,7 @@ fn contact(leaves: &[Leaf], leaf: usize, node: usize) -> Contact {
     }
 }
 
-/// A row reaches at least to where the row before it did: elimination fills the band that far.
+/// Each row reaches at least as far as the row before it, because the elimination fills the band that far.
 fn envelope(mut reach: Vec<usize>) -> Vec<usize> {
     let n = reach.len();
     let mut far = 0;
@@ -266,7 +304,7 @@ fn envelope(mut reach: Vec<usize>) -> Vec<usize> {
     reach
 }
 
-/// Each body has half the mass of the beam before and of the one after it.
+/// Masses and rotary inertias: each body has half of the beam before it and half of the beam after it.
 fn masses(structure: &PackStructure, leaves: &[Leaf], beams: &[Beam], leaf_of: &[usize]) -> Vec<[f64; 2]> {
     let mut mass = vec![[0.0; 2]; beams.len()];
     let mut before: Vec<Option<usize>> = vec![None; leaves.len()];

@@ -1,18 +1,18 @@
 //! Block-band LU of one side of the pack: 3 x 3 blocks, no pivoting, work linear in the number of bodies.
 //!
 //! The bodies are numbered station by station, so a body couples to its station and to the next one only.
-//! Contact stiffness and slip make the matrix unsymmetric; the springs at the clamp keep its pivots away from zero.
+//! Contact stiffness and slip make the matrix unsymmetric. The beams at the clamp keep its pivots away from zero.
 
 /// A body's (x, y, angle) triple: displacements in mm and rad, or forces in N and N mm.
 pub(super) type V3 = [f64; 3];
 /// A 3 x 3 block, row by row.
 pub(super) type M3 = [f64; 9];
 
-/// The matrix, then in place its factors.
+/// The matrix, and after [`BlockBand::factor`] its factors in the same place.
 #[derive(Debug, Clone)]
 pub(super) struct BlockBand {
     width: usize,
-    /// How many rows below (and columns right of) each pivot its elimination touches.
+    /// Number of rows below (and of columns right of) each pivot that its elimination changes.
     reach: Vec<usize>,
     /// Diagonal and upper blocks: row `b` holds columns `b ..= b + width`.
     upper: Vec<M3>,
@@ -23,7 +23,7 @@ pub(super) struct BlockBand {
 }
 
 impl BlockBand {
-    /// A zero matrix for the given reach a row (must not shrink by more than one from row to row).
+    /// A zero matrix for the given reach per row, which must not shrink by more than one from row to row.
     pub(super) fn new(reach: Vec<usize>) -> Self {
         let width = reach.iter().copied().max().unwrap_or(0);
         let n = reach.len();
@@ -98,7 +98,7 @@ impl BlockBand {
         self.solve_upper(x);
     }
 
-    /// The back-substitution alone: enough where only the last body's row is not zero.
+    /// The back substitution alone, for a right-hand side that is zero except in the last body's row.
     pub(super) fn solve_upper(&self, x: &mut [V3]) {
         let w = self.width;
         for p in (0..self.reach.len()).rev() {
@@ -177,7 +177,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn solves_what_it_was_given() {
+    fn solves_a_known_system() {
         let reach = vec![3, 3, 3, 2, 2, 1, 0];
         let n = reach.len();
         let mut band = BlockBand::new(reach.clone());
@@ -217,7 +217,7 @@ mod tests {
         assert!(band.factor());
         band.solve(&mut x);
         for (a, b) in x.iter().flatten().zip(&flat) {
-            // Well conditioned by its heavy diagonal: some ulp per operation.
+            // Well conditioned by its dominant diagonal: some rounding errors per operation.
             assert!((a - b).abs() < 1e-13, "{a} against {b}");
         }
     }

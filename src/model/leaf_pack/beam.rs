@@ -5,18 +5,20 @@
 //! K: EA/L, 12EI/L^3, 6EI/L^2, 4EI/L (2EI/L)   (2)   the planar part
 //! D = xi diag(K)                              (4)
 //! ```
-//! x are the deformations left after the rigid motion of the chord is taken off (corotational frame: Crisfield 1991,
-//! ch. 7): stretch of the chord and the two end angles against it. So a rigid rotation gives no force at all, and eq. 2
-//! shows as EA/L and EI/L [4 2; 2 4] in the chord's frame. The unstressed shape is an arc: a leaf keeps its camber.
+//! F end forces, N, and moments, N mm; E Young's modulus, MPa; A and I area, mm2, and second moment, mm4, of the section; L arc
+//! length, mm; xi damping time, s. x are the deformations without the rigid motion of the chord (corotational formulation:
+//! Crisfield 1991, ch. 7): stretch of the chord, mm, and the two end angles against it, rad. So a rigid rotation gives no
+//! force, and eq. 2 becomes EA/L and EI/L [4 2; 2 4] in the axes of the chord. The unstressed shape is an arc: a leaf keeps its
+//! camber. It holds for small strains and without shear deformation.
 
 use super::band::{M3, V3};
 
 /// Constants of one element.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Beam {
-    /// EA/L, N/mm.
+    /// Axial stiffness EA/L, N/mm.
     pub axial: f64,
-    /// EI/L, N mm.
+    /// Bending stiffness EI/L, N mm per rad.
     pub bending: f64,
     /// Unstressed chord, mm.
     pub chord: f64,
@@ -26,10 +28,10 @@ pub(super) struct Beam {
     pub length: f64,
 }
 
-/// Deformation in the chord's frame: stretch, mm, and both end angles, rad.
+/// Deformation in the axes of the chord: stretch, mm, and both end angles, rad.
 pub(super) type Strain = V3;
 
-/// One evaluation: end forces, and what the tangent needs.
+/// End forces at one estimate, with the values that the tangent needs.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct BeamForce {
     pub inner: V3,
@@ -75,7 +77,7 @@ impl Beam {
         let l = (dx * dx + dy * dy).sqrt();
         let per_l = 1.0 / l;
         let (cosine, sine) = (dx * per_l, dy * per_l);
-        // Chord's angle against end a, so that turns beyond pi are no matter.
+        // Angle of the chord against end a, so that rotations beyond pi are allowed.
         let turn = small_atan2(trig[0] * dy - trig[1] * dx, trig[0] * dx + trig[1] * dy);
         let strain = [
             l - self.chord,
@@ -112,7 +114,7 @@ impl Beam {
         let n_k = self.axial * (1.0 + viscosity);
         let d = self.bending * 4.0 * (1.0 + viscosity);
         let o = self.bending * 2.0;
-        // In the chord's frame the translations see (axial, shear) stiffness; the geometric part joins them.
+        // Axial and shear stiffness in the axes of the chord, with the geometric part.
         let k_l = n_k;
         let k_t = (2.0 * d + 2.0 * o) / (l * l) + f.normal / l;
         let k_x = f.moment / (l * l);
@@ -127,13 +129,14 @@ impl Beam {
     }
 
     /// Elastic energy, N mm.
+    #[cfg(test)]
     pub(super) fn energy_nmm(&self, strain: &Strain) -> f64 {
         let [e, a, b] = *strain;
         0.5 * self.axial * e * e + self.bending * 2.0 * (a * a + a * b + b * b)
     }
 }
 
-/// atan2 for the small angles between a chord and its end: a series below 0.1, the library's beyond.
+/// atan2 for the small angles between a chord and its end: a series below 0.1 rad, the standard library beyond.
 #[inline]
 fn small_atan2(y: f64, x: f64) -> f64 {
     let z = y / x;
@@ -179,9 +182,8 @@ mod tests {
             let worst = forces(&beam, &[3.0, 4.0, angle], &b)
                 .iter()
                 .fold(0.0f64, |m, f| m.max(f.abs()));
-            println!("turn {angle:.1} rad: {worst:.1e} N");
             // Rounding of 30 mm against EA/L = 2.1e6 N/mm.
-            assert!(worst < 1e-7);
+            assert!(worst < 1e-7, "turn {angle:.1} rad: {worst:.1e} N");
         }
     }
 
@@ -230,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn series_agrees_with_the_library() {
+    fn the_series_agrees_with_atan2() {
         for k in -20..=20 {
             let angle = 0.02 * f64::from(k);
             assert!((small_atan2(3.0 * angle.sin(), 3.0 * angle.cos()) - angle).abs() < 1e-15);

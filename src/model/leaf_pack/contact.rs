@@ -1,32 +1,37 @@
 //! Contact of a leaf with the one above it: a sphere on an extruded surface (Kadziela et al. 2015, Fig. 1).
 //!
 //! ```text
-//! gap   g = -eta - h + kappa xi^2 / 2          sphere centre (xi, eta) in the upper segment's frame
+//! gap   g = -eta - h + kappa xi^2 / 2          sphere centre (xi, eta) in the axes of the upper segment
 //! slip  s = xi - rho (theta_lower - theta_upper)
 //! force N = k (-g)  (penalty)   or   N = 4/3 E* sqrt(R) (-g)^(3/2)  (Hertz),  none where g > 0
 //! ```
-//! h standoff of the two middle lines, rho sphere radius (half the lower leaf), kappa curvature of the upper leaf's face.
-//! Normal and friction force act along the gradients of g and s, so their work is exactly the energy that is booked.
+//! All lengths in mm: h distance of the two middle lines, rho sphere radius (half the thickness of the lower leaf), kappa
+//! curvature of the upper leaf's face, 1/mm; N normal force, N; k stiffness, N/mm; E* reduced modulus, MPa; R sphere radius of
+//! the Hertz law. Normal and friction force act along the gradients of g and s, so their work is exactly the energy that the
+//! balance counts. It holds for contact near the station (xi small against the leaf's radius).
 
 use super::band::{M3, V3};
-use super::friction::Response;
+use super::slip_law::SlipResponse;
 
-/// Geometry of one contact.
+/// Nodes and geometry of one contact.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Contact {
     pub lower: usize,
     pub upper: usize,
+    /// Distance of the two middle lines in contact, mm.
     pub standoff: f64,
+    /// Sphere radius of the lower leaf, mm.
     pub sphere: f64,
+    /// Curvature of the upper leaf's face, 1/mm.
     pub curvature: f64,
 }
 
-/// Normal law.
+/// Normal law of a contact with its constant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum NormalLaw {
-    /// N = k d: k in N/mm.
+    /// N = k d with the approach d, mm; k in N/mm.
     Penalty(f64),
-    /// N = c d^1.5: c in N/mm^1.5.
+    /// N = c d^1.5 with c in N/mm^1.5.
     Hertz(f64),
 }
 
@@ -53,6 +58,7 @@ impl NormalLaw {
     }
 
     /// Elastic energy at an approach of `d` mm, N mm.
+    #[cfg(test)]
     pub(crate) fn energy_nmm(self, d: f64) -> f64 {
         let d = d.max(0.0);
         match self {
@@ -62,7 +68,7 @@ impl NormalLaw {
     }
 }
 
-/// Gap, slip and their gradients by (x, y of the lower body against the upper, upper angle, lower angle).
+/// Gap and slip, mm, and their gradients by (x and y of the lower body against the upper one, upper angle, lower angle).
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Measure {
     pub gap: f64,
@@ -103,7 +109,7 @@ impl Measure {
     }
 
     /// Tangent blocks (upper-upper, upper-lower, lower-upper, lower-lower).
-    pub(super) fn tangent(&self, curvature: f64, n: f64, n_by_d: f64, mu: f64, r: &Response) -> [M3; 4] {
+    pub(super) fn tangent(&self, curvature: f64, n: f64, n_by_d: f64, mu: f64, r: &SlipResponse) -> [M3; 4] {
         let g = [self.gap_by[0], self.gap_by[1], self.gap_by[2], 0.0];
         let s = self.slip_by;
         let mut k = [[0.0; 4]; 4];
@@ -148,7 +154,7 @@ impl Measure {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::leaf_pack::friction::{Slider, SlipLaw};
+    use crate::model::leaf_pack::slip_law::{Slider, SlipLaw};
 
     /// Hertz (1882): d = (9 F^2 / (16 E*^2 R))^(1/3).
     #[test]
@@ -157,8 +163,7 @@ mod tests {
         let (force, _) = law.force(0.01);
         let reduced = 207_000.0 / 1.82;
         let wanted = (9.0 * force * force / (16.0 * reduced * reduced * 25.0)).cbrt();
-        println!("Hertz: {force:.3} N at 0.01 mm, closed form {wanted:.12} mm");
-        assert!((wanted - 0.01).abs() < 1e-14);
+        assert!((wanted - 0.01).abs() < 1e-14, "{wanted}");
         assert_eq!(law.force(-0.01), (0.0, 0.0));
     }
 

@@ -1,22 +1,22 @@
-//! What the pack is made of: leaves, mesh, mounting and options, as a structure table gives them; and the mesh drawn from them.
+//! Structure table of a leaf pack: leaves, mesh, mounting and options; and the mesh that follows from them.
 //!
 //! The mesh has a station wherever a leaf ends, so all leaves share their stations and a contact pairs two bodies of one
-//! station. `segments` are shared out so that the longest segment is as short as can be: 84 give the 5, 4, 5 a side of
-//! the first paper's spring (84 beams + 56 contacts + the two of eye and pusher = its 142 force elements).
+//! station. `segments` are split such that the longest segment is as short as possible: 84 give the 5, 4, 5 per side of the
+//! first paper's spring (84 beams + 56 contacts + eye and pusher = its 142 force elements).
 
 use serde::{Deserialize, Serialize};
+
+use super::slip_law::SlipLaw;
 
 /// One leaf as it lies on the bench, before assembly. Source of the default: Kadziela et al. (2015), Table 1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Leaf {
-    /// Length along the arc, mm. A leaf reaches no further than the one above it: it is cut there.
+    /// Length along the arc, mm. A leaf that is longer than the one above it is cut to that length.
     pub length_mm: f64,
-    /// Thickness, mm.
     pub thickness_mm: f64,
     /// Radius of its free arc, mm, concave towards the eyes.
     pub radius_mm: f64,
-    /// Width, mm.
     pub width_mm: f64,
 }
 
@@ -26,77 +26,76 @@ pub(crate) struct Leaf {
 pub(crate) enum Mounting {
     /// Both eyes on linear bearings on a guide rail.
     Rail,
-    /// One eye pinned to the frame, the other on a shackle.
+    /// One eye on a pin in the load frame, the other on a shackle.
     Shackle,
 }
 
-/// Friction law of all sliding places.
+/// Friction law of all sliding places, as the structure key `friction_law` names it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum FrictionChoice {
-    /// Rate-independent elastic-plastic.
+    /// Elastic-plastic, independent of the rate.
     Presliding,
-    /// The paper's regularised law with `transition_velocity_mm_s`.
+    /// The paper's law, regularised with `transition_velocity_mm_s`.
     Tanh,
 }
 
-/// Normal law of the leaf contacts.
+/// Normal law of the leaf contacts, as the structure key `contact_law` names it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub(crate) enum NormalChoice {
-    /// Linear: `contact_stiffness_n_per_mm`. A line contact of two faces is close to that.
+pub(crate) enum ContactChoice {
+    /// Linear with `contact_stiffness_n_per_mm`. A line contact of two faces is nearly linear.
     Penalty,
     /// Hertz's sphere on a plane of `sphere_radius_mm`, as in the paper.
     Hertz,
 }
 
-/// With or without inertia.
+/// Steps with or without inertia.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Dynamics {
-    /// Equilibrium at every step.
+    /// Static equilibrium at every step.
     QuasiStatic,
     /// Masses of all bodies and of the clamp.
     Full,
 }
 
-/// The structure table of a leaf pack. Missing keys take the first paper's spring.
+/// The structure table of a leaf pack. The defaults are the first paper's spring.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct PackStructure {
-    /// Leaves from the one with the eyes down.
+    /// Leaves, first the one with the eyes.
     pub leaves: Vec<Leaf>,
-    /// Rigid segments of the whole pack, both sides (the nearest number that the stations allow is taken).
+    /// Rigid segments of the whole pack, both sides. The mesh takes the nearest number that its stations allow.
     pub segments: usize,
     /// How the eyes are held.
     pub mounting: Mounting,
-    /// Friction law.
     pub friction_law: FrictionChoice,
     /// Transition velocity of the tanh law, mm/s.
     pub transition_velocity_mm_s: f64,
     /// Quasi-static or full dynamics.
     pub dynamics: Dynamics,
-    /// Solve one side and mirror it, where the mounting is symmetric (rail). Same result, half the work.
+    /// Solves one side and mirrors it where the mounting is symmetric (rail). Same result, half the work.
     pub mirror: bool,
     /// Pin centre of the eye above the middle of leaf 1, mm.
     pub eye_offset_mm: f64,
     /// Radius of the eye pins, mm.
     pub pin_radius_mm: f64,
-    /// Shackle, pin to pin, mm.
+    /// Length of the shackle from pin to pin, mm.
     pub shackle_length_mm: f64,
     /// Normal law between leaves.
-    pub contact_law: NormalChoice,
+    pub contact_law: ContactChoice,
     /// Penalty stiffness of a leaf contact, N/mm.
     pub contact_stiffness_n_per_mm: f64,
     /// Sphere radius of the Hertz law, mm.
     pub sphere_radius_mm: f64,
-    /// Tangential stiffness before sliding, N/mm. Below 1e5 the loops of dry friction are lost.
+    /// Tangential stiffness before sliding, N/mm. Below 1e5 the friction loops become too small.
     pub tangential_stiffness_n_per_mm: f64,
     /// Torsional stiffness of a pin before sliding, N mm/rad.
     pub pin_stiffness_nmm_per_rad: f64,
     /// Stiffness of pins, rail and pusher, N/mm.
     pub support_stiffness_n_per_mm: f64,
-    /// xi of eq. (4), s.
+    /// Damping time xi of eq. (4), s.
     pub structural_damping_s: f64,
     /// Density of the leaves, kg/m3.
     pub density_kg_m3: f64,
@@ -128,7 +127,7 @@ impl Default for PackStructure {
             eye_offset_mm: 0.0,
             pin_radius_mm: 8.0,
             shackle_length_mm: 85.0,
-            contact_law: NormalChoice::Penalty,
+            contact_law: ContactChoice::Penalty,
             contact_stiffness_n_per_mm: 2e5,
             sphere_radius_mm: 25.0,
             tangential_stiffness_n_per_mm: 2e5,
@@ -142,6 +141,20 @@ impl Default for PackStructure {
 }
 
 impl PackStructure {
+    /// The chosen friction law with its constant: a stiffness before sliding (N/mm, or N mm/rad at a pin), or a transition
+    /// velocity (mm/s, or rad/s at a pin).
+    pub(super) fn slip_law(&self, stiffness: f64, velocity: f64) -> SlipLaw {
+        match self.friction_law {
+            FrictionChoice::Presliding => SlipLaw::Presliding(stiffness),
+            FrictionChoice::Tanh => SlipLaw::Tanh(velocity),
+        }
+    }
+
+    /// The friction law between leaves, on the rail and on the board.
+    pub(super) fn slide_law(&self) -> SlipLaw {
+        self.slip_law(self.tangential_stiffness_n_per_mm, self.transition_velocity_mm_s)
+    }
+
     /// Reads and checks a structure table.
     pub(crate) fn from_table(table: &toml::Table) -> Result<Self, String> {
         let structure: PackStructure = table
@@ -152,10 +165,13 @@ impl PackStructure {
         Ok(structure)
     }
 
-    /// What is wrong with it, and what to do.
+    /// Refuses values that no pack can have; the error says what to enter.
     pub(crate) fn check(&self) -> Result<(), String> {
         if self.leaves.is_empty() || self.leaves.len() > 12 {
-            return Err(format!("leaves has {} entries: give 1 to 12", self.leaves.len()));
+            return Err(format!(
+                "leaves has {} entries: enter 1 to 12 leaves",
+                self.leaves.len()
+            ));
         }
         for (i, leaf) in self.leaves.iter().enumerate() {
             for (key, value) in [
@@ -168,7 +184,10 @@ impl PackStructure {
             }
         }
         if self.segments > 100_000 {
-            return Err(format!("segments = {}: give at most 100000", self.segments));
+            return Err(format!(
+                "segments = {} is too large: enter at most 100000",
+                self.segments
+            ));
         }
         for (key, value) in [
             ("transition_velocity_mm_s", self.transition_velocity_mm_s),
@@ -189,12 +208,12 @@ impl PackStructure {
         }
         if !(self.structural_damping_s >= 0.0 && self.structural_damping_s.is_finite()) {
             return Err(format!(
-                "structural_damping_s = {}: give 0 or more",
+                "structural_damping_s = {} is not allowed: enter 0 or more",
                 self.structural_damping_s
             ));
         }
         if !self.eye_offset_mm.is_finite() {
-            return Err("eye_offset_mm is not a number: give one".to_owned());
+            return Err("eye_offset_mm is not a finite number: enter a finite number".to_owned());
         }
         Ok(())
     }
@@ -204,7 +223,9 @@ fn positive(key: &str, value: f64) -> Result<(), String> {
     if value > 0.0 && value.is_finite() {
         Ok(())
     } else {
-        Err(format!("{key} = {value}: give a number above 0"))
+        Err(format!(
+            "{key} = {value} is not allowed: enter a finite number above 0"
+        ))
     }
 }
 
@@ -224,7 +245,7 @@ impl Mesh {
             shortest = shortest.min(half);
             if shortest <= start_mm {
                 return Err(format!(
-                    "leaf {} ends within the clamp ({} mm of {} mm): lengthen it or shorten the clamp",
+                    "leaf {} ends within the clamp (the leaf is {} mm long, clamp_length_mm = {}): enter a longer leaf or a shorter clamp",
                     i + 1,
                     2.0 * shortest,
                     2.0 * start_mm
@@ -241,7 +262,7 @@ impl Mesh {
             .collect();
         let starts: Vec<f64> = std::iter::once(start_mm).chain(ends.iter().copied()).collect();
         let lengths: Vec<f64> = starts.windows(2).map(|w| w[1] - w[0]).collect();
-        let counts = share_out(&lengths, &leaves, segments / 2);
+        let counts = split_segments(&lengths, &leaves, segments / 2);
         let (mut station_mm, mut leaves_at) = (Vec::new(), Vec::new());
         for (i, &n) in counts.iter().enumerate() {
             for k in 1..=n {
@@ -256,8 +277,8 @@ impl Mesh {
     }
 }
 
-/// Segments of each stretch between leaf ends, `budget` in all (a stretch costs its number of leaves).
-fn share_out(lengths: &[f64], leaves: &[usize], budget: usize) -> Vec<usize> {
+/// Segments of each interval between leaf ends. One segment of an interval counts once per leaf; `budget` is the most in all.
+fn split_segments(lengths: &[f64], leaves: &[usize], budget: usize) -> Vec<usize> {
     let mut counts = vec![1; lengths.len()];
     let mut used: usize = leaves.iter().sum();
     loop {
@@ -281,7 +302,7 @@ mod tests {
     const HALVES: [f64; 4] = [440.0, 460.0, 330.0, 200.0];
 
     #[test]
-    fn the_papers_resolution_comes_out() {
+    fn the_default_mesh_is_that_of_the_paper() {
         let mesh = Mesh::new(&HALVES, 50.0, 84).expect("valid");
         assert_eq!(mesh.leaves_at.iter().sum::<usize>(), 42);
         assert_eq!(mesh.leaves_at.iter().map(|n| n - 1).sum::<usize>(), 28);
@@ -291,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn any_number_of_segments_is_met_or_undercut_by_less_than_a_column() {
+    fn the_mesh_has_the_wanted_segments_or_up_to_3_fewer() {
         for segments in [0, 22, 44, 84, 172, 344, 688] {
             let mesh = Mesh::new(&HALVES, 50.0, segments).expect("valid");
             let got = 2 * mesh.leaves_at.iter().sum::<usize>();
@@ -303,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_structures_are_refused_with_advice() {
+    fn wrong_structures_are_refused() {
         assert!(Mesh::new(&HALVES, 220.0, 84).is_err());
         let table: toml::Table = "segmnts = 3".parse().expect("toml");
         assert!(

@@ -1,4 +1,4 @@
-//! What holds an eye: the bearing on its rail, the pin in the frame, or the shackle; each with its friction.
+//! Support of an eye: the bearing on its rail, the pin in the load frame, or the shackle; each with its friction.
 //!
 //! ```text
 //! rail     F_y = k (Y - Y0), friction along x up to mu_rail |F_y| + constant
@@ -6,20 +6,22 @@
 //! shackle  F = k (l - L) along the link from eye P to pivot; its own pin turns by phi = atan2(dx, dy)
 //! torque   up to mu_pin r |F| + constant, in every pin: slip is the angle between the two parts
 //! ```
-//! The eye is given by (X, Y) of its pin's centre and the angle of the leaf's last segment, X outward, Y away from the
-//! pusher. Source of the friction budget: models.md's table; Kadziela et al. (2015), section 5.1, left it out.
+//! F forces, N; k support stiffness, N/mm; (X, Y) centre of the eye's pin, mm, X outward, Y away from the pusher; l and L length
+//! of the link now and unloaded, mm; r pin radius, mm; torques in N mm. The eye is given by (X, Y) and the angle of the leaf's
+//! last segment, rad. For the friction budget see docs/models.md; Kadziela et al. (2015), section 5.1, left it out. It holds
+//! where the pin torques are small against the load times the length of the link.
 
 use super::band::{M3, V3};
-use super::friction::{Grip, Response, Slider, SlipLaw};
+use super::slip_law::{Slider, SlipLaw, SlipResponse, SlipState};
 
-/// The kind of support with its geometry.
+/// Kind of support with its geometry, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Support {
     /// Linear bearing on the rail at height `level`.
     Rail { level: f64 },
     /// Pin fixed at a point.
     Pin { at: [f64; 2] },
-    /// Link of `length` to a pivot.
+    /// Link of `length` to a pivot in the load frame.
     Shackle { pivot: [f64; 2], length: f64 },
 }
 
@@ -36,16 +38,16 @@ pub(super) struct MountValues {
     pub turn_law: SlipLaw,
 }
 
-/// The sliding places of one support.
+/// Number of sliding places of one support.
 pub(super) const PLACES: usize = 3;
-/// The bearing on its rail.
+/// Index of the bearing on its rail.
 pub(super) const RAIL: usize = 0;
-/// The pin in the eye.
+/// Index of the pin in the eye.
 pub(super) const EYE_PIN: usize = 1;
-/// The shackle's pin in the frame.
+/// Index of the shackle's pin in the load frame.
 pub(super) const PIVOT: usize = 2;
 
-/// One support with its state.
+/// One support with the state of its sliding places.
 #[derive(Debug, Clone)]
 pub(super) struct Mount {
     pub support: Support,
@@ -53,20 +55,18 @@ pub(super) struct Mount {
     pub sliders: [Slider; PLACES],
 }
 
-/// One evaluation.
+/// Forces, tangent and friction of one support at one estimate.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct MountForce {
     /// Force on (X, Y, angle) as gradient of energy.
     pub force: V3,
-    /// Its derivative.
+    /// Derivative of `force` by (X, Y, angle), row by row.
     pub tangent: M3,
-    pub grip: [Grip; PLACES],
+    pub states: [SlipState; PLACES],
     pub slip: [f64; PLACES],
     pub friction: [f64; PLACES],
-    /// Share of each friction limit that is constant (not mu times load), for the energy's books.
+    /// Share of each friction limit that is constant (not mu times load), for the energy balance.
     pub constant_share: [f64; PLACES],
-    /// Elastic energy of the support itself, N mm.
-    pub stored_nmm: f64,
 }
 
 impl Mount {
@@ -78,18 +78,18 @@ impl Mount {
         }
     }
 
-    /// Starts the slips where the eye is now, without friction force.
+    /// Sets all slips to zero force at this place of the eye.
     pub(super) fn relax(&mut self, eye: &V3) {
         for slider in &mut self.sliders {
             *slider = Slider::default();
         }
-        let now = self.evaluate(eye, 1.0, &[Grip::Free; PLACES]);
+        let now = self.evaluate(eye, 1.0, &[SlipState::Free; PLACES]);
         for (slider, slip) in self.sliders.iter_mut().zip(now.slip) {
             slider.release(slip);
         }
     }
 
-    /// Law of one of its sliding places.
+    /// Friction law of one of its sliding places.
     pub(super) fn law(&self, place: usize) -> SlipLaw {
         if place == RAIL {
             self.values.slide_law
@@ -98,20 +98,20 @@ impl Mount {
         }
     }
 
-    /// Force and tangent with the eye at (X, Y, angle). `last` are the grips of the last tangent (see [`Response::stuck`]).
-    pub(super) fn evaluate(&self, eye: &V3, dt_s: f64, last: &[Grip; PLACES]) -> MountForce {
+    /// Force and tangent with the eye at (X, Y, angle). `last` are the stick-slip states of
+    /// the last tangent (see [`SlipResponse::stuck`]).
+    pub(super) fn evaluate(&self, eye: &V3, dt_s: f64, last: &[SlipState; PLACES]) -> MountForce {
         let mut out = MountForce {
-            grip: *last,
+            states: *last,
             ..MountForce::default()
         };
         let k = self.values.stiffness;
         match self.support {
             Support::Rail { level } => {
-                out.grip[PIVOT] = Grip::Free;
+                out.states[PIVOT] = SlipState::Free;
                 let gap = eye[1] - level;
                 out.force[1] = k * gap;
                 out.tangent[4] = k;
-                out.stored_nmm = 0.5 * k * gap * gap;
                 self.rail_friction(eye, dt_s, &mut out);
                 let carried = out;
                 self.pin_friction(EYE_PIN, eye[2], &PinTurn::default(), &carried, dt_s, &mut out);
@@ -122,7 +122,6 @@ impl Mount {
                 out.force[1] = k * off[1];
                 out.tangent[0] = k;
                 out.tangent[4] = k;
-                out.stored_nmm = 0.5 * k * (off[0] * off[0] + off[1] * off[1]);
                 let carried = out;
                 self.pin_friction(EYE_PIN, eye[2], &PinTurn::default(), &carried, dt_s, &mut out);
             }
@@ -131,16 +130,16 @@ impl Mount {
         out
     }
 
-    /// A place's friction, noted in `out`; `out.grip` holds that of the last tangent until then.
-    fn respond(&self, place: usize, slip: f64, limit: f64, dt_s: f64, out: &mut MountForce) -> Response {
+    /// Friction of one place, written to `out`. Before the call `out.states` holds the state of the last tangent.
+    fn respond(&self, place: usize, slip: f64, limit: f64, dt_s: f64, out: &mut MountForce) -> SlipResponse {
         let law = self.law(place);
         let mut r = self.sliders[place].respond(law, slip, limit, dt_s);
-        if out.grip[place].reversed(r.grip) {
+        if out.states[place].reversed(r.state) {
             r = r.stuck(law);
         }
         out.slip[place] = slip;
         out.friction[place] = r.force;
-        out.grip[place] = r.grip;
+        out.states[place] = r.state;
         r
     }
 
@@ -158,7 +157,8 @@ impl Mount {
         out.force[0] += r.force;
     }
 
-    /// Friction of a pin under the load `carried` that slips by `slip`: the angle itself (eye) and the link's.
+    /// Friction of a pin under the load `carried`. `slip` is the angle between its two parts, rad, and `turn` the derivative of
+    /// the link's angle.
     fn pin_friction(
         &self,
         place: usize,
@@ -209,7 +209,6 @@ impl Mount {
         let along = [-dx / l, -dy / l];
         let f = k * (l - length);
         out.force = [f * along[0], f * along[1], 0.0];
-        out.stored_nmm = 0.5 * f * (l - length);
         let side = f / l;
         out.tangent[0] = k * along[0] * along[0] + side * (1.0 - along[0] * along[0]);
         out.tangent[1] = (k - side) * along[0] * along[1];
@@ -220,7 +219,7 @@ impl Mount {
             by: [-dy / square, dx / square],
             hess: [-twist, (dx * dx - dy * dy) / (square * square), twist],
         };
-        // Both pins carry the link's force; what their torques add to it is second order and left out.
+        // Both pins carry the link's force. Their torques change that force by a second-order term, which is left out.
         let carried = *out;
         let angle = dx.atan2(dy);
         self.pin_friction(EYE_PIN, eye[2] + angle, &turn, &carried, dt_s, out);
@@ -228,7 +227,22 @@ impl Mount {
     }
 }
 
-/// Derivatives of the link's angle by (X, Y): zero where there is no link.
+#[cfg(test)]
+impl Mount {
+    /// Elastic energy of the support and of its sliding places, N mm, with the eye at (X, Y, angle).
+    pub(super) fn stored_nmm(&self, eye: &V3) -> f64 {
+        let stretch_mm = match self.support {
+            Support::Rail { level } => eye[1] - level,
+            Support::Pin { at } => (eye[0] - at[0]).hypot(eye[1] - at[1]),
+            Support::Shackle { pivot, length } => (pivot[0] - eye[0]).hypot(pivot[1] - eye[1]) - length,
+        };
+        let places = self.sliders.iter().enumerate();
+        let sliders: f64 = places.map(|(place, s)| s.stored_nmm(self.law(place))).sum();
+        0.5 * self.values.stiffness * stretch_mm * stretch_mm + sliders
+    }
+}
+
+/// First and second derivatives of the link's angle by (X, Y); zero where there is no link.
 #[derive(Default)]
 struct PinTurn {
     by: [f64; 2],
@@ -267,21 +281,21 @@ mod tests {
         ];
         for (support, eye) in supports {
             let mut mount = Mount::new(support, values());
-            // Stuck everywhere, then sliding everywhere.
+            // Stick at all places, then slip at all places.
             for away in [1e-9, 0.1] {
                 mount.relax(&[eye[0] - away, eye[1] + 1e-6, eye[2] - away]);
-                let exact = mount.evaluate(&eye, 1e-3, &[Grip::Free; PLACES]).tangent;
+                let exact = mount.evaluate(&eye, 1e-3, &[SlipState::Free; PLACES]).tangent;
                 for j in 0..3 {
                     let at = |step: f64| {
                         let mut moved = eye;
                         moved[j] += step;
-                        mount.evaluate(&moved, 1e-3, &[Grip::Free; PLACES]).force
+                        mount.evaluate(&moved, 1e-3, &[SlipState::Free; PLACES]).force
                     };
                     let (up, down) = (at(1e-8), at(-1e-8));
                     for i in 0..3 {
                         let numeric = (up[i] - down[i]) / 2e-8;
                         let e = exact[3 * i + j];
-                        // Rounding: 1e-10 of 500 N over 2e-8; the pins' own reaction on their load is left out.
+                        // Rounding: 1e-10 of 500 N over 2e-8; the effect of the pin torques on their own load is left out.
                         assert!(
                             (numeric - e).abs() < 2e-3 * e.abs() + 50.0,
                             "{support:?} K{i}{j}: {e} against {numeric}"

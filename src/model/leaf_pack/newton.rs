@@ -1,33 +1,35 @@
-//! Equilibrium of the whole pack at one position of the pusher.
+//! Equilibrium of the whole pack at one position of the pusher, by Newton's method.
 //!
-//! Unknowns: the bodies of one side or of both, and the clamp's two translations w (sideways) and v (along the load); it
-//! does not turn. The clamp's columns border the sides' bands and are condensed. The factors are kept as long as no place
-//! changes between open, stuck and sliding, which is almost always: a step is then one or two back-substitutions.
+//! The unknowns are the bodies of one side or of both, and the two translations of the clamp, w (sideways) and v (along the
+//! load). The clamp does not turn. Its columns border the band matrices of the sides and are condensed (Schur complement). The
+//! factors are kept while no place changes between open, stick and slip, which is almost always: a step is then one or two
+//! back substitutions.
 
 use super::LeafPack;
 use super::band::V3;
-use super::friction::{Grip, Response};
 use super::geometry::{Dynamics, FrictionChoice, Mounting};
 use super::mounting::PLACES;
 use super::side::{HalfPack, StepInfo, add};
+use super::slip_law::{SlipResponse, SlipState};
 use crate::units::inertia_force_n;
 
-/// Iterations before a step is given up.
+/// Most iterations of one step.
 const ITERATIONS: usize = 20;
-/// A residual that shrinks by less than this asks for fresh factors.
+/// The tangent is factored again where an iteration leaves more than this share of the residual.
 const SLOW: f64 = 0.1;
-/// Steps after which fresh factors pay if they save one correction a step.
+/// Age of the factors, in steps, beyond which a new factorisation is worth one saved iteration per step.
 const WORTH_KEEPING: u32 = 24;
 /// WBZ-alpha (Wood, Bossak, Zienkiewicz 1980) for spectral radius 0.5: second order, forces at the end of the step only,
-/// so that quasi-static and dynamic steps share every element. gamma = 1/2 - alpha, beta = (1 - alpha)^2 / 4.
+/// so that quasi-static and dynamic steps use the same elements. gamma = 1/2 - alpha, beta = (1 - alpha)^2 / 4.
 const ALPHA: f64 = -1.0 / 3.0;
 const GAMMA: f64 = 0.5 - ALPHA;
 const BETA: f64 = (1.0 - ALPHA) * (1.0 - ALPHA) / 4.0;
 
-/// The clamp with board and pusher; pairs are (w, v).
+/// Motion and forces of the clamp with board and pusher. Pairs are (w, v), mm, mm/s, mm/s2 or N.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Frame {
+pub(super) struct Clamp {
     pub now: [f64; 2],
+    /// Place at the last converged step, one step before, and two steps before.
     pub settled: [f64; 2],
     pub before: [f64; 2],
     pub older: [f64; 2],
@@ -36,39 +38,39 @@ pub(super) struct Frame {
     pub inertia_base: [f64; 2],
     pub residual: [f64; 2],
     pub pusher_n: f64,
-    pub board: Response,
+    pub board: SlipResponse,
     pub touching: bool,
 }
 
-/// All states outside the sides that the tangent depends on.
+/// Stick-slip states of supports and board, on which the tangent depends too.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct OuterGrip {
-    places: [[Grip; PLACES]; 2],
-    board: Grip,
+pub(super) struct OuterStates {
+    places: [[SlipState; PLACES]; 2],
+    board: SlipState,
     touching: bool,
 }
 
-/// Position of the eye's pin (X, Y) and angle of the segment that carries it, with the clamp at (w, v).
+/// Place (X, Y) of the eye's pin, mm, and angle of the segment that carries it, rad, with the clamp at (w, v).
 #[inline]
-pub(super) fn eye_of(side: &HalfPack, offset: [f64; 2], sense: f64, frame: [f64; 2]) -> V3 {
+pub(super) fn eye_of(side: &HalfPack, offset: [f64; 2], sense: f64, clamp: [f64; 2]) -> V3 {
     let tip = &side.nodes[side.tip()];
     let arm = arm_of(side, offset);
     [
-        tip[0] + arm[0] + sense * frame[0],
-        tip[1] + arm[1] + frame[1],
+        tip[0] + arm[0] + sense * clamp[0],
+        tip[1] + arm[1] + clamp[1],
         tip[2],
     ]
 }
 
-/// From the last body to the eye's centre.
+/// Vector from the last body to the centre of the eye, mm.
 #[inline]
 fn arm_of(side: &HalfPack, offset: [f64; 2]) -> [f64; 2] {
     let (s, c) = side.nodes[side.tip()][2].sin_cos();
     [c * offset[0] - s * offset[1], s * offset[0] + c * offset[1]]
 }
 
-/// The greater one, and NaN if either is.
-fn worse(a: f64, b: f64) -> f64 {
+/// The greater of the two, and NaN if one of them is NaN.
+fn greater_or_nan(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
 }
 
@@ -76,12 +78,12 @@ fn dot(a: &V3, b: &V3) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// What a step's acceleration term is before anything moves.
-fn known(velocity: f64, acceleration: f64, dt_s: f64) -> f64 {
+/// Part of a step's acceleration that does not depend on the new displacement.
+fn inertia_known(velocity: f64, acceleration: f64, dt_s: f64) -> f64 {
     ALPHA * acceleration - (1.0 - ALPHA) * (velocity / (BETA * dt_s) + (0.5 / BETA - 1.0) * acceleration)
 }
 
-/// Weights of the last three states for the next one: a parabola through even steps, a line through uneven ones.
+/// Weights of the last three states for the next one: a parabola for steps of similar length, else a line. None at a reversal.
 fn extrapolation(next: f64, [last, before]: [f64; 2]) -> Option<[f64; 3]> {
     let (r, s) = (next / last, before / last);
     if !(r > 0.0 && r.is_finite()) {
@@ -91,7 +93,7 @@ fn extrapolation(next: f64, [last, before]: [f64; 2]) -> Option<[f64; 3]> {
     if !(0.5..=2.0).contains(&s) || r > 1.5 {
         return Some([1.0 + r, -r, 0.0]);
     }
-    // Lagrange's weights at r for the places 0, -1 and -1 - s.
+    // Lagrange weights at r for the places 0, -1 and -1 - s.
     Some([
         (r + 1.0) * (r + 1.0 + s) / (1.0 + s),
         -r * (r + 1.0 + s) / s,
@@ -99,8 +101,8 @@ fn extrapolation(next: f64, [last, before]: [f64; 2]) -> Option<[f64; 3]> {
     ])
 }
 
-/// Velocity and acceleration after a displacement of `moved` within the step.
-fn after(moved: f64, velocity: f64, acceleration: f64, dt_s: f64) -> (f64, f64) {
+/// Velocity and acceleration after a displacement of `moved` within the step (Newmark's formulas).
+fn newmark(moved: f64, velocity: f64, acceleration: f64, dt_s: f64) -> (f64, f64) {
     let new = (moved - dt_s * velocity) / (BETA * dt_s * dt_s) - (0.5 / BETA - 1.0) * acceleration;
     (
         velocity + dt_s * ((1.0 - GAMMA) * acceleration + GAMMA * new),
@@ -109,13 +111,13 @@ fn after(moved: f64, velocity: f64, acceleration: f64, dt_s: f64) -> (f64, f64) 
 }
 
 impl LeafPack {
-    /// Outward sense of the clamp's sideways motion, by side.
+    /// Sign of a sideways motion of the clamp in the coordinates of a side.
     #[inline]
     pub(super) fn sense(&self, side: usize) -> f64 {
         if side == 0 { 1.0 } else { -1.0 }
     }
 
-    /// Newton's method from the settled state (extrapolated unless `from_rest`). False if it does not converge.
+    /// Newton's method from the last converged step (extrapolated unless `from_rest`). False if it does not converge.
     pub(super) fn solve(&mut self, pusher_mm: f64, increment_mm: f64, dt_s: f64, from_rest: bool) -> bool {
         self.prepare(dt_s);
         if !from_rest {
@@ -124,10 +126,9 @@ impl LeafPack {
         let every_time = self.structure.friction_law == FrictionChoice::Tanh;
         let mut last = f64::INFINITY;
         for k in 0..ITERATIONS {
-            self.iterations += 1;
             let residual = self.evaluate::<false>(pusher_mm);
             if residual < self.tolerance_n {
-                // Old factors that no longer do it in one correction are not worth keeping.
+                // Old factors that need more than one correction are made anew.
                 self.factor_age += 1;
                 if k > 1 && self.factor_age > WORTH_KEEPING {
                     self.factors = false;
@@ -138,7 +139,7 @@ impl LeafPack {
                 return false;
             }
             let stale =
-                every_time || !self.factors || self.grips_changed() || (k > 0 && residual > SLOW * last);
+                every_time || !self.factors || self.states_changed() || (k > 0 && residual > SLOW * last);
             if stale && !self.refactor(pusher_mm) {
                 return false;
             }
@@ -148,7 +149,7 @@ impl LeafPack {
         false
     }
 
-    /// Constants of the step, and what is known of the inertia before it.
+    /// Constants of the step, and the known part of the inertia terms.
     fn prepare(&mut self, dt_s: f64) {
         let full = self.structure.dynamics == Dynamics::Full;
         let inertia = if full {
@@ -164,7 +165,7 @@ impl LeafPack {
             dt_s,
             viscosity,
             inertia,
-            frame_acceleration: [0.0; 2],
+            clamp_acceleration: [0.0; 2],
         };
         if !full {
             return;
@@ -176,14 +177,14 @@ impl LeafPack {
                 .zip(&side.velocity)
                 .zip(&side.acceleration)
             {
-                *base = std::array::from_fn(|i| known(v[i], a[i], dt_s));
+                *base = std::array::from_fn(|i| inertia_known(v[i], a[i], dt_s));
             }
         }
-        let f = &mut self.frame;
-        f.inertia_base = std::array::from_fn(|i| known(f.velocity[i], f.acceleration[i], dt_s));
+        let f = &mut self.clamp;
+        f.inertia_base = std::array::from_fn(|i| inertia_known(f.velocity[i], f.acceleration[i], dt_s));
     }
 
-    /// Extrapolates the last two steps where the motion goes on in the same sense, else starts from the settled state.
+    /// Extrapolates the last steps where the motion continues in the same direction, else starts from the last converged step.
     fn predict(&mut self, increment_mm: f64) {
         let Some([a, b, c]) = extrapolation(increment_mm, self.last_increments_mm) else {
             return;
@@ -198,14 +199,14 @@ impl LeafPack {
                 *node = std::array::from_fn(|i| a * now[i] + b * before[i] + c * older[i]);
             }
         }
-        let f = &mut self.frame;
+        let f = &mut self.clamp;
         f.now = std::array::from_fn(|i| a * f.settled[i] + b * f.before[i] + c * f.older[i]);
     }
 
-    /// Residuals of sides, supports and clamp at the present estimate; returns the greatest, N.
+    /// Residuals of sides, supports and clamp at the present estimate. Returns the greatest, N.
     pub(super) fn evaluate<const TANGENT: bool>(&mut self, pusher_mm: f64) -> f64 {
         let c = self.step.inertia;
-        let f = &mut self.frame;
+        let f = &mut self.clamp;
         let acceleration: [f64; 2] =
             std::array::from_fn(|i| c * (f.now[i] - f.settled[i]) + f.inertia_base[i]);
         let mass = inertia_force_n(self.structure.clamp_mass_kg, 1.0);
@@ -219,73 +220,73 @@ impl LeafPack {
             let sense = self.sense(k);
             let side = &mut self.sides[k];
             side.evaluate::<TANGENT>(&StepInfo {
-                frame_acceleration: [sense * acceleration[0], acceleration[1]],
+                clamp_acceleration: [sense * acceleration[0], acceleration[1]],
                 ..self.step
             });
             let last = if TANGENT {
-                self.factor_grip.places[k]
+                self.factor_states.places[k]
             } else {
-                [Grip::Free; PLACES]
+                [SlipState::Free; PLACES]
             };
-            let eye = eye_of(side, self.eye, sense, self.frame.now);
+            let eye = eye_of(side, self.eye, sense, self.clamp.now);
             let force = self.mounts[k].evaluate(&eye, self.step.dt_s, &last);
             let arm = arm_of(side, self.eye);
             let [x, y, turn] = force.force;
             let tip = side.tip();
             add(&mut side.residual[tip], &[x, y, turn - arm[1] * x + arm[0] * y]);
             if c > 0.0 {
-                self.frame.residual[0] += sense * side.inertia_n[0];
-                self.frame.residual[1] += self.copies * side.inertia_n[1];
+                self.clamp.residual[0] += sense * side.inertia_n[0];
+                self.clamp.residual[1] += self.copies * side.inertia_n[1];
             }
-            self.frame.residual[0] += sense * x;
-            self.frame.residual[1] += self.copies * y;
-            worst = worse(worst, side.residual_n());
+            self.clamp.residual[0] += sense * x;
+            self.clamp.residual[1] += self.copies * y;
+            worst = greater_or_nan(worst, side.residual_n());
             self.mount_forces[k] = force;
         }
         self.push::<TANGENT>(pusher_mm);
-        let [w, v] = self.frame.residual;
-        worse(worse(worst, w.abs()), v.abs())
+        let [w, v] = self.clamp.residual;
+        greater_or_nan(greater_or_nan(worst, w.abs()), v.abs())
     }
 
-    /// The pusher on the board: one-sided along the load, friction sideways. On the rail nothing moves the clamp sideways.
+    /// Force of the pusher on the board: it can only push along the load, and has friction sideways. With the mounting on the
+    /// rail the clamp does not move sideways.
     fn push<const TANGENT: bool>(&mut self, pusher_mm: f64) {
-        let frame = &mut self.frame;
-        frame.pusher_n = (self.structure.support_stiffness_n_per_mm * (pusher_mm - frame.now[1])).max(0.0);
-        frame.touching = frame.pusher_n > 0.0;
-        frame.residual[1] -= frame.pusher_n;
+        let clamp = &mut self.clamp;
+        clamp.pusher_n = (self.structure.support_stiffness_n_per_mm * (pusher_mm - clamp.now[1])).max(0.0);
+        clamp.touching = clamp.pusher_n > 0.0;
+        clamp.residual[1] -= clamp.pusher_n;
         if self.structure.mounting == Mounting::Rail {
-            frame.residual[0] = 0.0;
+            clamp.residual[0] = 0.0;
             return;
         }
-        let limit = self.values.board_mu * frame.pusher_n;
+        let limit = self.values.board_mu * clamp.pusher_n;
         let mut r = self
             .board
-            .respond(self.slide_law, frame.now[0], limit, self.step.dt_s);
-        if TANGENT && self.factor_grip.board.reversed(r.grip) {
+            .respond(self.slide_law, clamp.now[0], limit, self.step.dt_s);
+        if TANGENT && self.factor_states.board.reversed(r.state) {
             r = r.stuck(self.slide_law);
         }
-        frame.board = r;
-        frame.residual[0] += r.force;
+        clamp.board = r;
+        clamp.residual[0] += r.force;
     }
 
-    fn outer_grip(&self) -> OuterGrip {
-        OuterGrip {
-            places: [self.mount_forces[0].grip, self.mount_forces[1].grip],
-            board: self.frame.board.grip,
-            touching: self.frame.touching,
+    fn outer_states(&self) -> OuterStates {
+        OuterStates {
+            places: [self.mount_forces[0].states, self.mount_forces[1].states],
+            board: self.clamp.board.state,
+            touching: self.clamp.touching,
         }
     }
 
-    fn grips_changed(&self) -> bool {
-        self.factor_grip != self.outer_grip() || self.sides.iter().any(|s| s.grip != s.factor_grip)
+    fn states_changed(&self) -> bool {
+        self.factor_states != self.outer_states() || self.sides.iter().any(|s| s.states != s.factor_states)
     }
 
-    /// Tangent at the present estimate, factored, with the clamp's two columns condensed.
+    /// Factors the tangent at the present estimate and condenses the two columns of the clamp. False if it is singular.
     fn refactor(&mut self, pusher_mm: f64) -> bool {
-        self.factorisations += 1;
         self.factors = false;
         self.evaluate::<true>(pusher_mm);
-        self.factor_grip = self.outer_grip();
+        self.factor_states = self.outer_states();
         let mut schur = self.clamp_stiffness();
         for k in 0..self.sides.len() {
             if !self.factor_side(k, &mut schur) {
@@ -305,13 +306,13 @@ impl LeafPack {
         true
     }
 
-    /// Adds the support to a side's tangent, factors it, and takes the side's share off the clamp's stiffness.
+    /// Adds the support to a side's tangent, factors it, and subtracts the side's part from the stiffness of the clamp.
     fn factor_side(&mut self, k: usize, schur: &mut [f64; 4]) -> bool {
         let sense = self.sense(k);
         let force = &self.mount_forces[k];
         let side = &mut self.sides[k];
         let arm = arm_of(side, self.eye);
-        // The eye's (X, Y, angle) by the body's (x, y, angle): its angle moves the eye as well.
+        // Derivative of the eye's (X, Y, angle) by the body's (x, y, angle): the body's angle moves the eye too.
         let turned = |v: [f64; 3]| [v[0], v[1], v[2] - arm[1] * v[0] + arm[0] * v[1]];
         let t = &force.tangent;
         let rows = [
@@ -360,7 +361,7 @@ impl LeafPack {
         true
     }
 
-    /// Column `j` of the clamp's motion through the factors of side `k`: the support at the tip, the masses everywhere.
+    /// Solves column `j` of the clamp's motion with the factors of side `k`: the support acts at the tip, the masses at all bodies.
     fn solve_border(&mut self, k: usize, j: usize, column: &V3) {
         let c = self.step.inertia * if j == 0 { self.sense(k) } else { 1.0 };
         let side = &mut self.sides[k];
@@ -397,7 +398,7 @@ impl LeafPack {
         sum
     }
 
-    /// The clamp's own 2 x 2 stiffness (w, v): pusher, board, supports and masses.
+    /// The 2 x 2 stiffness of the clamp (w, v): pusher, board, supports and masses.
     fn clamp_stiffness(&self) -> [f64; 4] {
         let mut a = [0.0; 4];
         let mut mass = inertia_force_n(self.structure.clamp_mass_kg, 1.0);
@@ -409,22 +410,22 @@ impl LeafPack {
             a[3] += self.copies * t[4];
             mass += self.copies * side.mass.iter().map(|m| m[0]).sum::<f64>();
         }
-        let push_by = if self.frame.touching {
+        let push_by = if self.clamp.touching {
             self.structure.support_stiffness_n_per_mm
         } else {
             0.0
         };
         let mu = self.values.board_mu;
-        let r = &self.frame.board;
+        let r = &self.clamp.board;
         a[0] += self.step.inertia * mass + r.by_slip;
         a[1] -= r.by_limit * mu * push_by;
         a[3] += self.step.inertia * mass + push_by;
         a
     }
 
-    /// One Newton correction with the factors at hand.
+    /// One Newton correction with the present factors.
     fn correct(&mut self) {
-        let mut rest = self.frame.residual;
+        let mut rest = self.clamp.residual;
         for k in 0..self.sides.len() {
             let side = &mut self.sides[k];
             side.scratch.copy_from_slice(&side.residual[side.fixed..]);
@@ -438,8 +439,8 @@ impl LeafPack {
         }
         let s = &self.schur_inverse;
         let move_by = [s[0] * rest[0] + s[1] * rest[1], s[2] * rest[0] + s[3] * rest[1]];
-        self.frame.now[0] -= move_by[0];
-        self.frame.now[1] -= move_by[1];
+        self.clamp.now[0] -= move_by[0];
+        self.clamp.now[1] -= move_by[1];
         for side in &mut self.sides {
             let fixed = side.fixed;
             for ((node, d), z) in side.nodes[fixed..]
@@ -465,15 +466,15 @@ impl LeafPack {
                 let node = b + side.fixed;
                 for i in 0..3 {
                     let moved = side.nodes[node][i] - side.settled[node][i];
-                    let (v, a) = after(moved, side.velocity[b][i], side.acceleration[b][i], dt_s);
+                    let (v, a) = newmark(moved, side.velocity[b][i], side.acceleration[b][i], dt_s);
                     side.velocity[b][i] = v;
                     side.acceleration[b][i] = a;
                 }
             }
         }
-        let f = &mut self.frame;
+        let f = &mut self.clamp;
         for i in 0..2 {
-            let (v, a) = after(f.now[i] - f.settled[i], f.velocity[i], f.acceleration[i], dt_s);
+            let (v, a) = newmark(f.now[i] - f.settled[i], f.velocity[i], f.acceleration[i], dt_s);
             f.velocity[i] = v;
             f.acceleration[i] = a;
         }

@@ -1,25 +1,27 @@
-//! The whole pack as a plant: built, driven step by step, and never left without a finite force.
+//! The whole pack as a plant: built, driven step by step, always with a finite force.
+//!
+//! A step whose equilibrium is not found ends at the last equilibrium and returns its force.
 
 use super::assembly::clamped_side;
 use super::band::V3;
-use super::energy::{Energy, Source};
-use super::friction::{Slider, SlipLaw};
-use super::geometry::{FrictionChoice, Mounting, PackStructure};
+use super::energy::{Energy, FrictionSource};
+use super::geometry::{Mounting, PackStructure};
 use super::mounting::{Mount, MountForce, MountValues, Support};
-use super::newton::{Frame, OuterGrip, eye_of};
+use super::newton::{Clamp, OuterStates, eye_of};
 use super::parameters::Values;
 use super::side::{HalfPack, StepInfo};
+use super::slip_law::{Slider, SlipLaw};
 use crate::model::Plant;
 
-/// Residual at which a step has converged, N: some 1e-6 of the forces at work.
+/// Residual at which a step has converged, N: some 1e-6 of the forces in the pack.
 const TOLERANCE_N: f64 = 5e-4;
-/// Most halvings of a step.
+/// Most halvings of a step that does not converge.
 const HALVINGS: u32 = 9;
-/// The path is resolved at least this finely, mm.
+/// Longest part of a step that is solved at once, mm.
 const LONGEST_STEP_MM: f64 = 1.0;
-/// Farthest travel, as a share of the main leaf's length.
+/// Greatest travel, as a share of the length of leaf 1.
 const REACH: f64 = 0.25;
-/// Most parts of one step: a jump beyond is taken in coarser ones.
+/// Most parts of one step: a longer jump has longer parts.
 const MOST_PARTS: f64 = 300.0;
 
 /// The leaf pack, ready to step.
@@ -29,29 +31,29 @@ pub(crate) struct LeafPack {
     pub(super) values: Values,
     pub(super) sides: Vec<HalfPack>,
     pub(super) mounts: Vec<Mount>,
-    /// Centre of the eye's pin in the frame of the last body, mm.
+    /// Centre of the eye's pin in the axes of the last body, mm.
     pub(super) eye: [f64; 2],
-    pub(super) frame: Frame,
+    pub(super) clamp: Clamp,
     pub(super) board: Slider,
     pub(super) slide_law: SlipLaw,
-    /// 2 where one side stands for both.
+    /// 2 where one side is solved for both, else 1.
     pub(super) copies: f64,
     pub(super) step: StepInfo,
     pub(super) mount_forces: [MountForce; 2],
-    pub(super) factor_grip: OuterGrip,
+    pub(super) factor_states: OuterStates,
+    /// True while the factors of the last tangent can be used.
     pub(super) factors: bool,
+    /// Steps since the last factorisation.
     pub(super) factor_age: u32,
     pub(super) border_rows: [[V3; 2]; 2],
     pub(super) schur_inverse: [f64; 4],
     pub(super) last_increments_mm: [f64; 2],
     pub(super) energy: Energy,
-    pub(super) stored_at_start_nmm: f64,
-    pub(super) iterations: u64,
-    pub(super) factorisations: u64,
     pub(super) tolerance_n: f64,
-    pub(super) unconverged: u64,
+    /// Steps since the last reset that did not converge or went beyond [`REACH`].
+    unconverged: u64,
     virgin: Box<(Vec<HalfPack>, Vec<Mount>)>,
-    /// Pusher's travel from first touch of the unloaded pack, mm.
+    /// Travel of the pusher from first contact with the unloaded pack, mm.
     travel_mm: f64,
     force_n: f64,
 }
@@ -62,28 +64,7 @@ impl LeafPack {
         structure.check()?;
         let side = clamped_side(structure, values)?;
         let eye = [0.0, structure.eye_offset_mm];
-        let at = eye_of(&side, eye, 1.0, [0.0; 2]);
-        let mirror = structure.mounting == Mounting::Rail && structure.mirror;
-        let mount_values = mount_values(structure, values);
-        let supports = match structure.mounting {
-            Mounting::Rail => vec![Support::Rail { level: at[1] }; if mirror { 1 } else { 2 }],
-            Mounting::Shackle => {
-                let (sin, cos) = values.shackle_angle_rad.sin_cos();
-                let length = structure.shackle_length_mm;
-                let pivot = [at[0] + length * sin, at[1] + length * cos];
-                vec![
-                    Support::Shackle { pivot, length },
-                    Support::Pin { at: [at[0], at[1]] },
-                ]
-            }
-        };
-        let mut mounts: Vec<Mount> = supports
-            .into_iter()
-            .map(|s| Mount::new(s, mount_values))
-            .collect();
-        for mount in &mut mounts {
-            mount.relax(&at);
-        }
+        let mounts = mounts_at(&eye_of(&side, eye, 1.0, [0.0; 2]), structure, values);
         let sides = vec![side; mounts.len()];
         let mut pack = Self {
             structure: structure.clone(),
@@ -92,27 +73,24 @@ impl LeafPack {
             sides,
             mounts,
             eye,
-            frame: Frame::default(),
+            clamp: Clamp::default(),
             board: Slider::default(),
-            slide_law: mount_values.slide_law,
-            copies: if mirror { 2.0 } else { 1.0 },
+            slide_law: structure.slide_law(),
+            copies: if mirrored(structure) { 2.0 } else { 1.0 },
             step: StepInfo {
                 dt_s: 1.0,
                 viscosity: 0.0,
                 inertia: 0.0,
-                frame_acceleration: [0.0; 2],
+                clamp_acceleration: [0.0; 2],
             },
             mount_forces: Default::default(),
-            factor_grip: OuterGrip::default(),
+            factor_states: OuterStates::default(),
             factors: false,
             factor_age: 0,
             border_rows: Default::default(),
             schur_inverse: [0.0; 4],
             last_increments_mm: [0.0; 2],
             energy: Energy::default(),
-            stored_at_start_nmm: 0.0,
-            iterations: 0,
-            factorisations: 0,
             tolerance_n: TOLERANCE_N,
             unconverged: 0,
             travel_mm: 0.0,
@@ -123,40 +101,13 @@ impl LeafPack {
         Ok(pack)
     }
 
-    /// What it was built from.
-    pub(crate) fn structure(&self) -> &PackStructure {
-        &self.structure
-    }
-
-    /// What it was built with.
-    pub(crate) fn values(&self) -> &Values {
-        &self.values
-    }
-
-    /// Steps since the last reset that did not converge even when halved, or went beyond any spring's reach: they end at the last equilibrium
-    /// and its force.
-    pub(crate) fn unconverged(&self) -> u64 {
-        self.unconverged
-    }
-
-    /// Newton iterations and factorisations since the last reset.
-    pub(crate) fn effort(&self) -> (u64, u64) {
-        (self.iterations, self.factorisations)
-    }
-
-    /// Rigid segments of the whole pack.
-    pub(crate) fn segments(&self) -> usize {
-        let all: usize = self.sides.iter().map(|s| s.beams.len()).sum();
-        if self.copies > 1.0 { 2 * all } else { all }
-    }
-
-    /// Sets the residual at which a step counts as converged, N (5e-4 unless set; never below what rounding leaves).
+    /// Sets the residual at which a step has converged, N (default 5e-4), but never below the rounding error.
     pub(crate) fn set_tolerance_n(&mut self, tolerance_n: f64) {
         let rounding = self.sides.iter().map(HalfPack::rounding_n).fold(1e-9, f64::max);
         self.tolerance_n = tolerance_n.max(rounding);
     }
 
-    /// Where the pusher is, mm: as given to the last step, unless that did not converge.
+    /// Displacement of the pusher, mm: that of the last step, unless the step did not converge.
     pub(crate) fn displacement_mm(&self) -> f64 {
         self.travel_mm - self.values.preload_mm
     }
@@ -168,20 +119,18 @@ impl LeafPack {
 
     /// Clamp's displacement along the load and sideways, mm, from the unloaded pack.
     pub(crate) fn clamp_mm(&self) -> [f64; 2] {
-        [self.frame.settled[1], self.frame.settled[0]]
+        [self.clamp.settled[1], self.clamp.settled[0]]
     }
 
     fn start(&mut self) {
-        self.frame = Frame::default();
+        self.clamp = Clamp::default();
         self.board = Slider::default();
         self.last_increments_mm = [0.0; 2];
-        self.iterations = 0;
-        self.factorisations = 0;
         self.unconverged = 0;
         self.factors = false;
         self.travel_mm = 0.0;
         self.force_n = 0.0;
-        // The preload is ridden up to as any other motion, slowly; it is no part of the books.
+        // The preload is reached by a slow motion that is not part of the energy balance.
         if self.values.preload_mm > 0.0 {
             self.travel(self.values.preload_mm, 10.0);
         } else {
@@ -191,15 +140,14 @@ impl LeafPack {
             side.velocity.fill([0.0; 3]);
             side.acceleration.fill([0.0; 3]);
         }
-        self.frame.velocity = [0.0; 2];
-        self.frame.acceleration = [0.0; 2];
+        self.clamp.velocity = [0.0; 2];
+        self.clamp.acceleration = [0.0; 2];
         self.energy = Energy::default();
-        self.stored_at_start_nmm = self.stored_nmm();
     }
 
-    /// Moves the pusher to `goal_mm` from first touch, in as many parts as the path asks for.
+    /// Moves the pusher to `goal_mm` from first contact, in parts of at most [`LONGEST_STEP_MM`].
     pub(super) fn travel(&mut self, goal_mm: f64, dt_s: f64) {
-        // Flat is at some 80 mm: beyond this the leaves would turn inside out and not come back.
+        // The leaves are flat at some 80 mm. Far beyond that they would snap through and not come back.
         let reach_mm = REACH * self.structure.leaves[0].length_mm;
         if goal_mm > reach_mm {
             self.unconverged += 1;
@@ -214,7 +162,7 @@ impl LeafPack {
             k += 1.0;
             let to = from + (goal_mm - from) * k / parts;
             if !self.advance(self.travel_mm, to, dt_s / parts, 0) {
-                // The rest of the way would fail as well, and the caller has a clock to keep.
+                // The rest of the way would fail as well, and the caller waits in real time.
                 self.unconverged += 1;
                 return;
             }
@@ -222,7 +170,7 @@ impl LeafPack {
         }
     }
 
-    /// One step, halved where Newton's method fails. False if some part of it was given up.
+    /// One step, halved where Newton's method fails. False if a part of it was skipped.
     fn advance(&mut self, from: f64, to: f64, dt_s: f64, depth: u32) -> bool {
         if self.solve(to, to - from, dt_s, depth > 0) {
             self.commit(to - from);
@@ -232,13 +180,13 @@ impl LeafPack {
         for side in &mut self.sides {
             side.nodes.copy_from_slice(&side.settled);
         }
-        self.frame.now = self.frame.settled;
+        self.clamp.now = self.clamp.settled;
         if depth >= HALVINGS {
             return false;
         }
         let middle = 0.5 * (from + to);
         let first = self.advance(from, middle, 0.5 * dt_s, depth + 1);
-        // After a part that was given up, the rest is tried in one go only: the time is bounded.
+        // After a skipped part the rest is tried once, without halving, so that the time is bounded.
         let rest = if first { depth + 1 } else { HALVINGS };
         self.advance(middle, to, 0.5 * dt_s, rest) && first
     }
@@ -249,20 +197,22 @@ impl LeafPack {
         for side in &mut self.sides {
             interleaf += side.commit(&self.step);
         }
-        self.energy.book(Source::Interleaf, self.copies * interleaf);
+        self.energy
+            .add_loss(FrictionSource::Interleaf, self.copies * interleaf);
         for k in 0..self.sides.len() {
             let force = self.mount_forces[k];
             self.commit_mount(k, &force);
         }
         let lost = self.board.dissipated_nmm;
         self.board
-            .commit(self.slide_law, self.frame.now[0], self.frame.board.force);
-        self.energy.book(Source::Board, self.board.dissipated_nmm - lost);
-        self.frame.older = self.frame.before;
-        self.frame.before = self.frame.settled;
-        self.frame.settled = self.frame.now;
-        self.energy.work_nmm += 0.5 * (self.force_n + self.frame.pusher_n) * increment_mm;
-        self.force_n = self.frame.pusher_n;
+            .commit(self.slide_law, self.clamp.now[0], self.clamp.board.force);
+        self.energy
+            .add_loss(FrictionSource::Board, self.board.dissipated_nmm - lost);
+        self.clamp.older = self.clamp.before;
+        self.clamp.before = self.clamp.settled;
+        self.clamp.settled = self.clamp.now;
+        self.energy.work_nmm += 0.5 * (self.force_n + self.clamp.pusher_n) * increment_mm;
+        self.force_n = self.clamp.pusher_n;
         self.last_increments_mm = [increment_mm, self.last_increments_mm[0]];
     }
 }
@@ -276,7 +226,7 @@ impl Plant for LeafPack {
     }
 
     fn step(&mut self, displacement_mm: f64, dt_s: f64) -> f64 {
-        // A reading that is no number moves nothing.
+        // A displacement that is not a finite number does not move the pusher.
         if displacement_mm.is_finite() && dt_s > 0.0 {
             self.travel(displacement_mm + self.values.preload_mm, dt_s);
         }
@@ -288,18 +238,41 @@ impl Plant for LeafPack {
     }
 }
 
-fn mount_values(structure: &PackStructure, values: &Values) -> MountValues {
-    let velocity = structure.transition_velocity_mm_s;
-    let (slide_law, turn_law) = match structure.friction_law {
-        FrictionChoice::Presliding => (
-            SlipLaw::Presliding(structure.tangential_stiffness_n_per_mm),
-            SlipLaw::Presliding(structure.pin_stiffness_nmm_per_rad),
-        ),
-        FrictionChoice::Tanh => (
-            SlipLaw::Tanh(velocity),
-            SlipLaw::Tanh(velocity / structure.pin_radius_mm),
-        ),
+/// True where one side is solved for both.
+fn mirrored(structure: &PackStructure) -> bool {
+    structure.mounting == Mounting::Rail && structure.mirror
+}
+
+/// Supports of all solved sides with the unloaded eye at `eye`, without friction force.
+fn mounts_at(eye: &V3, structure: &PackStructure, values: &Values) -> Vec<Mount> {
+    let supports = match structure.mounting {
+        Mounting::Rail => {
+            let sides = if mirrored(structure) { 1 } else { 2 };
+            vec![Support::Rail { level: eye[1] }; sides]
+        }
+        Mounting::Shackle => {
+            let (sin, cos) = values.shackle_angle_rad.sin_cos();
+            let length = structure.shackle_length_mm;
+            let pivot = [eye[0] + length * sin, eye[1] + length * cos];
+            vec![
+                Support::Shackle { pivot, length },
+                Support::Pin { at: [eye[0], eye[1]] },
+            ]
+        }
     };
+    let mount_values = mount_values(structure, values);
+    supports
+        .into_iter()
+        .map(|support| {
+            let mut mount = Mount::new(support, mount_values);
+            mount.relax(eye);
+            mount
+        })
+        .collect()
+}
+
+fn mount_values(structure: &PackStructure, values: &Values) -> MountValues {
+    let turn_velocity_rad_s = structure.transition_velocity_mm_s / structure.pin_radius_mm;
     MountValues {
         stiffness: structure.support_stiffness_n_per_mm,
         rail_mu: values.rail_mu,
@@ -307,7 +280,23 @@ fn mount_values(structure: &PackStructure, values: &Values) -> MountValues {
         pin_mu: values.pin_mu,
         pin_radius_mm: structure.pin_radius_mm,
         pivot_torque_nmm: values.pivot_torque_nmm,
-        slide_law,
-        turn_law,
+        slide_law: structure.slide_law(),
+        turn_law: structure.slip_law(structure.pin_stiffness_nmm_per_rad, turn_velocity_rad_s),
+    }
+}
+
+/// Figures of the solver for tests and benchmarks.
+#[cfg(any(test, feature = "benchmarks"))]
+impl LeafPack {
+    /// Steps since the last reset that ended at the last equilibrium, because they did not converge even when halved or went
+    /// beyond a quarter of the length of leaf 1.
+    pub(crate) fn unconverged(&self) -> u64 {
+        self.unconverged
+    }
+
+    /// Rigid segments of the whole pack, both sides.
+    pub(crate) fn segments(&self) -> usize {
+        let all: usize = self.sides.iter().map(|s| s.beams.len()).sum();
+        if self.copies > 1.0 { 2 * all } else { all }
     }
 }

@@ -1,33 +1,33 @@
-//! What a fit may move in a leaf pack, and the entry in the list of models.
+//! Parameters that a fit may change in a leaf pack, and the entry in the list of models.
 
 use super::LeafPack;
 use super::geometry::PackStructure;
 use crate::model::{BuildError, Model, Parameter, Plant};
 
-/// One value a parameter, in the order of [`PARAMETERS`].
+/// One value per parameter, in the order of [`PARAMETERS`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Values {
     /// Added to the thickness of every leaf, mm.
     pub thickness_correction_mm: f64,
     /// Length that the clamp holds flat, mm.
     pub clamp_length_mm: f64,
-    /// Friction between leaves.
+    /// Friction coefficient between leaves.
     pub interleaf_mu: f64,
-    /// Friction in the eye pins and the shackle's.
+    /// Friction coefficient of the eye pins and of the shackle's pin in the load frame.
     pub pin_mu: f64,
     /// Constant torque in each of those pins, N mm.
     pub pivot_torque_nmm: f64,
-    /// Friction of the eye's bearing on the rail.
+    /// Friction coefficient of the eye's bearing on the rail.
     pub rail_mu: f64,
     /// Constant friction of each bearing on the rail, N.
     pub rail_constant_n: f64,
-    /// Friction of the pusher on the board.
+    /// Friction coefficient of the pusher on the board.
     pub board_mu: f64,
-    /// Tilt of the unloaded shackle against the loading direction, rad; positive: the eye inside of the pivot.
+    /// Tilt of the unloaded shackle against the loading direction, rad; positive where the eye is inside of the pivot.
     pub shackle_angle_rad: f64,
     /// Young's modulus, MPa.
     pub e_mpa: f64,
-    /// Displacement that the pack has already when the reading is zero, mm.
+    /// Displacement of the pack where the LVDT reads zero, mm.
     pub preload_mm: f64,
 }
 
@@ -49,7 +49,7 @@ const fn parameter(
     }
 }
 
-/// Bounds of the friction coefficient are wide on purpose: the paper's own fit went to 8.5, and belief says what to think of it.
+/// The bounds of the friction coefficient are wide, because the paper's own fit reached 8.5. The plausible range is narrow.
 pub(crate) static PARAMETERS: &[Parameter] = &[
     parameter(
         "thickness_correction_mm",
@@ -142,7 +142,7 @@ pub(crate) static PARAMETERS: &[Parameter] = &[
 ];
 
 impl Values {
-    /// From one value a parameter, in the order of [`PARAMETERS`].
+    /// From one value per parameter, in the order of [`PARAMETERS`].
     pub(crate) fn from_slice(values: &[f64]) -> Option<Self> {
         let &[
             thickness_correction_mm,
@@ -175,7 +175,7 @@ impl Values {
         })
     }
 
-    /// One value a parameter, in the order of [`PARAMETERS`].
+    /// One value per parameter, in the order of [`PARAMETERS`].
     pub(crate) fn to_array(&self) -> [f64; 11] {
         [
             self.thickness_correction_mm,
@@ -192,7 +192,7 @@ impl Values {
         ]
     }
 
-    /// No friction anywhere, everything else at its start.
+    /// No friction, all other parameters at their start.
     pub(crate) fn frictionless() -> Self {
         Self {
             thickness_correction_mm: 0.0,
@@ -210,7 +210,7 @@ impl Values {
     }
 }
 
-/// The line in the list of models.
+/// The entry of [`crate::model::MODELS`].
 pub(crate) const MODEL: Model = Model {
     name: "leaf-pack",
     what: "leaves of rigid segments and beam elements, clamped with nip, in contact with friction (Kadziela et al. 2015)",
@@ -235,7 +235,7 @@ fn build(values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, Buil
     let structure = PackStructure::from_table(structure).map_err(refuse)?;
     let values = Values::from_slice(values).ok_or_else(|| {
         refuse(format!(
-            "{} values for {} parameters: give one for each",
+            "{} values given for {} parameters: give one for each",
             values.len(),
             PARAMETERS.len()
         ))

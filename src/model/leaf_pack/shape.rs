@@ -1,30 +1,30 @@
-//! The state for drawing: where each leaf lies, what presses where, what slides.
+//! The state for drawing: place of each leaf, force and stick-slip state of each contact.
 //!
-//! World frame of the rig: x sideways from the middle of the unloaded pack, y along the load, positive downwards as the
-//! pusher moves; the clamp's middle of leaf 1 is at (0, 0) when unloaded, the eyes at positive y.
+//! Axes of the load frame: x sideways from the middle of the unloaded pack, y along the load, positive in the direction of
+//! loading; the clamp's middle of leaf 1 is at (0, 0) when unloaded, the eyes at positive y.
 
 use super::LeafPack;
-use super::friction::Grip;
+use super::mounting::Support;
 use super::newton::eye_of;
 use super::side::HalfPack;
+use super::slip_law::SlipState;
 
-/// A station of a leaf's middle line.
+/// A point of a leaf's middle line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Station {
-    /// Sideways, mm.
+    /// Place sideways, mm.
     pub x_mm: f64,
-    /// Along the load, mm.
+    /// Place along the load, mm.
     pub y_mm: f64,
     /// Direction of the middle line, rad.
     pub angle_rad: f64,
 }
 
-/// One leaf from its left end to its right one.
+/// One leaf from its left end to its right end.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LeafShape {
-    /// Thickness, mm.
     pub thickness_mm: f64,
-    /// Middle line.
+    /// Points of the middle line, left to right.
     pub stations: Vec<Station>,
 }
 
@@ -35,7 +35,7 @@ pub(crate) struct ContactShape {
     pub x_mm: f64,
     /// Place along the load, mm.
     pub y_mm: f64,
-    /// Upper of the two leaves, counted from 0.
+    /// Index of the upper of the two leaves, from 0.
     pub upper_leaf: usize,
     /// Normal force, N; 0 where the leaves are apart.
     pub normal_n: f64,
@@ -43,26 +43,26 @@ pub(crate) struct ContactShape {
     pub friction_n: f64,
     /// Slip since assembly, mm.
     pub slip_mm: f64,
-    /// What it does now.
-    pub grip: Grip,
+    /// Stick or slip at this state.
+    pub state: SlipState,
 }
 
-/// The whole pack.
+/// The whole pack at one state.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct PackShape {
-    /// Leaves from the one with the eyes on.
+    /// Leaves, first the one with the eyes.
     pub leaves: Vec<LeafShape>,
     /// Contacts of both sides.
     pub contacts: Vec<ContactShape>,
-    /// Pin centres, left and right.
+    /// Pin centres of the left and the right eye, mm.
     pub eyes_mm: [[f64; 2]; 2],
-    /// Pivot of the shackle in the frame, if there is one.
+    /// Pivot of the shackle in the load frame, if there is one, mm.
     pub pivot_mm: Option<[f64; 2]>,
     /// Half of the clamped length, mm.
     pub clamp_half_mm: f64,
     /// Clamp's displacement along the load and sideways, mm.
     pub clamp_mm: [f64; 2],
-    /// Pusher's displacement, mm, from first touch, and its force, N.
+    /// Displacement of the pusher from first contact, mm, and its force, N.
     pub pusher: [f64; 2],
 }
 
@@ -87,7 +87,7 @@ impl LeafPack {
         let mut contacts = self.half_contacts(left.0, left.1);
         contacts.extend(self.half_contacts(right.0, right.1));
         let pivot_mm = self.mounts.iter().find_map(|m| match m.support {
-            super::mounting::Support::Shackle { pivot, .. } => Some(pivot),
+            Support::Shackle { pivot, .. } => Some(pivot),
             _ => None,
         });
         PackShape {
@@ -102,7 +102,7 @@ impl LeafPack {
     }
 
     fn place(&self, x: f64, y: f64, sense: f64) -> (f64, f64) {
-        let [w, v] = self.frame.settled;
+        let [w, v] = self.clamp.settled;
         (sense * x + w, y + v)
     }
 
@@ -130,18 +130,21 @@ impl LeafPack {
         let side: &HalfPack = &self.sides[side];
         side.contacts
             .iter()
-            .zip(&side.grip)
-            .map(|(state, &grip)| {
-                let (u, l) = (side.nodes[state.contact.upper], side.nodes[state.contact.lower]);
+            .zip(&side.states)
+            .map(|(contact, &state)| {
+                let (u, l) = (
+                    side.nodes[contact.contact.upper],
+                    side.nodes[contact.contact.lower],
+                );
                 let (x_mm, y_mm) = self.place(0.5 * (u[0] + l[0]), 0.5 * (u[1] + l[1]), sense);
                 ContactShape {
                     x_mm,
                     y_mm,
-                    upper_leaf: side.leaf_of[state.contact.upper - side.fixed],
-                    normal_n: state.normal_n,
-                    friction_n: state.slider.force,
-                    slip_mm: state.slider.slip - state.slip_start_mm,
-                    grip,
+                    upper_leaf: side.leaf_of[contact.contact.upper - side.fixed],
+                    normal_n: contact.normal_n,
+                    friction_n: contact.slider.force,
+                    slip_mm: contact.slider.slip - contact.slip_start_mm,
+                    state,
                 }
             })
             .collect()

@@ -1,57 +1,57 @@
 //! One side of the pack, from the clamp to the eye: bodies, beams and contacts, their residual and their tangent.
 //!
-//! Coordinates are those of the clamp: x outward along the pack, y towards the eyes, the clamp's edge at rest. So a side
-//! knows nothing of how the clamp moves; only its last body, which carries the eye, meets the outside (see `mounting`).
+//! The coordinates move with the clamp: x outward along the pack, y towards the eyes, the clamp's edge at rest. So a side does
+//! not depend on how the clamp moves. Only its last body, which carries the eye, meets the support (see `mounting`).
 
 use super::assembly::Assembly;
 use super::band::{BlockBand, M3, V3};
 use super::beam::{Beam, BeamForce, Strain};
 use super::contact::{Contact, Measure, NormalLaw};
-use super::friction::{Grip, Response, Slider, SlipLaw};
+use super::slip_law::{Slider, SlipLaw, SlipResponse, SlipState};
 
-/// What the step needs of the outside.
+/// Time step and inertia terms of one step.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct StepInfo {
     pub dt_s: f64,
-    /// xi / dt of the structural damping, 1/1.
+    /// xi / dt of the structural damping, a pure number.
     pub viscosity: f64,
     /// Acceleration per displacement within the step, 1/s2; 0 when quasi-static.
     pub inertia: f64,
-    /// Sideways and lengthwise inertia terms of the clamp's own motion, mm/s2.
-    pub frame_acceleration: [f64; 2],
+    /// Acceleration of the clamp sideways and along the load, mm/s2.
+    pub clamp_acceleration: [f64; 2],
 }
 
-/// Contact and its state at the last converged step.
+/// A contact with its state at the last converged step.
 #[derive(Debug, Clone)]
 pub(super) struct ContactState {
     pub contact: Contact,
     pub slider: Slider,
     pub normal_n: f64,
-    /// Slip measure right after assembly, mm.
+    /// Slip right after assembly, mm.
     pub slip_start_mm: f64,
 }
 
-/// What a contact does at the present estimate.
+/// Slip and forces of a contact at the present estimate.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Touch {
+pub(super) struct ContactEstimate {
     slip_mm: f64,
     friction_n: f64,
     normal_n: f64,
 }
 
-/// One side of the pack.
+/// One side of the pack, ready to solve.
 #[derive(Debug, Clone)]
 pub(super) struct HalfPack {
-    /// Nodes: first the clamp's (fixed, one a leaf), then the bodies in the order of elimination.
+    /// Nodes: first those in the clamp (fixed, one per leaf), then the bodies in the order of elimination.
     pub nodes: Vec<V3>,
-    /// Leaves = fixed nodes.
+    /// Number of fixed nodes, which is the number of leaves.
     pub fixed: usize,
     pub beams: Vec<Beam>,
     /// Inner node of each body's beam.
     pub inner: Vec<usize>,
     pub leaf_of: Vec<usize>,
     pub contacts: Vec<ContactState>,
-    touches: Vec<Touch>,
+    estimates: Vec<ContactEstimate>,
     pub normal_law: NormalLaw,
     pub slip_law: SlipLaw,
     pub mu: f64,
@@ -59,17 +59,17 @@ pub(super) struct HalfPack {
     pub mass: Vec<[f64; 2]>,
     pub strain: Vec<Strain>,
     pub residual: Vec<V3>,
-    /// Right-hand sides and solutions, one triple a body.
+    /// Right-hand sides and solutions, one triple per body.
     pub scratch: Vec<V3>,
     /// Sum of the bodies' inertia forces, N.
     pub inertia_n: [f64; 2],
     /// Columns of the clamp's motion (sideways, along the load), solved by the factors.
     pub border: Vec<[V3; 2]>,
-    pub grip: Vec<Grip>,
-    /// Grips that the factors were made with.
-    pub factor_grip: Vec<Grip>,
+    pub states: Vec<SlipState>,
+    /// Stick-slip states of the contacts at the last factorisation.
+    pub factor_states: Vec<SlipState>,
     pub band: BlockBand,
-    /// Converged nodes now, one step before, and two.
+    /// Nodes at the last converged step, one step before, and two steps before.
     pub settled: Vec<V3>,
     pub before: Vec<V3>,
     pub older: Vec<V3>,
@@ -83,6 +83,7 @@ pub(super) struct HalfPack {
 impl HalfPack {
     pub(super) fn new(build: Assembly) -> Self {
         let bodies = build.beams.len();
+        let contacts = build.contacts.len();
         let nodes = build.nodes;
         Self {
             fixed: build.fixed,
@@ -102,15 +103,15 @@ impl HalfPack {
             normal_law: build.normal_law,
             slip_law: build.slip_law,
             mu: 0.0,
-            touches: vec![Touch::default(); build.contact_count],
+            estimates: vec![ContactEstimate::default(); contacts],
             mass: build.mass,
             strain: vec![[0.0; 3]; bodies],
             residual: vec![[0.0; 3]; nodes.len()],
             scratch: vec![[0.0; 3]; bodies],
             inertia_n: [0.0; 2],
             border: vec![[[0.0; 3]; 2]; bodies],
-            grip: vec![Grip::Free; build.contact_count],
-            factor_grip: vec![Grip::Free; build.contact_count],
+            states: vec![SlipState::Free; contacts],
+            factor_states: vec![SlipState::Free; contacts],
             band: BlockBand::new(build.reach),
             settled: nodes.clone(),
             before: nodes.clone(),
@@ -128,7 +129,7 @@ impl HalfPack {
         self.nodes.len() - 1
     }
 
-    /// Residual force of every body (clamp nodes hold their reaction) and the grips; the tangent too if asked for.
+    /// Residual force of every body (clamp nodes have their reaction), stick-slip states, and with `TANGENT` the tangent.
     pub(super) fn evaluate<const TANGENT: bool>(&mut self, step: &StepInfo) {
         self.residual.fill([0.0; 3]);
         for (trig, node) in self.trig.iter_mut().zip(&self.nodes).skip(self.fixed) {
@@ -143,7 +144,7 @@ impl HalfPack {
             self.add_inertia::<TANGENT>(step);
         }
         if TANGENT {
-            self.factor_grip.copy_from_slice(&self.grip);
+            self.factor_states.copy_from_slice(&self.states);
         }
     }
 
@@ -175,7 +176,7 @@ impl HalfPack {
 
     /// Gap, normal force, its stiffness and the friction response of contact `i`.
     #[inline]
-    fn touch(&self, i: usize, dt_s: f64) -> (Measure, f64, f64, Response) {
+    fn contact_response(&self, i: usize, dt_s: f64) -> (Measure, f64, f64, SlipResponse) {
         let state = &self.contacts[i];
         let c = &state.contact;
         let m = c.measure(&self.nodes[c.upper], &self.nodes[c.lower], self.trig[c.upper]);
@@ -186,21 +187,21 @@ impl HalfPack {
 
     fn add_contacts<const TANGENT: bool>(&mut self, step: &StepInfo) {
         for i in 0..self.contacts.len() {
-            let (m, n, by_d, mut r) = self.touch(i, step.dt_s);
-            // A frictionless touch must differ from an open one, because the tangent does.
-            self.grip[i] = if n > 0.0 && r.grip == Grip::Free {
-                Grip::Smooth
+            let (m, n, by_d, mut r) = self.contact_response(i, step.dt_s);
+            // A closed contact without friction must differ from an open one, because its tangent does.
+            self.states[i] = if n > 0.0 && r.state == SlipState::Free {
+                SlipState::Smooth
             } else {
-                r.grip
+                r.state
             };
-            self.touches[i] = Touch {
+            self.estimates[i] = ContactEstimate {
                 slip_mm: m.slip,
                 friction_n: r.force,
                 normal_n: n,
             };
-            if TANGENT && self.factor_grip[i].reversed(r.grip) {
+            if TANGENT && self.factor_states[i].reversed(r.state) {
                 r = r.stuck(self.slip_law);
-                self.grip[i] = r.grip;
+                self.states[i] = r.state;
             }
             if n <= 0.0 {
                 continue;
@@ -235,7 +236,7 @@ impl HalfPack {
                 &self.settled[b + self.fixed],
                 &self.inertia_base[b],
             );
-            let [fx, fy] = step.frame_acceleration;
+            let [fx, fy] = step.clamp_acceleration;
             let r = &mut self.residual[b + self.fixed];
             let x = m * (c * (now[0] - then[0]) + base[0] + fx);
             let y = m * (c * (now[1] - then[1]) + base[1] + fy);
@@ -266,12 +267,12 @@ impl HalfPack {
         8.0 * f64::EPSILON * far * stiff
     }
 
-    /// Greatest residual force of a body; moments count at a lever of 10 mm.
+    /// Greatest residual force of a body, N; moments count with a lever of 10 mm.
     pub(super) fn residual_n(&self) -> f64 {
         let mut worst = 0.0f64;
         for r in &self.residual[self.fixed..] {
             let here = r[0].abs().max(r[1].abs()).max(0.1 * r[2].abs());
-            // A NaN must not be swallowed.
+            // A NaN must reach the caller.
             if here > worst || here.is_nan() {
                 worst = here;
             }
@@ -279,16 +280,16 @@ impl HalfPack {
         worst
     }
 
-    /// Takes the last evaluation over as settled and books the friction's work; returns what the contacts dissipated, N mm.
+    /// Keeps the last evaluation as the converged step and returns the energy that the contacts dissipated, N mm.
     pub(super) fn commit(&mut self, step: &StepInfo) -> f64 {
         let mut work = 0.0;
-        for (state, touch) in self.contacts.iter_mut().zip(&self.touches) {
+        for (state, estimate) in self.contacts.iter_mut().zip(&self.estimates) {
             let so_far = state.slider.dissipated_nmm;
             state
                 .slider
-                .commit(self.slip_law, touch.slip_mm, touch.friction_n);
+                .commit(self.slip_law, estimate.slip_mm, estimate.friction_n);
             work += state.slider.dissipated_nmm - so_far;
-            state.normal_n = touch.normal_n;
+            state.normal_n = estimate.normal_n;
         }
         if step.viscosity > 0.0 {
             self.note_strain();
@@ -299,7 +300,7 @@ impl HalfPack {
         work
     }
 
-    /// Keeps the strains that the damping is counted from.
+    /// Keeps the strains for the damping of the next step.
     pub(super) fn note_strain(&mut self) {
         for b in 0..self.beams.len() {
             self.strain[b] = self.beam_force(b, 0.0).strain;
@@ -307,13 +308,14 @@ impl HalfPack {
     }
 
     /// Elastic energy of beams, contacts and presliding, N mm.
+    #[cfg(test)]
     pub(super) fn stored_nmm(&self) -> f64 {
         let beams: f64 = (0..self.beams.len())
             .map(|b| self.beams[b].energy_nmm(&self.beam_force(b, 0.0).strain))
             .sum();
         let contacts: f64 = (0..self.contacts.len())
             .map(|i| {
-                let m = self.touch(i, 1.0).0;
+                let m = self.contact_response(i, 1.0).0;
                 self.normal_law.energy_nmm(-m.gap) + self.contacts[i].slider.stored_nmm(self.slip_law)
             })
             .sum();
@@ -321,14 +323,14 @@ impl HalfPack {
     }
 }
 
-/// (cos, sin): series for the angles of a leaf in a rig, the library's beyond 0.5 rad.
+/// (cos, sin): a series for the usual angles of a leaf, the standard library beyond 0.5 rad.
 #[inline]
 fn cos_sin(angle: f64) -> [f64; 2] {
     if angle.abs() > 0.5 {
         let (s, c) = angle.sin_cos();
         return [c, s];
     }
-    // Taylor to the 15th and 14th power: what follows is below 1e-18.
+    // Taylor series to the 15th and 14th power: the next terms are below 1e-18.
     let q = angle * angle;
     let s = 1.0 / 6_227_020_800.0 - q / 1_307_674_368_000.0;
     let s = 1.0 / 362_880.0 - q * (1.0 / 39_916_800.0 - q * s);
@@ -379,13 +381,13 @@ mod tests {
         .expect("valid")
     }
 
-    /// Equilibrium of the free end's node under a force and a moment, brought up in steps.
+    /// The free end's node in equilibrium under a force and a moment, applied in steps.
     fn load(side: &mut HalfPack, force: [f64; 2], moment: f64, steps: usize) -> V3 {
         let still = StepInfo {
             dt_s: 1.0,
             viscosity: 0.0,
             inertia: 0.0,
-            frame_acceleration: [0.0; 2],
+            clamp_acceleration: [0.0; 2],
         };
         let tip = side.tip();
         for k in 1..=steps {
@@ -414,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn series_agrees_with_the_library() {
+    fn the_series_agrees_with_sin_cos() {
         for k in -60..=60 {
             let angle = 0.01 * f64::from(k);
             let [c, s] = cos_sin(angle);
@@ -424,17 +426,16 @@ mod tests {
 
     /// Euler-Bernoulli: P L^3 / (3 E I), exact at the nodes for any number of elements.
     #[test]
-    fn cantilever_deflects_as_euler_bernoulli_says() {
+    fn a_cantilever_deflects_as_euler_bernoulli() {
         for segments in [1, 2, 5, 20, 100] {
             let tip = load(&mut cantilever(segments), [0.0, 1.0], 0.0, 1);
             let wanted = 1.0 * LENGTH.powi(3) / (3.0 * EI);
-            println!(
-                "{segments} segments: tip {:.9} mm against {wanted:.9}, error {:.1e}",
-                tip[1],
-                tip[1] / wanted - 1.0
-            );
             // Second order of a slope of 4e-4, and 1e-6 N of residual.
-            assert!((tip[1] / wanted - 1.0).abs() < 1e-5);
+            assert!(
+                (tip[1] / wanted - 1.0).abs() < 1e-5,
+                "{segments} segments: {} against {wanted} mm",
+                tip[1]
+            );
         }
     }
 
@@ -457,22 +458,20 @@ mod tests {
                 let error = (tip[1] / LENGTH - down)
                     .abs()
                     .max((1.0 - tip[0] / LENGTH - short).abs());
-                println!(
-                    "alpha {alpha}, {segments} segments: {:.5} {:.5}, error {error:.1e}",
-                    tip[1] / LENGTH,
-                    1.0 - tip[0] / LENGTH
+                assert!(
+                    error < last,
+                    "alpha {alpha}, {segments} segments: error {error:.1e} after {last:.1e}"
                 );
-                assert!(error < last);
                 last = error.max(5e-6);
             }
             // Five printed digits, the mesh's 1/40 squared, and the leaf's own stretch of 1e-5.
-            assert!(last < 5e-4);
+            assert!(last < 5e-4, "alpha {alpha}: {last:.1e}");
         }
     }
 
-    /// M = 2 pi E I / L rolls the leaf up to a full circle: its end is back at the clamp.
+    /// M = 2 pi E I / L bends the leaf to a full circle: its end is back at the clamp.
     #[test]
-    fn a_moment_rolls_it_up_to_a_circle() {
+    fn an_end_moment_bends_the_leaf_to_a_circle() {
         for segments in [10, 20, 80] {
             let tip = load(
                 &mut cantilever(segments),
@@ -481,13 +480,13 @@ mod tests {
                 20,
             );
             let miss = tip[0].hypot(tip[1]) / LENGTH;
-            println!(
-                "{segments} segments: end misses the clamp by {miss:.1e} of the length, turned {:.6} rad",
+            // Constant curvature, no shear: the angles of an element are exact and all chords are too short by the same
+            // (1/24) (2 pi / n)^2, so the polygon still closes.
+            assert!(
+                miss < 1e-6 && (tip[2] - std::f64::consts::TAU).abs() < 1e-6,
+                "{segments} segments: {miss:.1e} of the length, {} rad",
                 tip[2]
             );
-            // Constant curvature, no shear: an element's angles are exact, its chord too short by (1/24) (2 pi / n)^2 alike
-            // for all, which closes the polygon anyway.
-            assert!(miss < 1e-6 && (tip[2] - std::f64::consts::TAU).abs() < 1e-6);
         }
     }
 }

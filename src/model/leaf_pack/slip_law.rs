@@ -1,69 +1,74 @@
-//! The friction law of every sliding place in the pack: force from slip, with the derivatives that an implicit step needs.
+//! Friction law of every sliding place in the pack: force from slip, with the derivatives that an implicit step needs.
 //!
 //! ```text
-//! presliding  T = T0 + k (s - s0), cut to |T| <= L     elastic-plastic: rate-independent, holds at rest
-//! tanh        T = L tanh(s' / v)                        Kadziela et al. (2015), section 7.5: nothing held at rest
+//! presliding  T = T0 + k (s - s0), limited to |T| <= L    elastic-plastic: independent of the rate, holds at rest
+//! tanh        T = L tanh(s' / v)                          Kadziela et al. (2015), section 7.5: no force at rest
 //! ```
-//! T friction force, N (torque, N mm); s slip, mm (rad); s' its rate; L limit (mu N, or a constant); k tangential
-//! stiffness before sliding; v transition velocity; index 0 the last converged step.
+//! T friction force, N (torque, N mm, at a pin); s slip, mm (rad); s' its rate; L friction limit (mu N, or a constant); k
+//! tangential stiffness before sliding; v transition velocity; index 0 the last converged step.
+//!
+//! The laws of [`crate::model::friction`] are another kind: they give a ratio after a known slip. Here Newton's method tries
+//! many slips per step, so a law must not change its state before the step has converged, and it must give dT/ds and dT/dL.
 
-/// Which law, with its constant.
+/// A friction law with its constant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum SlipLaw {
-    /// Rate-independent with elastic presliding of this stiffness (N/mm, or N mm/rad at a pin).
+    /// Independent of the rate, elastic with this stiffness before sliding (N/mm, or N mm/rad at a pin).
     Presliding(f64),
     /// Regularised by this transition velocity (mm/s, or rad/s at a pin).
     Tanh(f64),
 }
 
-/// What a sliding place does now: the tangent changes only when this does.
+/// Stick-slip state of a sliding place. The tangent changes only when this does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(crate) enum Grip {
-    /// Nothing pressed together, or no friction there.
+pub(crate) enum SlipState {
+    /// No normal force, or no friction at this place.
     #[default]
     Free,
-    /// Elastic, below the limit.
+    /// Elastic, below the friction limit.
     Stick,
-    /// At the limit, sliding to greater slip.
+    /// Slides towards greater slip.
     SlipUp,
-    /// At the limit, sliding to lesser slip.
+    /// Slides towards smaller slip.
     SlipDown,
-    /// On the smooth curve of the tanh law.
+    /// On the smooth curve of the tanh law, which has no stick.
     Smooth,
 }
 
-impl Grip {
-    /// Sliding one way, against sliding the other way now.
+impl SlipState {
+    /// True if it slid one way and slides the other way `now`.
     #[inline]
-    pub(super) fn reversed(self, now: Grip) -> bool {
+    pub(super) fn reversed(self, now: SlipState) -> bool {
         matches!(
             (self, now),
-            (Grip::SlipUp, Grip::SlipDown) | (Grip::SlipDown, Grip::SlipUp)
+            (SlipState::SlipUp, SlipState::SlipDown) | (SlipState::SlipDown, SlipState::SlipUp)
         )
     }
 }
 
-/// Force and derivatives of one evaluation.
+/// Friction force and its derivatives at a trial slip.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Response {
+pub(super) struct SlipResponse {
     pub force: f64,
+    /// dT/ds, N/mm (N mm/rad at a pin).
     pub by_slip: f64,
+    /// dT/dL, a pure number.
     pub by_limit: f64,
-    pub grip: Grip,
-    /// The force that sticking would need.
+    pub state: SlipState,
+    /// The force that stick would need.
     pub trial: f64,
 }
 
-impl Response {
-    /// As if it stuck, whatever the limit: a place that overshot from one slip to the other tries stick in between, or
-    /// Newton's method goes to and fro between the two.
+impl SlipResponse {
+    /// The same place in stick, whatever the limit. After an iteration that jumped from one sliding direction to the other,
+    /// Newton's method tries stick; otherwise it would alternate between the two.
     pub(super) fn stuck(self, law: SlipLaw) -> Self {
         match law {
-            SlipLaw::Presliding(stiffness) => Response {
+            SlipLaw::Presliding(stiffness) => SlipResponse {
                 force: self.trial,
                 by_slip: stiffness,
                 by_limit: 0.0,
-                grip: Grip::Stick,
+                state: SlipState::Stick,
                 trial: self.trial,
             },
             SlipLaw::Tanh(_) => self,
@@ -78,62 +83,62 @@ pub(crate) struct Slider {
     pub slip: f64,
     /// Friction force, N (N mm at a pin).
     pub force: f64,
-    /// Dissipated since the last reset, N mm.
+    /// Energy dissipated since the last reset, N mm.
     pub dissipated_nmm: f64,
 }
 
 impl Slider {
-    /// Response at `slip` under the friction limit `limit`, `dt_s` after the committed state.
+    /// Force and derivatives at `slip` under the friction limit `limit`, `dt_s` after the last converged step.
     #[inline]
-    pub(super) fn respond(&self, law: SlipLaw, slip: f64, limit: f64, dt_s: f64) -> Response {
+    pub(super) fn respond(&self, law: SlipLaw, slip: f64, limit: f64, dt_s: f64) -> SlipResponse {
         if limit <= 0.0 {
-            return Response::default();
+            return SlipResponse::default();
         }
         match law {
             SlipLaw::Presliding(stiffness) => {
                 let trial = self.force + stiffness * (slip - self.slip);
-                // On the limit counts as stuck: right after a reversal everything sticks.
+                // A force at the limit is still stick: right after a reversal every place sticks.
                 let edge = limit * (1.0 + 1e-9);
                 if trial > edge {
-                    Response {
+                    SlipResponse {
                         force: limit,
                         by_slip: 0.0,
                         by_limit: 1.0,
-                        grip: Grip::SlipUp,
+                        state: SlipState::SlipUp,
                         trial,
                     }
                 } else if trial < -edge {
-                    Response {
+                    SlipResponse {
                         force: -limit,
                         by_slip: 0.0,
                         by_limit: -1.0,
-                        grip: Grip::SlipDown,
+                        state: SlipState::SlipDown,
                         trial,
                     }
                 } else {
-                    Response {
+                    SlipResponse {
                         force: trial,
                         by_slip: stiffness,
                         by_limit: 0.0,
-                        grip: Grip::Stick,
+                        state: SlipState::Stick,
                         trial,
                     }
                 }
             }
             SlipLaw::Tanh(velocity) => {
                 let t = ((slip - self.slip) / (velocity * dt_s)).tanh();
-                Response {
+                SlipResponse {
                     force: limit * t,
                     by_slip: limit * (1.0 - t * t) / (velocity * dt_s),
                     by_limit: t,
-                    grip: Grip::Smooth,
+                    state: SlipState::Smooth,
                     trial: limit * t,
                 }
             }
         }
     }
 
-    /// Takes over a converged step and books what it dissipated.
+    /// Keeps a converged step and adds the energy that it dissipated.
     #[inline]
     pub(super) fn commit(&mut self, law: SlipLaw, slip: f64, force: f64) {
         let work = match law {
@@ -148,7 +153,8 @@ impl Slider {
         self.force = force;
     }
 
-    /// Elastic energy held by the presliding spring, N mm.
+    /// Elastic energy before sliding, N mm.
+    #[cfg(test)]
     pub(super) fn stored_nmm(&self, law: SlipLaw) -> f64 {
         match law {
             SlipLaw::Presliding(stiffness) => self.force * self.force / (2.0 * stiffness),
@@ -156,7 +162,7 @@ impl Slider {
         }
     }
 
-    /// Released at `slip`: no force, nothing booked.
+    /// Restarts at `slip` without force and without dissipated energy.
     pub(super) fn release(&mut self, slip: f64) {
         *self = Slider {
             slip,
@@ -192,21 +198,19 @@ mod tests {
         let (slider, work) = drive(law, &path, limit, 4000);
         let loops = slider.dissipated_nmm;
         let wanted = limit * (a - limit / stiffness) + 4.0 * limit * (a - limit / stiffness);
-        println!("friction loop {loops:.6} N mm against {wanted:.6}");
         // The kink at the limit lies within one step of 5e-5 mm.
-        assert!((loops / wanted - 1.0).abs() < 1e-4);
+        assert!((loops / wanted - 1.0).abs() < 1e-4, "{loops} against {wanted}");
         assert!((work - loops - slider.stored_nmm(law)).abs() < 1e-9);
     }
 
-    /// The rate-independent law keeps its loop at any speed, tanh loses it: the trap of the paper's static test.
+    /// Presliding keeps its loop at any speed, tanh loses it in a slow test, as in the paper's static test.
     #[test]
     fn only_presliding_keeps_the_slow_loop() {
         let slow = [(0.0, 0.0), (100.0, 0.1), (300.0, -0.1), (500.0, 0.1)];
         let kept = drive(SlipLaw::Presliding(2e5), &slow, 30.0, 500).0.dissipated_nmm;
         let lost = drive(SlipLaw::Tanh(1.0), &slow, 30.0, 500).0.dissipated_nmm;
-        println!("slow loop: presliding {kept:.3}, tanh {lost:.5} N mm");
-        assert!((kept / (5.0 * 30.0 * 0.1) - 1.0).abs() < 0.01);
+        assert!((kept / (5.0 * 30.0 * 0.1) - 1.0).abs() < 0.01, "{kept}");
         // tanh(x) = x at x = (0.001 mm/s) / (1 mm/s).
-        assert!((lost / kept - 1e-3).abs() < 1e-4);
+        assert!((lost / kept - 1e-3).abs() < 1e-4, "{lost} of {kept}");
     }
 }
