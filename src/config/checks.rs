@@ -3,11 +3,9 @@
 
 use super::file::Document;
 use super::{Bench, BenchLimits, ConfigError, LinkConfig, ModelConfig};
+use crate::link::{address_forms, is_address};
 use crate::model;
 use crate::protocol::message::COUNTS_MAX;
-
-/// Ways to reach a rig; the first is in memory.
-const SCHEMES: [&str; 3] = ["mock:", "can:", "serial:"];
 
 /// Everything that does not need another file.
 pub(super) fn bench(document: &Document, bench: &Bench) -> Result<(), ConfigError> {
@@ -49,19 +47,9 @@ pub(super) fn model(document: &Document, key: &str, config: &ModelConfig) -> Res
 }
 
 fn link(document: &Document, link: &LinkConfig) -> Result<(), ConfigError> {
-    let place = SCHEMES
-        .iter()
-        .find_map(|s| link.address.strip_prefix(s).map(|rest| (*s, rest)));
-    match place {
-        Some(("mock:", "")) => {}
-        Some((scheme, rest)) if scheme != "mock:" && !rest.is_empty() => {}
-        _ => {
-            let reason = format!(
-                "\"{}\" is no link: write \"mock:\", \"can:\" with an interface or \"serial:\" with a port",
-                link.address
-            );
-            return Err(document.refuse("link.address", reason));
-        }
+    if !is_address(&link.address) {
+        let reason = format!("\"{}\" is no link: write {}", link.address, address_forms());
+        return Err(document.refuse("link.address", reason));
     }
     within(
         document,
