@@ -6,8 +6,8 @@ use crate::recording::{Ending, EventKind};
 use crate::units::Mode;
 
 impl Rig {
-    /// Begins the ordered run. Its time starts when the first command is due; its level is the mean of the still rig, or the
-    /// newest reading.
+    /// Begins the ordered run. Its time starts when the first command is due. It starts from the mean of the window if the rig
+    /// is still, else from the newest reading.
     pub(super) fn begin_run(&mut self, tick: u64, turn: &mut Turn) {
         let Activity::Arming(order) = std::mem::replace(&mut self.activity, Activity::Idle) else {
             return;

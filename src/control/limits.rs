@@ -12,7 +12,7 @@ pub(crate) enum Action {
     Abort(String),
 }
 
-/// Limits of the detectors (`docs/faults.md`, ids L1, L2, L9, H5).
+/// Limits of the detectors; faults L1, L2, L9 and H5 of the fault list in `docs`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct DetectorLimits {
     /// A stream without samples for longer is an abort, ms.

@@ -31,7 +31,7 @@ mod transitions;
 use crate::link::Link;
 use crate::protocol::frame::Frame;
 use crate::protocol::message::{
-    Cause, EmergencyMessage, FromRig, Limits, RequestCode, RigState, StatusMessage,
+    Cause, EmergencyMessage, FromRig, Limits, RequestCode, RequestResult, RigState, StatusMessage,
 };
 use crate::protocol::protection::{CounterCheck, Sequence};
 use crate::protocol::tick::ticks_in_ms;
@@ -243,7 +243,8 @@ impl Rig {
             self.session
                 .on_acknowledgement(status.ack_counter, status.ack_result, turn.now_ns)
         {
-            self.give_up(format!("the rig refused {code:?}: {result:?}"), turn);
+            let why = format!("the rig refused {code:?} ({result:?}): {}", remedy(result));
+            self.give_up(why, turn);
         }
         self.on_state(status.state, status.cause, turn);
     }
@@ -269,5 +270,19 @@ impl Rig {
             kind,
             text,
         });
+    }
+}
+
+/// What to do after a refused request.
+fn remedy(result: RequestResult) -> &'static str {
+    match result {
+        RequestResult::None | RequestResult::Done => "try again",
+        RequestResult::Busy => "end the other program that owns the session of this rig",
+        RequestResult::WrongState => "wait until the rig is at rest, then try again",
+        RequestResult::WrongConfiguration => "restart the daemon, which then writes the limits again",
+        RequestResult::CauseStands => {
+            "remove the cause (sensor without reading, emergency stop), then try again"
+        }
+        RequestResult::Unknown => "install the firmware of this protocol version",
     }
 }

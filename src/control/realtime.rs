@@ -290,8 +290,8 @@ fn degradations() -> Vec<String> {
     missing
 }
 
-/// Locks present and future memory. Not under a finite limit that cannot be raised, because a later allocation would then
-/// fail.
+/// Locks present and future memory. Not under a finite limit that cannot be raised, because a later allocation would fail
+/// under such a limit.
 fn lock_memory() -> Result<(), String> {
     let (soft, _) = getrlimit(Resource::RLIMIT_MEMLOCK).map_err(|e| e.to_string())?;
     if soft != RLIM_INFINITY && setrlimit(Resource::RLIMIT_MEMLOCK, RLIM_INFINITY, RLIM_INFINITY).is_err() {

@@ -17,7 +17,7 @@ pub(crate) enum Refusal {
     #[error("the rig is interlocked ({0:?}): remove the cause, then reset")]
     Interlocked(Cause),
     /// The request is not possible in this phase.
-    #[error("{what} is not possible while the bench is {phase:?}: wait, or stop the run first")]
+    #[error("{what} is not possible while the bench is {phase:?}: check the bench with `leafbench status`")]
     Phase {
         /// The request that was refused.
         what: &'static str,

@@ -29,7 +29,7 @@ pub(crate) enum Phase {
     Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema,
 )]
 pub(crate) struct Counters {
-    /// Samples received.
+    /// Number of samples received.
     pub samples: u64,
     /// Samples missing according to the rig's ticks.
     pub lost: u64,

@@ -35,7 +35,7 @@ impl Rig {
             }
             (Activity::Stopping { .. }, RigState::Off | RigState::Tripped) => self.close_stopped_run(turn),
             (Activity::Arming(_), RigState::Tripped | RigState::Unload) => {
-                self.notice = format!("the rig did not arm: {cause:?}");
+                self.notice = format!("the rig did not arm ({cause:?}): remove the cause, then start again");
                 self.activity = Activity::Idle;
             }
             (Activity::Unloading, RigState::Off | RigState::Tripped) => self.activity = Activity::Idle,

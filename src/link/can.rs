@@ -18,7 +18,7 @@ use super::{Backend, Link, LinkHealth, Port, Reach, Side};
 use crate::protocol::cob;
 use crate::protocol::frame::Frame;
 
-/// CAN interfaces of the kernel.
+/// CAN interfaces of the kernel, real or virtual.
 pub(super) const BACKEND: Backend = Backend {
     scheme: "can",
     place: "INTERFACE",

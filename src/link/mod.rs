@@ -149,7 +149,7 @@ pub(crate) enum LinkError {
 /// Which end of the wire this is. It decides which identifiers are for this end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Side {
-    /// The daemon.
+    /// The daemon, or another program that controls a rig.
     Host {
         /// Node of the rig at the far end.
         rig_node: u8,

@@ -13,7 +13,7 @@ use super::service::{self, Ends, Inlet, Lane};
 use super::{Backend, Link, LinkHealth, Reach, Side};
 use crate::protocol::serial_framing::{self, Decoder, PACKET_MAX};
 
-/// Serial ports.
+/// Serial ports and pseudo-terminals.
 pub(super) const BACKEND: Backend = Backend {
     scheme: "serial",
     place: "PORT",
