@@ -3,7 +3,7 @@
 use std::hint::black_box;
 
 use crate::protocol::frame::Frame;
-use crate::protocol::message::{FromRig, ToRig, WireMode};
+use crate::protocol::message::{CommandMessage, FromRig, SampleMessage, ToRig, WireMode};
 use crate::protocol::serial_framing::{Decoder, PACKET_MAX, encode};
 use criterion::{Criterion, Throughput};
 
@@ -13,12 +13,12 @@ const FRAMES: u16 = 1000;
 fn samples() -> Vec<Frame> {
     (0..FRAMES)
         .map(|tick| {
-            let sample = FromRig::Sample {
+            let sample = FromRig::Sample(SampleMessage {
                 counter: (tick % 15) as u8,
                 tick,
                 force_counts: i32::from(tick) * 20,
                 displacement_counts: -i32::from(tick) * 30,
-            };
+            });
             sample.encode(NODE)
         })
         .collect()
@@ -39,14 +39,14 @@ pub fn protocol(criterion: &mut Criterion) {
     group.bench_function("encode commands", |bencher| {
         bencher.iter(|| {
             for tick in 0..FRAMES {
-                let command = ToRig::Command {
+                let command = ToRig::Command(CommandMessage {
                     counter: (tick % 15) as u8,
                     session: 1,
                     tick,
                     mode: WireMode::Force,
                     counts: i32::from(tick),
                     last: false,
-                };
+                });
                 black_box(black_box(command).encode(NODE));
             }
         })

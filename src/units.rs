@@ -1,7 +1,7 @@
 //! The unit system, the sign rule and the few conversions.
 //!
 //! Inside leafbench: N, mm, s, rad, MPa (= N/mm2), N mm. Names end in their unit. Loading the spring is positive, for
-//! force and displacement. The wire carries counts; energy leaves as joules.
+//! force and displacement. The wire carries counts; energy is reported in joules.
 
 /// Which channel the rig's servo loop closes on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
@@ -13,7 +13,7 @@ pub(crate) enum Mode {
     Force,
 }
 
-/// The value asked for now. It carries its mode, because a newton sent as a millimetre moves oil.
+/// The set point of one moment. It carries its mode, so that newtons cannot be sent as millimetres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Command {
     /// Displacement in mm.
@@ -57,10 +57,12 @@ impl Mode {
     }
 }
 
-/// Standard gravity in mm/s2 (CGPM 1901).
-pub(crate) const GRAVITY_MM_S2: f64 = 9806.65;
+/// Nanoseconds in a millisecond.
+pub(crate) const NS_PER_MS: u64 = 1_000_000;
+/// Nanoseconds in a second.
+pub(crate) const NS_PER_S: u64 = 1_000_000_000;
 
-/// N mm to J.
+/// Converts N mm to J.
 pub(crate) fn joules_from_nmm(energy_nmm: f64) -> f64 {
     energy_nmm * 1e-3
 }
@@ -68,14 +70,4 @@ pub(crate) fn joules_from_nmm(energy_nmm: f64) -> f64 {
 /// Force in N of a mass in kg that accelerates by mm/s2.
 pub(crate) fn inertia_force_n(mass_kg: f64, acceleration_mm_s2: f64) -> f64 {
     mass_kg * acceleration_mm_s2 * 1e-3
-}
-
-/// kgf to N.
-pub(crate) fn newtons_from_kgf(force_kgf: f64) -> f64 {
-    force_kgf * GRAVITY_MM_S2 * 1e-3
-}
-
-/// Degrees to rad.
-pub(crate) fn radians_from_degrees(angle_deg: f64) -> f64 {
-    angle_deg.to_radians()
 }

@@ -259,18 +259,14 @@ fn a_dead_host_leaves_a_rig_that_unloads_within_its_lease() {
     bench.start(static_ramp());
     bench.ticks(20_000);
     bench.host_alive = false;
-    let loaded = bench.mock.firmware().state();
+    let loaded = bench.mock.state();
     assert_eq!(loaded, RigState::Running);
     bench.ticks(45);
-    assert_eq!(
-        bench.mock.firmware().state(),
-        RigState::Running,
-        "the lease is 50 ms"
-    );
+    assert_eq!(bench.mock.state(), RigState::Running, "the lease is 50 ms");
     bench.ticks(15);
-    assert_eq!(bench.mock.firmware().state(), RigState::Unload);
+    assert_eq!(bench.mock.state(), RigState::Unload);
     bench.ticks(10_000);
-    assert_eq!(bench.mock.firmware().state(), RigState::Tripped);
+    assert_eq!(bench.mock.state(), RigState::Tripped);
     bench.host_alive = true;
     bench.ticks(3_000);
     assert_eq!(bench.rig.phase(), Phase::Interlocked, "{:#?}", bench.rig.status());
@@ -281,11 +277,7 @@ fn a_dead_host_leaves_a_rig_that_unloads_within_its_lease() {
     bench.rig.reset().expect("the cause is gone");
     bench.until(Phase::Ready, 1_000);
     bench.ticks(2_000);
-    assert_eq!(
-        bench.mock.firmware().state(),
-        RigState::Off,
-        "a reset never resumes motion"
-    );
+    assert_eq!(bench.mock.state(), RigState::Off, "a reset never resumes motion");
 }
 
 #[test]

@@ -4,11 +4,13 @@
 use std::fs::File;
 use std::io::{Read, Write};
 use std::os::fd::{AsFd, OwnedFd};
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use crate::link::{self, Arrival, Link, Side};
-use crate::protocol::message::{FromRig, NmtCommand, ToRig, next_counter};
+use crate::link::{self, Link, Side};
+use crate::protocol::frame::Frame;
+use crate::protocol::message::{FromRig, LeaseMessage, NmtCommand, SampleMessage, ToRig, next_counter};
 use crate::protocol::serial_framing::{Decoder, PACKET_MAX, encode};
 
 const NODE: u8 = 5;
@@ -52,22 +54,22 @@ fn wait_until(what: &str, mut done: impl FnMut() -> bool) {
     }
 }
 
-fn next(link: &mut Link) -> Arrival {
-    let mut arrival = None;
+fn next(link: &mut Link) -> Frame {
+    let mut frame = None;
     wait_until("a frame", || {
-        arrival = link.receive();
-        arrival.is_some()
+        frame = link.receive();
+        frame.is_some()
     });
-    arrival.expect("waited for")
+    frame.expect("waited for")
 }
 
 fn sample(tick: u16) -> FromRig {
-    FromRig::Sample {
+    FromRig::Sample(SampleMessage {
         counter: (tick % 15) as u8,
         tick,
         force_counts: i32::from(tick),
         displacement_counts: -7,
-    }
+    })
 }
 
 fn packet(message: FromRig) -> Vec<u8> {
@@ -96,21 +98,21 @@ fn two_links_over_a_cable() {
     );
     for tick in 0..2000 {
         assert!(rig.send(sample(tick).encode(NODE)));
-        let lease = ToRig::Lease {
+        let lease = ToRig::Lease(LeaseMessage {
             counter: (tick % 15) as u8,
             session: 1,
             control_tick: tick,
-        };
+        });
         assert!(host.send(lease.encode(NODE)));
-        assert_eq!(FromRig::decode(&next(&mut host).frame, NODE), Ok(sample(tick)));
-        assert_eq!(ToRig::decode(&next(&mut rig).frame, NODE), Ok(lease));
+        assert_eq!(FromRig::decode(&next(&mut host), NODE), Ok(sample(tick)));
+        assert_eq!(ToRig::decode(&next(&mut rig), NODE), Ok(lease));
     }
     let stop = ToRig::Nmt {
         command: NmtCommand::Stop,
         node: 0,
     };
     assert!(host.send_urgent(stop.encode(NODE)));
-    assert_eq!(ToRig::decode(&next(&mut rig).frame, NODE), Ok(stop));
+    assert_eq!(ToRig::decode(&next(&mut rig), NODE), Ok(stop));
     for health in [&host.health, &rig.health] {
         assert_eq!(health.bus_errors.load(Ordering::Relaxed), 0);
         assert_eq!(health.send_failures.load(Ordering::Relaxed), 0);
@@ -127,11 +129,11 @@ fn noise_is_counted_and_the_frames_after_it_arrive() {
         .write_all(&packet(sample(0))[4..])
         .expect("written");
     terminal.master.write_all(&packet(sample(1))).expect("written");
-    assert_eq!(FromRig::decode(&next(&mut host).frame, NODE), Ok(sample(1)));
+    assert_eq!(FromRig::decode(&next(&mut host), NODE), Ok(sample(1)));
     assert_eq!(host.health.bus_errors.load(Ordering::Relaxed), 0);
     terminal.master.write_all(&[9, 9, 9, 0]).expect("written");
     terminal.master.write_all(&packet(sample(2))).expect("written");
-    assert_eq!(FromRig::decode(&next(&mut host).frame, NODE), Ok(sample(2)));
+    assert_eq!(FromRig::decode(&next(&mut host), NODE), Ok(sample(2)));
     wait_until("the count", || {
         host.health.bus_errors.load(Ordering::Relaxed) == 1
     });
@@ -145,13 +147,12 @@ fn an_unplugged_port_closes_the_link() {
     drop(terminal.master);
     wait_until("the link to close", || !host.health.is_open());
     assert_eq!(host.receive(), None);
-    let lease = ToRig::Lease {
+    let lease = ToRig::Lease(LeaseMessage {
         counter: 0,
         session: 1,
         control_tick: 0,
-    };
+    });
     wait_until("sending to be refused", || !host.send(lease.encode(NODE)));
-    host.close();
 }
 
 #[test]
@@ -164,11 +165,11 @@ fn a_peer_that_stops_reading_fails_the_sends_and_not_the_caller() {
     wait_until("a send to fail", || {
         for _ in 0..100 {
             host.send(
-                ToRig::Lease {
+                ToRig::Lease(LeaseMessage {
                     counter,
                     session: 1,
                     control_tick: tick,
-                }
+                })
                 .encode(NODE),
             );
             counter = next_counter(counter);
@@ -178,11 +179,11 @@ fn a_peer_that_stops_reading_fails_the_sends_and_not_the_caller() {
     });
     assert!(host.health.is_open());
     // It reads again: what comes then is whole frames, in order.
-    let last = ToRig::Lease {
+    let last = ToRig::Lease(LeaseMessage {
         counter: 0,
         session: 2,
         control_tick: 0,
-    };
+    });
     let mut reader = terminal.master.try_clone().expect("a copy");
     let found = std::thread::spawn(move || {
         let mut decoder = Decoder::default();
@@ -193,7 +194,7 @@ fn a_peer_that_stops_reading_fails_the_sends_and_not_the_caller() {
             for frame in bytes[..count].iter().filter_map(|&byte| decoder.push(byte)) {
                 match ToRig::decode(&frame, NODE) {
                     Ok(message) if message == last => return decoder.errors(),
-                    Ok(ToRig::Lease { control_tick, .. }) => {
+                    Ok(ToRig::Lease(LeaseMessage { control_tick, .. })) => {
                         assert!(before < Some(control_tick), "{before:?} then {control_tick}");
                         before = Some(control_tick);
                     }
@@ -226,8 +227,10 @@ fn a_taken_port_is_refused_and_the_owner_undisturbed() {
         "{error}"
     );
     terminal.master.write_all(&packet(sample(3))).expect("written");
-    assert_eq!(FromRig::decode(&next(&mut owner).frame, NODE), Ok(sample(3)));
+    assert_eq!(FromRig::decode(&next(&mut owner), NODE), Ok(sample(3)));
     // Closed, it is free again.
-    owner.close();
-    open(&terminal.address, Side::Rig { node: NODE }).close();
+    let health = Arc::clone(&owner.health);
+    drop(owner);
+    wait_until("the port to be free", || !health.is_open());
+    open(&terminal.address, Side::Rig { node: NODE });
 }

@@ -13,7 +13,7 @@ use std::sync::{Mutex, PoisonError};
 
 use super::support::{Daemon, Process, config, json, leafbench};
 use crate::protocol::frame::Frame;
-use crate::protocol::message::FromRig;
+use crate::protocol::message::{FromRig, SampleMessage};
 use crate::recording::run_file::{EXTENSION, RunFile};
 use crate::recording::{Flags, Sample};
 
@@ -253,12 +253,12 @@ fn sample_frames(log: &str) -> BTreeMap<u64, (i32, i32)> {
         let Ok(id) = u16::from_str_radix(id, 16) else {
             continue;
         };
-        let Ok(FromRig::Sample {
+        let Ok(FromRig::Sample(SampleMessage {
             tick,
             force_counts,
             displacement_counts,
             ..
-        }) = FromRig::decode(&Frame::new(id, &bytes), 1)
+        })) = FromRig::decode(&Frame::new(id, &bytes), 1)
         else {
             continue;
         };

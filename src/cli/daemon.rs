@@ -29,9 +29,12 @@ fn arguments(command: clap::Command) -> clap::Command {
         .arg(local::bench_argument())
         .arg(local::profiles_argument())
         .arg(data_argument())
-        .arg(Arg::new("link").long("link").value_name("ADDRESS").help(
-            "Instead of the bench's link: can:INTERFACE, serial:PORT, or mock: for a mock rig in memory",
-        ))
+        .arg(
+            Arg::new("link")
+                .long("link")
+                .value_name("ADDRESS")
+                .help(format!("Instead of the bench's link: {}", link::address_forms())),
+        )
         .arg(
             Arg::new("listen")
                 .long("listen")
@@ -74,7 +77,7 @@ fn announce(endpoint: &Endpoint, output: &Output) {
 
 /// The daemon cannot tell a mock rig from a rig; only this function can.
 fn open_link(address: &str, bench: &Bench) -> Result<Link, CliError> {
-    if address != "mock:" {
+    if !link::is_in_process(address) {
         return Ok(link::open(
             address,
             Side::Host {

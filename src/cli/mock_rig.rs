@@ -21,7 +21,7 @@ pub(super) const COMMAND: Command = Command {
                     .long("link")
                     .value_name("ADDRESS")
                     .required(true)
-                    .help("can:vcan0 or serial:/dev/pts/3"),
+                    .help(format!("Link to the host: {}", link::port_forms())),
             )
             .arg(
                 Arg::new("seed")

@@ -1,9 +1,6 @@
 //! A whole bench in virtual time: control and the mock rig over a link in memory, the recorder called inline. One step is
 //! a millisecond; the same config and seed give the same bits.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use super::{CliError, local};
 use crate::config::Bench;
 use crate::control::run::RunOrder;
@@ -29,21 +26,18 @@ pub(crate) struct VirtualBench {
     pub mock: MockRig,
     host_end: Link,
     rig_end: Link,
-    clock: Arc<AtomicU64>,
     now_ns: u64,
 }
 
 impl VirtualBench {
     /// The bench's mock rig with the bench's specimen, and control as the daemon configures it.
     pub(crate) fn new(bench: &Bench, seed: Option<u64>) -> Result<VirtualBench, CliError> {
-        let clock = Arc::new(AtomicU64::new(0));
-        let (host_end, rig_end) = loopback::pair_with_clock(Arc::clone(&clock));
+        let (host_end, rig_end) = loopback::pair();
         Ok(VirtualBench {
             rig: Rig::new(bench.rig_config(SESSION)),
             mock: local::mock_rig(bench, seed)?,
             host_end,
             rig_end,
-            clock,
             now_ns: 0,
         })
     }
@@ -51,7 +45,6 @@ impl VirtualBench {
     /// One millisecond: the rig ticks, then control looks.
     pub(crate) fn step(&mut self, recorder: &mut dyn Recorder) {
         self.now_ns += STEP_NS;
-        self.clock.store(self.now_ns, Ordering::Relaxed);
         self.mock.tick(&mut self.rig_end);
         self.rig.poll(self.now_ns, &mut self.host_end, recorder);
     }

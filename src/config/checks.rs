@@ -5,11 +5,9 @@ use super::file::Document;
 use super::{
     Bench, BenchLimits, ConfigError, DisplacementChannel, ForceChannel, LinkConfig, ModelConfig, Specimen,
 };
+use crate::link::{address_forms, is_address};
 use crate::model;
 use crate::protocol::message::COUNTS_MAX;
-
-/// Ways to reach a rig; the first is in memory.
-const SCHEMES: [&str; 3] = ["mock:", "can:", "serial:"];
 
 /// Checks a bench. Its models and its specimen are checked by [`model`] and [`specimen`].
 pub(super) fn bench(document: &Document, bench: &Bench) -> Result<(), ConfigError> {
@@ -72,19 +70,9 @@ pub(super) fn model(document: &Document, key: &str, config: &ModelConfig) -> Res
 }
 
 fn link(document: &Document, link: &LinkConfig) -> Result<(), ConfigError> {
-    let place = SCHEMES
-        .iter()
-        .find_map(|s| link.address.strip_prefix(s).map(|rest| (*s, rest)));
-    match place {
-        Some(("mock:", "")) => {}
-        Some((scheme, rest)) if scheme != "mock:" && !rest.is_empty() => {}
-        _ => {
-            let reason = format!(
-                "\"{}\" is no link: write \"mock:\", \"can:\" with an interface or \"serial:\" with a port",
-                link.address
-            );
-            return Err(document.refuse("link.address", reason));
-        }
+    if !is_address(&link.address) {
+        let reason = format!("\"{}\" is no link: write {}", link.address, address_forms());
+        return Err(document.refuse("link.address", reason));
     }
     let rows = [
         ("node", f64::from(link.node), 1.0, 126.0, "the nodes of a bus"),

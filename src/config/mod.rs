@@ -83,11 +83,6 @@ impl LinkConfig {
     fn default_silence_ms() -> u64 {
         20
     }
-
-    /// The mock rig in memory: no hardware, no process.
-    pub(crate) fn is_mock(&self) -> bool {
-        self.address == "mock:"
-    }
 }
 
 /// The load cell's calibration: `force_n = counts * sign * n_per_count - offset_n - tare`.

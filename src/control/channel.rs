@@ -1,15 +1,15 @@
-//! Counts to newtons and millimetres and back, tare, and the plausibility of a single reading.
+//! Conversion between counts and newtons or millimetres, and the stillness of the rig for a tare.
 
-use crate::protocol::message::COUNTS_INVALID;
+use crate::protocol::message::{COUNTS_INVALID, COUNTS_MAX, SAMPLE_RATE_HZ};
 use crate::recording::{ChannelScale, Flags};
 use crate::units::{Command, Mode};
 
-/// Both channels of the rig.
+/// Scaling of both channels of the rig.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Channels {
-    /// Load cell.
+    /// Scaling of the load cell, N.
     pub force: ChannelScale,
-    /// LVDT.
+    /// Scaling of the LVDT, mm.
     pub displacement: ChannelScale,
 }
 
@@ -20,12 +20,12 @@ pub(crate) struct Reading {
     pub force_n: f64,
     /// Displacement in mm.
     pub displacement_mm: f64,
-    /// `FORCE_INVALID` and `DISPLACEMENT_INVALID` where the rig said so.
+    /// `FORCE_INVALID` and `DISPLACEMENT_INVALID` if the rig sent "no valid reading".
     pub flags: Flags,
 }
 
 impl Channels {
-    /// Physical values of a sample's counts. An invalid reading keeps its counts' value and is flagged.
+    /// The physical values of a sample's counts. An invalid reading is converted all the same and flagged.
     pub(crate) fn reading(&self, force_counts: i32, displacement_counts: i32) -> Reading {
         let mut flags = Flags::default();
         if force_counts == COUNTS_INVALID {
@@ -41,19 +41,16 @@ impl Channels {
         }
     }
 
-    /// Counts of a command on its own channel, held inside the channel's range.
+    /// Counts of a command on its own channel, limited to the channel's range.
     pub(crate) fn command_counts(&self, command: Command) -> i32 {
         let counts = match command {
             Command::Force(n) => self.force.counts(n),
             Command::Displacement(mm) => self.displacement.counts(mm),
         };
-        counts.clamp(
-            -crate::protocol::message::COUNTS_MAX,
-            crate::protocol::message::COUNTS_MAX,
-        )
+        counts.clamp(-COUNTS_MAX, COUNTS_MAX)
     }
 
-    /// The channel that `mode` closes the loop on, of a reading.
+    /// The feedback of `mode` in a reading.
     pub(crate) fn feedback(mode: Mode, reading: &Reading) -> f64 {
         match mode {
             Mode::Force => reading.force_n,
@@ -62,7 +59,7 @@ impl Channels {
     }
 }
 
-/// Running mean and spread of the newest readings: what tare takes, and whether the rig is still enough for it.
+/// The newest readings: a tare takes their mean, and needs a small standard deviation.
 #[derive(Debug, Clone)]
 pub(crate) struct Stillness {
     force_n: [f64; Self::SAMPLES],
@@ -94,8 +91,8 @@ impl Default for Stillness {
 }
 
 impl Stillness {
-    /// Window: 0.5 s of samples.
-    pub(crate) const SAMPLES: usize = 500;
+    /// Samples of the window: 0.5 s.
+    const SAMPLES: usize = SAMPLE_RATE_HZ as usize / 2;
 
     /// Takes one valid reading.
     pub(crate) fn push(&mut self, reading: &Reading) {
@@ -105,12 +102,12 @@ impl Stillness {
         self.count += 1;
     }
 
-    /// Forgets everything (after a tare, a gap or an invalid reading).
+    /// Empties the window (after a tare, a gap or an invalid reading).
     pub(crate) fn clear(&mut self) {
         self.count = 0;
     }
 
-    /// Mean and spread, once the window is full.
+    /// Mean and standard deviation, once the window is full.
     pub(crate) fn measure(&self) -> Option<Still> {
         (self.count >= Self::SAMPLES).then(|| {
             let (force_n, force_sigma_n) = mean_and_sigma(&self.force_n);
@@ -152,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn counts_become_values_by_the_one_formula_and_back() {
+    fn counts_become_values_and_back() {
         let c = channels();
         let r = c.reading(1000, -2000);
         assert!((r.force_n - 97.0).abs() < 1e-9);
@@ -162,13 +159,10 @@ mod tests {
     }
 
     #[test]
-    fn an_open_sensor_is_flagged_and_a_wild_command_stays_in_range() {
+    fn an_open_sensor_is_flagged_and_a_command_out_of_range_is_limited() {
         let r = channels().reading(COUNTS_INVALID, 5);
         assert!(r.flags.has(Flags::FORCE_INVALID) && !r.flags.has(Flags::DISPLACEMENT_INVALID));
-        assert_eq!(
-            channels().command_counts(Command::Force(1e9)),
-            crate::protocol::message::COUNTS_MAX
-        );
+        assert_eq!(channels().command_counts(Command::Force(1e9)), COUNTS_MAX);
     }
 
     #[test]

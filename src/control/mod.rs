@@ -1,82 +1,92 @@
-//! Drives a rig over a link: session, lease, command queue, tare, runs. Knows no model, no file and no clock: the caller
-//! polls it about once a millisecond with the time, so that a real rig and virtual time run the same code.
+//! Drives a rig over a link: session, lease, command queue, tare, runs. Models, files and clocks are left to others: the
+//! caller polls about once per tick and gives the time, so that a real rig and virtual time run the same code.
 //!
-//! The firmware closes the servo loop and has the last word on safety. Control streams time-tagged commands ahead of
-//! time, keeps the lease alive from this very loop, and accounts for every sample by the rig's own tick.
+//! The firmware closes the servo loop and decides about safety. Control sends commands for ticks ahead, renews the lease
+//! from its own loop, and accounts for every sample by the rig's tick.
+//!
+//! | file | content |
+//! |---|---|
+//! | `sampling` | one sample: its place in time, its flags, its record |
+//! | `life_cycle` | begin and end of a run |
+//! | `transitions` | reactions to states of the rig, to detectors and to a silent stream |
+//! | `requests` | start, stop, hold, resume, reset and tare, as people ask for them |
+//! | `sending` | requests, lease and commands to the rig |
+//! | `session` | hello, configuration and acknowledgements |
+//! | `realtime` | the control thread |
 
 pub(crate) mod channel;
+mod life_cycle;
 pub(crate) mod limits;
 pub(crate) mod realtime;
-pub(crate) mod rig_clock;
+mod requests;
+mod rig_clock;
 pub(crate) mod run;
 mod sampling;
 mod sending;
-pub(crate) mod session;
-pub(crate) mod status;
-pub(crate) mod ticks;
+mod session;
+mod status;
+mod ticks;
 mod transitions;
 
 use crate::link::Link;
+use crate::protocol::frame::Frame;
 use crate::protocol::message::{
-    Cause, FromRig, Limits, NmtCommand, RequestCode, RigState, ToRig, WireMode, next_counter,
+    Cause, EmergencyMessage, FromRig, Limits, RequestCode, RequestResult, RigState, StatusMessage,
 };
-use crate::protocol::protection::CounterCheck;
-use crate::recording::{Ending, Event, EventKind, Flags, Recorder, Sample};
-use crate::units::{Command, Mode};
+use crate::protocol::protection::{CounterCheck, Sequence};
+use crate::protocol::tick::ticks_in_ms;
+use crate::recording::{Ending, Event, EventKind, Recorder};
+use crate::units::NS_PER_MS;
 
 use channel::{Channels, Reading, Stillness};
-use limits::{Action, DetectorLimits, Detectors};
+use limits::{DetectorLimits, Detectors};
+pub(crate) use requests::{Refusal, TareReport};
 use rig_clock::RigClock;
 use run::{Run, RunOrder};
-use session::{Answered, Session};
-pub(crate) use status::{Counters, Phase, Refusal, RigStatus, TareReport};
-use ticks::{TickOrder, Ticks};
+use session::Session;
+pub(crate) use status::{Counters, Phase, RigStatus};
+use ticks::Ticks;
 
-const MS: u64 = 1_000_000;
-/// The lease goes out this often, from the control loop itself.
-const LEASE_PERIOD_NS: u64 = 10 * MS;
-/// NMT start is repeated this often until samples come.
-const NMT_START_PERIOD_NS: u64 = 500 * MS;
-/// A stop that has not unloaded by then is closed as it is.
-const UNLOAD_TIMEOUT_NS: u64 = 20_000 * MS;
-/// Without a sample for this long a stopped run is closed.
-const DEAD_STREAM_NS: u64 = 500 * MS;
+/// A poll later than this after the one before is counted as late, ms.
+const LATE_POLL_MS: u64 = 5;
+/// Without a sample for this long the rig counts as gone, ns: a stopped run is closed and the hello starts again.
+const DEAD_STREAM_NS: u64 = 500 * NS_PER_MS;
 
-/// Figures that control needs of a bench.
+/// What control must know of a bench.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct RigConfig {
     /// Node of the rig, 1 to 126.
     pub node: u8,
-    /// Number of this host's session, 1 to 255; another one after each start of the program.
+    /// Number of this host's session, 1 to 255; different after each start of the program.
     pub session: u8,
     /// Scaling of both channels.
     pub channels: Channels,
-    /// Limits that the firmware holds.
+    /// Limits that the firmware enforces.
     pub limits: Limits,
-    /// First four bytes of the calibration's hash.
+    /// First four bytes of the hash of the calibration.
     pub calibration_hash: u32,
-    /// Commands are queued this far ahead.
+    /// Commands are sent this far ahead, ms.
     pub queue_lead_ms: u64,
-    /// Most commands sent a tick: bounds the bus load while the queue fills.
+    /// Most commands sent per tick. It bounds the bus load while the queue fills.
     pub commands_per_poll: u32,
-    /// A request that is not acknowledged by then is sent once more, then given up.
+    /// A request without acknowledgement is sent again after this time, ms; after the same time again it has failed.
     pub ack_timeout_ms: u64,
-    /// The host's detectors.
+    /// Limits of the host's detectors.
     pub detectors: DetectorLimits,
-    /// Largest tare.
+    /// Largest tare of the load cell, N.
     pub tare_limit_n: f64,
-    /// Largest tare.
+    /// Largest tare of the LVDT, mm.
     pub tare_limit_mm: f64,
-    /// A channel noisier than this is not still.
+    /// Largest standard deviation of the load cell for a tare, N.
     pub still_sigma_n: f64,
-    /// A channel noisier than this is not still.
+    /// Largest standard deviation of the LVDT for a tare, mm.
     pub still_sigma_mm: f64,
 }
 
-/// What control is busy with.
+/// What control is doing.
 enum Activity {
     Idle,
-    /// Pressure is asked for; the run begins once the rig is armed.
+    /// The rig is asked to arm; the run begins once it is armed.
     Arming(Box<RunOrder>),
     Running(Box<Run>),
     /// The rig unloads; samples are still recorded.
@@ -90,7 +100,7 @@ enum Activity {
     Unloading,
 }
 
-/// One rig, driven from here.
+/// One rig under control.
 pub(crate) struct Rig {
     config: RigConfig,
     channels: Channels,
@@ -107,21 +117,33 @@ pub(crate) struct Rig {
     boot: Option<u8>,
     queue_ms: u8,
     reading: Option<Reading>,
-    /// Tick at which commands were sent last.
-    fed_at_tick: u64,
+    /// Commands are sent this far ahead, ticks.
+    lead_ticks: u64,
+    /// Newest sample tick when commands were last sent.
+    commands_sent_at: u64,
     command_counter: u8,
     lease_counter: u8,
     lease_sent_ns: Option<u64>,
     nmt_sent_ns: Option<u64>,
-    unsent: Option<crate::protocol::frame::Frame>,
-    ask: Option<RequestCode>,
+    /// A command that the link refused; it is sent before the next one.
+    refused_command: Option<Frame>,
+    /// The request to send once the one before is answered.
+    next_request: Option<RequestCode>,
     counters: Counters,
     notice: String,
     last_poll_ns: Option<u64>,
 }
 
+/// What one poll works with.
+struct Turn<'a> {
+    /// Time of the poll on the caller's monotonic clock.
+    now_ns: u64,
+    link: &'a mut Link,
+    recorder: &'a mut dyn Recorder,
+}
+
 impl Rig {
-    /// A rig that has not been heard of yet.
+    /// A rig from which nothing has been received yet.
     pub(crate) fn new(config: RigConfig) -> Self {
         Rig {
             channels: config.channels,
@@ -144,13 +166,14 @@ impl Rig {
             boot: None,
             queue_ms: 0,
             reading: None,
-            fed_at_tick: 0,
+            lead_ticks: ticks_in_ms(config.queue_lead_ms),
+            commands_sent_at: 0,
             command_counter: 0,
             lease_counter: 0,
             lease_sent_ns: None,
             nmt_sent_ns: None,
-            unsent: None,
-            ask: None,
+            refused_command: None,
+            next_request: None,
             counters: Counters::default(),
             notice: String::new(),
             last_poll_ns: None,
@@ -158,112 +181,108 @@ impl Rig {
         }
     }
 
-    /// Does everything that is due at `now_ns` (monotonic): takes frames, watches, sends lease and commands, and hands
-    /// samples and events to `recorder`. Never waits.
+    /// Does everything that is due at `now_ns` (monotonic): takes frames, checks the stream, sends requests, lease and
+    /// commands, and gives samples and events to `recorder`. Never waits.
     pub(crate) fn poll(&mut self, now_ns: u64, link: &mut Link, recorder: &mut dyn Recorder) {
+        let turn = &mut Turn {
+            now_ns,
+            link,
+            recorder,
+        };
         self.note_lateness(now_ns);
-        while let Some(arrival) = link.receive() {
-            match FromRig::decode(&arrival.frame, self.config.node) {
-                Ok(message) => self.on_message(message, now_ns, link, recorder),
+        while let Some(frame) = turn.link.receive() {
+            match FromRig::decode(&frame, self.config.node) {
+                Ok(message) => self.on_message(message, turn),
                 Err(_) => self.counters.frames_refused += 1,
             }
         }
-        self.watch(now_ns, link, recorder);
-        self.send_due(now_ns, link, recorder);
+        self.watch(turn);
+        self.send_due(turn);
     }
 
     fn note_lateness(&mut self, now_ns: u64) {
         if let Some(last) = self.last_poll_ns {
-            let gap_ms = now_ns.saturating_sub(last) / MS;
+            let gap_ms = now_ns.saturating_sub(last) / NS_PER_MS;
             self.counters.worst_poll_gap_ms = self.counters.worst_poll_gap_ms.max(gap_ms);
-            self.counters.late_polls += u64::from(gap_ms > 5);
+            self.counters.late_polls += u64::from(gap_ms > LATE_POLL_MS);
         }
         self.last_poll_ns = Some(now_ns);
     }
 
-    fn on_message(&mut self, message: FromRig, now_ns: u64, link: &mut Link, recorder: &mut dyn Recorder) {
+    fn on_message(&mut self, message: FromRig, turn: &mut Turn) {
         match message {
-            FromRig::Sample {
-                counter,
-                tick,
-                force_counts,
-                displacement_counts,
-            } => {
-                if !self.sample_counter.check(counter).is_usable() {
-                    self.counters.frames_out_of_sequence += 1;
-                    return;
-                }
-                match self.ticks.place(tick) {
-                    TickOrder::Next { tick, lost } => {
-                        self.on_sample(
-                            tick,
-                            lost,
-                            (force_counts, displacement_counts),
-                            now_ns,
-                            link,
-                            recorder,
-                        );
-                    }
-                    TickOrder::Old => self.counters.frames_out_of_sequence += 1,
-                }
-            }
-            FromRig::Status {
-                counter,
-                state,
-                cause,
-                queue_ms,
-                session,
-                ack_counter,
-                ack_result,
-                boot,
-                ..
-            } => {
-                if !self.status_counter.check(counter).is_usable() {
-                    self.counters.frames_out_of_sequence += 1;
-                    return;
-                }
-                self.queue_ms = queue_ms;
-                if self.boot.replace(boot).is_some_and(|before| before != boot) {
-                    self.on_reboot(now_ns, recorder);
-                }
-                self.session.on_owner(session);
-                match self.session.on_status(ack_counter, ack_result, now_ns) {
-                    Some(Answered::Refused(code, result)) => {
-                        self.give_up(format!("the rig refused {code:?}: {result:?}"), recorder);
-                    }
-                    Some(Answered::Done(_)) | None => {}
-                }
-                self.on_state(state, cause, now_ns, recorder);
-            }
-            FromRig::Emergency {
-                code, cause, state, ..
-            } => {
-                self.counters.emergencies += 1;
-                self.event(
-                    recorder,
-                    EventKind::Limit,
-                    format!("emergency {code:#06x}: {cause:?}, the rig went to {state:?}"),
-                );
-            }
+            FromRig::Sample(sample) => self.on_sample_message(sample, turn),
+            FromRig::Status(status) => self.on_status(status, turn),
+            FromRig::Emergency(emergency) => self.on_emergency(emergency, turn),
             FromRig::Heartbeat { .. } => {}
-            FromRig::ConfigValue { index, sub, value } => self.session.on_value(index, sub, value, now_ns),
+            FromRig::ConfigValue { index, sub, value } => {
+                self.session.on_value(index, sub, value, turn.now_ns);
+            }
             FromRig::ConfigWritten { index, sub } => self.session.on_written(index, sub),
             FromRig::ConfigRefused { index, sub, abort } => {
-                self.session.on_refused(index, sub, abort, now_ns)
+                self.session.on_refused(index, sub, abort, turn.now_ns);
             }
         }
     }
 
-    fn event(&self, recorder: &mut dyn Recorder, kind: EventKind, text: String) {
+    fn on_status(&mut self, status: StatusMessage, turn: &mut Turn) {
+        if self.status_counter.check(status.counter) != Sequence::Usable {
+            self.counters.frames_out_of_sequence += 1;
+            return;
+        }
+        self.queue_ms = status.queue_ms;
+        if self
+            .boot
+            .replace(status.boot)
+            .is_some_and(|before| before != status.boot)
+        {
+            self.on_reboot(turn);
+        }
+        self.session.on_owner(status.session);
+        if let Some((code, result)) =
+            self.session
+                .on_acknowledgement(status.ack_counter, status.ack_result, turn.now_ns)
+        {
+            let why = format!("the rig refused {code:?} ({result:?}): {}", remedy(result));
+            self.give_up(why, turn);
+        }
+        self.on_state(status.state, status.cause, turn);
+    }
+
+    fn on_emergency(&mut self, emergency: EmergencyMessage, turn: &mut Turn) {
+        let EmergencyMessage {
+            code, cause, state, ..
+        } = emergency;
+        self.counters.emergencies += 1;
+        let text = format!("emergency {code:#06x}: {cause:?}, the rig went to {state:?}");
+        self.event(turn, EventKind::Limit, text);
+    }
+
+    /// Records an event of the run under way.
+    fn event(&self, turn: &mut Turn, kind: EventKind, text: String) {
         let (Activity::Running(run) | Activity::Stopping { run, .. }) = &self.activity else {
             return;
         };
         let tick = self.ticks.newest().unwrap_or(0);
-        recorder.event(&Event {
+        turn.recorder.event(&Event {
             tick,
             time_s: run.time_s(tick),
             kind,
             text,
         });
+    }
+}
+
+/// What to do after a refused request.
+fn remedy(result: RequestResult) -> &'static str {
+    match result {
+        RequestResult::None | RequestResult::Done => "try again",
+        RequestResult::Busy => "end the other program that owns the session of this rig",
+        RequestResult::WrongState => "wait until the rig is at rest, then try again",
+        RequestResult::WrongConfiguration => "restart the daemon, which then writes the limits again",
+        RequestResult::CauseStands => {
+            "remove the cause (sensor without reading, emergency stop), then try again"
+        }
+        RequestResult::Unknown => "install the firmware of this protocol version",
     }
 }

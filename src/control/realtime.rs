@@ -1,8 +1,8 @@
-//! The control thread: an OS thread of its own that polls the [`Rig`] on absolute deadlines of 1 ms, at real-time
-//! priority and with locked memory where the system allows it, and says so where not. No async runtime comes near it.
+//! The control thread: an OS thread without async runtime that polls the [`Rig`] once per tick on absolute deadlines, at
+//! real-time priority and with locked memory where the system allows it. Where not, it reports that.
 //!
-//! In the steady loop it neither waits for anybody nor allocates: requests come through a bounded channel that it only
-//! tries, the status leaves through a mutex that it only tries, samples through the recorder that it was given.
+//! In the steady loop it neither waits for other threads nor allocates: it reads requests from a bounded channel and writes
+//! the status under a mutex without blocking on either, and gives samples to the recorder of the run.
 
 use std::io;
 use std::sync::mpsc::{self, Receiver, SyncSender, TryRecvError};
@@ -18,20 +18,21 @@ use super::run::RunOrder;
 use super::{Phase, Refusal, Rig, RigStatus, TareReport};
 use crate::link::priority::raise_this_thread;
 use crate::link::{Link, now_ns as monotonic_ns};
+use crate::protocol::tick::TICK_NS;
 use crate::recording::{Event, Header, Outcome, Recorder, Sample};
 
 /// Period of the loop.
-const PERIOD_NS: u64 = 1_000_000;
-/// The status is published every so many turns.
+const PERIOD_NS: u64 = TICK_NS;
+/// The status is published every this many turns.
 const STATUS_TURNS: u64 = 20;
 /// A turn that begins later than this after its deadline is counted as late.
 const LATE_NS: u64 = PERIOD_NS;
-/// Requests that wait; people do not press faster.
+/// Most requests that wait.
 const REQUESTS: usize = 8;
 
-/// What people ask of control.
+/// A request to the control thread.
 pub(crate) enum Request {
-    /// Arms the rig and starts a run into this recorder, which is dropped once the run is over or came to nothing.
+    /// Arms the rig and starts a run into this recorder, which is dropped once the run is over or could not start.
     Start(Box<RunOrder>, Box<dyn Recorder + Send>),
     /// Ends the run with this cause; the rig unloads.
     Stop(String),
@@ -43,16 +44,16 @@ pub(crate) enum Request {
     Reset,
     /// Takes the present readings as zero.
     Tare,
-    /// A link that was lost is open again. The rig is only observed until someone starts anew.
+    /// The link was lost and is open again. The rig is only observed until the next start.
     Relink(Box<Link>),
-    /// Ends the control thread. Commands stop, the lease lapses: only for after a stop.
+    /// Ends the control thread. Commands stop and the lease lapses, so it must follow a stop.
     End,
 }
 
-/// What control says to a request that it accepted.
+/// Answer to an accepted request.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Reply {
-    /// It is under way.
+    /// The request is under way.
     Accepted,
     /// The tare that was taken.
     Tared(TareReport),
@@ -61,7 +62,7 @@ pub(crate) enum Reply {
 /// Why a request got no answer from control.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub(crate) enum RequestError {
-    /// Control refused.
+    /// The request is not possible now.
     #[error(transparent)]
     Refused(#[from] Refusal),
     /// Too many requests wait.
@@ -72,32 +73,32 @@ pub(crate) enum RequestError {
     Ended,
 }
 
-/// Counts of the loop itself.
+/// Punctuality of the control loop.
 #[derive(
     Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema,
 )]
 pub(crate) struct LoopHealth {
     /// Turns so far.
     pub turns: u64,
-    /// Turns that began more than 1 ms after their deadline.
+    /// Turns that began more than one tick after their deadline.
     pub late_turns: u64,
-    /// Latest begin of a turn after its deadline in microseconds.
+    /// Largest delay of a turn after its deadline in microseconds.
     pub worst_lateness_us: u64,
 }
 
 type Envelope = (Request, oneshot::Sender<Result<Reply, Refusal>>);
 
-/// The control thread as everybody else sees it.
+/// The other threads' handle of the control thread.
 #[derive(Clone)]
-pub(crate) struct Control {
+pub(crate) struct ControlHandle {
     requests: SyncSender<Envelope>,
     published: Arc<Mutex<(RigStatus, LoopHealth)>>,
     degraded: Arc<[String]>,
 }
 
-impl Control {
-    /// Starts the thread. The handle joins once [`Request::End`] was asked for or every `Control` is gone.
-    pub(crate) fn spawn(rig: Rig, link: Link) -> io::Result<(Control, JoinHandle<()>)> {
+impl ControlHandle {
+    /// Starts the thread. The handle joins once [`Request::End`] was asked for or every `ControlHandle` is dropped.
+    pub(crate) fn spawn(rig: Rig, link: Link) -> io::Result<(ControlHandle, JoinHandle<()>)> {
         let (requests, inbox) = mpsc::sync_channel(REQUESTS);
         let (ready, degraded) = mpsc::sync_channel(1);
         let published = Arc::new(Mutex::new((rig.status(), LoopHealth::default())));
@@ -107,7 +108,7 @@ impl Control {
             .spawn(move || {
                 // The receiver waits just below; it is gone only if that thread died.
                 let _ = ready.send(degradations());
-                Loop {
+                ControlLoop {
                     rig,
                     link,
                     recorder: None,
@@ -122,7 +123,7 @@ impl Control {
             .map_err(|_| io::Error::other("the control thread ended at its start"))?
             .into();
         Ok((
-            Control {
+            ControlHandle {
                 requests,
                 published,
                 degraded,
@@ -139,12 +140,12 @@ impl Control {
             .clone()
     }
 
-    /// What keeps the loop from its full precision, one sentence each; empty where all is well.
+    /// Why the loop is less punctual than it could be, one sentence each; empty if all is well.
     pub(crate) fn degraded(&self) -> &[String] {
         &self.degraded
     }
 
-    /// Asks control; the answer comes within a turn or two.
+    /// Sends a request. The answer comes within two turns.
     pub(crate) async fn ask(&self, request: Request) -> Result<Reply, RequestError> {
         let (answer, wait) = oneshot::channel();
         self.requests
@@ -157,17 +158,17 @@ impl Control {
     }
 }
 
-struct Loop {
+struct ControlLoop {
     rig: Rig,
     link: Link,
-    /// Of the run under way.
+    /// Recorder of the run under way.
     recorder: Option<Box<dyn Recorder + Send>>,
     inbox: Receiver<Envelope>,
     published: Arc<Mutex<(RigStatus, LoopHealth)>>,
     health: LoopHealth,
 }
 
-impl Loop {
+impl ControlLoop {
     fn run(mut self) {
         let mut deadline_ns = monotonic_ns();
         loop {
@@ -175,17 +176,17 @@ impl Loop {
             self.note_lateness(now_ns.saturating_sub(deadline_ns));
             match &mut self.recorder {
                 Some(recorder) => self.rig.poll(now_ns, &mut self.link, recorder.as_mut()),
-                None => self.rig.poll(now_ns, &mut self.link, &mut Nobody),
+                None => self.rig.poll(now_ns, &mut self.link, &mut NoRecorder),
             }
             if !self.take_request(now_ns) {
                 return;
             }
             if self.health.turns.is_multiple_of(STATUS_TURNS) {
-                self.let_go_of_recorder();
+                self.drop_idle_recorder();
                 self.publish();
             }
             deadline_ns += PERIOD_NS;
-            // Turns that were missed are not made up for: the rig's ticks, not our turns, say what is due.
+            // Missed turns are not repeated: what is due depends on the rig's ticks, not on the number of turns.
             if now_ns > deadline_ns + PERIOD_NS {
                 deadline_ns = now_ns + PERIOD_NS;
             }
@@ -199,7 +200,7 @@ impl Loop {
         self.health.worst_lateness_us = self.health.worst_lateness_us.max(late_ns / 1000);
     }
 
-    /// One request a turn; false where the thread is to end.
+    /// Takes at most one request. Returns false if the thread must end.
     fn take_request(&mut self, now_ns: u64) -> bool {
         let (request, answer) = match self.inbox.try_recv() {
             Ok(envelope) => envelope,
@@ -229,13 +230,13 @@ impl Loop {
             }
         };
         self.publish();
-        // Whoever asked may have gone; the request stands all the same. Sending wakes, it never waits.
+        // Fails if the caller no longer waits; the request is valid all the same. Sending never blocks.
         let _ = answer.send(result);
         goes_on
     }
 
-    /// A run that is over, or never began, needs its recorder no more: dropping it ends the recording thread.
-    fn let_go_of_recorder(&mut self) {
+    /// Drops the recorder once the run is over or could not start. That ends the recording thread.
+    fn drop_idle_recorder(&mut self) {
         if matches!(
             self.rig.phase(),
             Phase::Ready | Phase::Interlocked | Phase::Connecting
@@ -244,9 +245,8 @@ impl Loop {
         }
     }
 
-    /// Leaves the status for whoever wants it. Where a reader holds the lock just now this round is left out, so a
-    /// reader that is preempted delays the status and never control. A watch channel would not do: its writer waits for
-    /// readers. Buffers of the status are reused.
+    /// Publishes the status. If a reader holds the lock, this round is skipped, so that a preempted reader delays the status
+    /// but never control. Not a watch channel, because its writer waits for readers. Buffers of the status are reused.
     fn publish(&mut self) {
         let mut slot = match self.published.try_lock() {
             Ok(slot) => slot,
@@ -258,10 +258,10 @@ impl Loop {
     }
 }
 
-/// Between runs nothing is recorded.
-struct Nobody;
+/// Recorder between runs: nothing is recorded.
+struct NoRecorder;
 
-impl Recorder for Nobody {
+impl Recorder for NoRecorder {
     fn begin(&mut self, _: &Header) {}
     fn sample(&mut self, _: &Sample) {}
     fn event(&mut self, _: &Event) {}
@@ -270,32 +270,32 @@ impl Recorder for Nobody {
 
 fn sleep_until(deadline_ns: u64) {
     let at = std::time::Duration::from_nanos(deadline_ns).into();
-    // A signal ends the sleep early: the loop then polls once more, which does no harm.
+    // A signal ends the sleep early: the loop then polls once too often, which is harmless.
     let _ = clock_nanosleep(ClockId::CLOCK_MONOTONIC, ClockNanosleepFlags::TIMER_ABSTIME, &at);
 }
 
-/// Raises this thread as far as the system allows; what it does not allow comes back as sentences.
+/// Raises this thread as far as the system allows. Returns one sentence for each thing that it does not allow.
 fn degradations() -> Vec<String> {
     let mut missing = Vec::new();
     if let Err(reason) = raise_this_thread() {
         missing.push(format!(
-            "no real-time priority ({reason}): samples stay complete, but commands may come late under load; grant CAP_SYS_NICE or set LimitRTPRIO=50"
+            "no real-time priority ({reason}): samples stay complete, but commands may be late under load; grant CAP_SYS_NICE or set LimitRTPRIO=50"
         ));
     }
     if let Err(reason) = lock_memory() {
         missing.push(format!(
-            "memory is not locked ({reason}): the control loop may wait for a page; set LimitMEMLOCK=infinity"
+            "memory is not locked ({reason}): the control loop may wait for a memory page; set LimitMEMLOCK=infinity"
         ));
     }
     missing
 }
 
-/// Locks what is there and what comes. Not under a finite limit that cannot be lifted: there a later allocation would
-/// fail, which is worse.
+/// Locks present and future memory. Not under a finite limit that cannot be raised, because a later allocation would fail
+/// under such a limit.
 fn lock_memory() -> Result<(), String> {
     let (soft, _) = getrlimit(Resource::RLIMIT_MEMLOCK).map_err(|e| e.to_string())?;
     if soft != RLIM_INFINITY && setrlimit(Resource::RLIMIT_MEMLOCK, RLIM_INFINITY, RLIM_INFINITY).is_err() {
-        return Err(format!("limit {} KiB", soft / 1024));
+        return Err(format!("the limit is {} KiB", soft / 1024));
     }
     mlockall(MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE).map_err(|e| e.to_string())
 }

@@ -1,4 +1,4 @@
-//! One run of a profile: which command is due at which tick, what each sample belongs to, and the correction of
+//! One run of a profile: which command is due at which tick, to which cycle a sample belongs, and the correction of
 //! amplitude and mean from cycle to cycle.
 
 use std::collections::VecDeque;
@@ -9,63 +9,56 @@ use crate::profile::{
 use crate::recording::{Ending, Header, Outcome};
 use crate::units::{Command, Mode};
 
-/// Slots that the host remembers: commands ahead of the rig and the newest that were due.
-const MEMORY: usize = 1024;
+/// Slots that the host keeps: the commands ahead of the rig and the newest that were due.
+const KEPT_SLOTS: usize = 1024;
 
-/// What is asked for at the start of a run.
+/// The order to start a run.
 #[derive(Debug, Clone)]
 pub(crate) struct RunOrder {
-    /// Head of the recording. Control fills in firmware, channels and remarks of its own.
+    /// Header of the recording. Control fills in firmware and channels.
     pub header: Header,
-    /// What to do.
+    /// The profile to play.
     pub profile: Profile,
     /// Counted cycle to begin with; 1 for a fresh test.
     pub first_cycle: u32,
 }
 
-/// A cycle of a periodic segment that was sampled from its begin to its end.
+/// A cycle of a periodic segment that is complete.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct EndedCycle {
     /// Counted cycle; 0 in a taper.
     pub cycle: u32,
-    /// Segment of the expanded profile.
+    /// Number of the segment in the expanded profile, from 1.
     pub segment: u32,
-    /// What the segment is to reach.
+    /// Target amplitude and mean of the segment.
     pub target: CycleTarget,
-    /// Extremes of feedback and command.
+    /// Peak and valley of feedback and command.
     pub measured: CycleMeasurement,
 }
 
 /// A run under way.
 #[derive(Debug)]
 pub(crate) struct Run {
-    /// Head of the recording as it was begun.
+    /// Header of the recording.
     pub header: Header,
     profile: Profile,
     player: Player,
-    /// Commands that a hold cut off, to be played before the player goes on.
+    /// Commands that a hold dropped; they are played before the player goes on.
     replay: VecDeque<Slot>,
+    /// Segment that is corrected, and its controller.
     controller: Option<(u32, CycleController)>,
     first_tick: u64,
     /// Tick that the next command is for.
     next_tick: u64,
     /// Tick of the last command, once the player has ended.
     last_tick: Option<u64>,
+    /// The newest commands with their ticks, at the index tick modulo [`KEPT_SLOTS`].
     planned: Vec<Option<(u64, Slot)>>,
     tracker: CycleTracker,
     cycles_completed: u32,
     samples: u64,
     lost: u64,
     held: bool,
-}
-
-/// What the profile says about a tick.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Due {
-    /// The slot, where the profile has one for the tick.
-    pub slot: Option<Slot>,
-    /// The profile's last tick has passed.
-    pub finished: bool,
 }
 
 impl Run {
@@ -93,7 +86,7 @@ impl Run {
             first_tick,
             next_tick: first_tick,
             last_tick: None,
-            planned: vec![None; MEMORY],
+            planned: vec![None; KEPT_SLOTS],
             tracker: CycleTracker::default(),
             cycles_completed: order.first_cycle.saturating_sub(1),
             samples: 0,
@@ -102,7 +95,7 @@ impl Run {
         })
     }
 
-    /// What the profile controls.
+    /// The channel under control.
     pub(crate) fn mode(&self) -> Mode {
         self.profile.mode
     }
@@ -112,19 +105,19 @@ impl Run {
         self.first_tick
     }
 
-    /// Seconds of a tick in the run; negative before it.
+    /// Time of a tick in the run in s; negative before its start.
     pub(crate) fn time_s(&self, tick: u64) -> f64 {
         (tick as f64 - self.first_tick as f64) / self.header.sample_rate_hz
     }
 
-    /// The next command to queue, if it is due by `horizon`.
+    /// The next command, if it is due by the tick `horizon`.
     pub(crate) fn next_command(&mut self, horizon: u64) -> Option<(u64, Slot)> {
         if self.held || self.last_tick.is_some() || self.next_tick > horizon {
             return None;
         }
         let slot = self.replay.pop_front().or_else(|| self.player.next())?;
         let tick = self.next_tick;
-        self.planned[tick as usize % MEMORY] = Some((tick, slot));
+        self.planned[tick as usize % KEPT_SLOTS] = Some((tick, slot));
         self.next_tick += 1;
         if slot.last {
             self.last_tick = Some(tick);
@@ -132,19 +125,19 @@ impl Run {
         Some((tick, slot))
     }
 
-    /// What was planned for a tick.
+    /// The command that was sent for a tick.
     pub(crate) fn due(&self, tick: u64) -> Option<Slot> {
-        self.planned[tick as usize % MEMORY]
+        self.planned[tick as usize % KEPT_SLOTS]
             .filter(|(t, _)| *t == tick)
             .map(|(_, s)| s)
     }
 
-    /// The profile's last tick has passed.
+    /// True once the last tick of the profile has passed.
     pub(crate) fn is_finished(&self, tick: u64) -> bool {
         self.last_tick.is_some_and(|last| tick >= last)
     }
 
-    /// Accounts for one sample of this run and follows the cycles. Returns a cycle that ended.
+    /// Counts one sample of this run and follows the cycles. Returns a cycle that ended.
     pub(crate) fn on_sample(&mut self, slot: Option<&Slot>, feedback: f64, lost: u64) -> Option<EndedCycle> {
         self.samples += 1;
         self.lost += lost;
@@ -154,7 +147,7 @@ impl Run {
         Some(ended)
     }
 
-    /// Learns from a cycle that ended and hands the player its next correction; returns it where it changed.
+    /// Corrects amplitude and mean after a cycle that ended. Returns the new correction if it changed.
     pub(crate) fn correct(&mut self, ended: &EndedCycle) -> Option<Correction> {
         if !ended.target.corrected || self.held {
             return None;
@@ -173,7 +166,7 @@ impl Run {
         (next != before).then_some(next)
     }
 
-    /// The rig holds since `tick`: nothing more is queued until [`Run::resume`].
+    /// Stops the commands, because the rig holds from `tick` on, until [`Run::resume`].
     pub(crate) fn hold(&mut self, tick: u64) {
         if self.held {
             return;
@@ -183,12 +176,12 @@ impl Run {
             .due(tick)
             .is_some_and(|s| self.player.target_of(s.segment).is_some());
         self.replay = match in_cycle {
-            // A sine that was cut tapers in again: no command is played twice.
+            // An interrupted sine tapers in again, so no command is played twice.
             true => VecDeque::new(),
             false => (tick + 1..self.next_tick).filter_map(|t| self.due(t)).collect(),
         };
         self.tracker = CycleTracker {
-            cut: in_cycle,
+            interrupted: in_cycle,
             ..CycleTracker::default()
         };
     }
@@ -198,15 +191,15 @@ impl Run {
         self.held
     }
 
-    /// Goes on from `level` at `tick`: a sine tapers in again at the cycle that was cut, anything else goes on from
-    /// where it stood.
+    /// Goes on from `level` at `tick`. A sine tapers in again and repeats the interrupted cycle; any other segment goes on
+    /// where it was interrupted.
     pub(crate) fn resume(&mut self, tick: u64, level: f64) -> Result<(), ProfileError> {
         let cycle = self.cycles_completed + 1;
         self.last_tick = None;
-        if self.tracker.cut && cycle > self.player.total_cycles() {
-            // All counted cycles are done; only the taper out was cut.
+        if self.tracker.interrupted && cycle > self.player.total_cycles() {
+            // All counted cycles are done; only the taper out was interrupted.
             self.last_tick = Some(tick);
-        } else if self.tracker.cut {
+        } else if self.tracker.interrupted {
             self.player = player_from(&self.profile, level, self.header.sample_rate_hz, cycle)?;
             self.controller = None;
         }
@@ -221,12 +214,7 @@ impl Run {
         self.samples
     }
 
-    /// Samples missing so far.
-    pub(crate) fn lost(&self) -> u64 {
-        self.lost
-    }
-
-    /// Counted cycles completed, those of a resumed test included.
+    /// Counted cycles completed, including those of the test that is resumed.
     pub(crate) fn cycles_completed(&self) -> u32 {
         self.cycles_completed
     }
@@ -236,7 +224,7 @@ impl Run {
         self.player.total_cycles()
     }
 
-    /// Seconds of the run that lie ahead of `tick`.
+    /// Seconds of the run after `tick`.
     pub(crate) fn remaining_s(&self, tick: u64) -> f64 {
         let unplayed = self
             .player
@@ -246,7 +234,7 @@ impl Run {
         (unplayed + self.replay.len() as u64 + queued) as f64 / self.header.sample_rate_hz
     }
 
-    /// The end of this run.
+    /// The outcome of this run if it ends now.
     pub(crate) fn outcome(&self, ending: Ending, cause: &str) -> Outcome {
         Outcome {
             ending,
@@ -270,13 +258,15 @@ fn player_from(profile: &Profile, level: f64, rate_hz: f64, cycle: u32) -> Resul
 /// Follows feedback and command through the cycles of periodic segments.
 #[derive(Debug, Default)]
 struct CycleTracker {
+    /// The cycle under way.
     open: Option<EndedCycle>,
     last_phase: f64,
-    cut: bool,
+    /// A hold interrupted a cycle.
+    interrupted: bool,
 }
 
 impl CycleTracker {
-    /// Takes one sample. A cycle ends where the phase wraps or the periodic segment does.
+    /// Takes one sample. A cycle ends when the phase wraps or the periodic segment ends.
     fn follow(&mut self, due: Option<(&Slot, CycleTarget)>, feedback: f64) -> Option<EndedCycle> {
         let Some((slot, target)) = due else {
             return self.open.take();

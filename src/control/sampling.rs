@@ -1,54 +1,75 @@
-//! A sample that came in: its place in time, its run, its flags; begin and end of a recording.
+//! One sample of the rig: its place in time, its flags, the detectors on it, and its record in the run under way.
 
-use super::*;
+use super::limits::Action;
+use super::run::EndedCycle;
+use super::ticks::TickOrder;
+use super::{Activity, Channels, Reading, Rig, Turn};
+use crate::profile::{Correction, Slot};
+use crate::protocol::message::{RigState, SampleMessage};
+use crate::protocol::protection::Sequence;
+use crate::recording::{Event, EventKind, Flags, Sample};
+
+/// A sample with its place in the stream.
+struct PlacedSample {
+    /// Tick of the sample, unfolded to 64 bits.
+    tick: u64,
+    /// Samples missing before it.
+    lost: u64,
+    force_counts: i32,
+    displacement_counts: i32,
+    reading: Reading,
+}
 
 impl Rig {
-    pub(super) fn on_sample(
-        &mut self,
-        tick: u64,
-        lost: u64,
-        counts: (i32, i32),
-        now_ns: u64,
-        link: &mut Link,
-        recorder: &mut dyn Recorder,
-    ) {
-        let mut reading = self.channels.reading(counts.0, counts.1);
-        let fresh_stream = self.clock.take(tick, now_ns);
-        if self.clock.age_ms(tick, now_ns) > self.config.detectors.silence_ms {
-            reading.flags.insert(Flags::LATE);
+    pub(super) fn on_sample_message(&mut self, message: SampleMessage, turn: &mut Turn) {
+        let in_sequence = self.sample_counter.check(message.counter) == Sequence::Usable;
+        let place = in_sequence.then(|| self.ticks.place(message.tick));
+        let Some(TickOrder::Next { tick, lost }) = place else {
+            self.counters.frames_out_of_sequence += 1;
+            return;
+        };
+        let reading = self
+            .channels
+            .reading(message.force_counts, message.displacement_counts);
+        let sample = PlacedSample {
+            tick,
+            lost,
+            force_counts: message.force_counts,
+            displacement_counts: message.displacement_counts,
+            reading,
+        };
+        self.on_sample(sample, turn);
+    }
+
+    fn on_sample(&mut self, mut sample: PlacedSample, turn: &mut Turn) {
+        let first_of_stream = self.clock.take(sample.tick, turn.now_ns);
+        if self.clock.age_ms(sample.tick, turn.now_ns) > self.config.detectors.silence_ms {
+            sample.reading.flags.insert(Flags::LATE);
         }
         self.counters.samples += 1;
-        self.counters.lost += lost;
-        if reading.flags.is_empty() && lost == 0 {
-            self.stillness.push(&reading);
+        self.counters.lost += sample.lost;
+        if sample.reading.flags.is_empty() && sample.lost == 0 {
+            self.stillness.push(&sample.reading);
         } else {
             self.stillness.clear();
         }
-        self.reading = Some(reading);
-        let action = self
-            .detectors
-            .on_sample(now_ns, if fresh_stream { 0 } else { lost });
+        self.reading = Some(sample.reading);
+        let lost = if first_of_stream { 0 } else { sample.lost };
+        let of_stream = self.detectors.on_sample(turn.now_ns, lost);
         if let Activity::Arming(_) = self.activity
             && self.state == Some(RigState::Armed)
         {
-            self.begin_run(tick, now_ns, recorder);
+            self.begin_run(sample.tick, turn);
         }
-        let action = self.record(tick, lost, counts, &reading, recorder).or(action);
-        if let Some(action) = action {
-            self.act(action, now_ns, link, recorder);
+        let of_cycle = self.record(&sample, turn);
+        if let Some(action) = of_cycle.or(of_stream) {
+            self.act(action, turn);
         }
-        self.finish_run_at(tick, recorder);
+        self.finish_run_at(sample.tick, turn);
     }
 
-    /// Writes one sample of the run under way; returns what its cycle detectors ask for.
-    pub(super) fn record(
-        &mut self,
-        tick: u64,
-        lost: u64,
-        counts: (i32, i32),
-        reading: &Reading,
-        recorder: &mut dyn Recorder,
-    ) -> Option<Action> {
+    /// Writes one sample of the run under way. Returns the action of the detectors on a cycle that ended.
+    fn record(&mut self, sample: &PlacedSample, turn: &mut Turn) -> Option<Action> {
         let (run, on_profile) = match &mut self.activity {
             Activity::Running(run) => {
                 let held = run.is_held();
@@ -57,127 +78,77 @@ impl Rig {
             Activity::Stopping { run, .. } => (run, false),
             _ => return None,
         };
-        if tick < run.first_tick() {
+        if sample.tick < run.first_tick() {
             return None;
         }
-        let slot = if on_profile { run.due(tick) } else { None };
-        let mut flags = reading.flags;
+        let slot = if on_profile { run.due(sample.tick) } else { None };
+        let record = recorded(sample, slot.as_ref(), on_profile, run.time_s(sample.tick));
+        // Samples missing before the first one are not of this run.
+        let lost = if run.samples() > 0 { sample.lost } else { 0 };
         if lost > 0 {
-            flags.insert(Flags::AFTER_GAP);
+            turn.recorder.event(&gap(&record, lost));
         }
-        match (on_profile, slot) {
-            (false, _) => flags.insert(Flags::NOT_PROFILE),
-            (true, None) => flags.insert(Flags::NO_COMMAND),
-            _ => {}
-        }
-        let time_s = run.time_s(tick);
-        if lost > 0 && run.samples() > 0 {
-            let text = format!("{lost} samples missing before {time_s:.3} s");
-            recorder.event(&Event {
-                tick,
-                time_s,
-                kind: EventKind::Gap,
-                text,
-            });
-        }
-        let ended = run.on_sample(
-            slot.as_ref(),
-            Channels::feedback(run.mode(), reading),
-            if run.samples() > 0 { lost } else { 0 },
-        );
-        recorder.sample(&Sample {
-            tick,
-            time_s,
-            force_n: reading.force_n,
-            displacement_mm: reading.displacement_mm,
-            force_counts: counts.0,
-            displacement_counts: counts.1,
-            command: slot.map(|s| s.command),
-            cycle: slot.map_or(0, |s| s.cycle),
-            segment: slot.map_or(0, |s| s.segment),
-            twin_force_n: None,
-            flags,
-        });
+        let feedback = Channels::feedback(run.mode(), &sample.reading);
+        let ended = run.on_sample(slot.as_ref(), feedback, lost);
+        turn.recorder.sample(&record);
         let ended = ended?;
-        if let Some(c) = run.correct(&ended) {
-            let text = format!(
-                "after cycle {} (peak {:.4}, valley {:.4}): amplitude x {:.5}, mean {:+.4}",
-                ended.cycle, ended.measured.peak, ended.measured.valley, c.amplitude_factor, c.mean_offset
-            );
-            recorder.event(&Event {
-                tick,
-                time_s,
-                kind: EventKind::Correction,
-                text,
-            });
+        if let Some(next) = run.correct(&ended) {
+            turn.recorder.event(&correction(&record, &ended, next));
         }
-        (ended.cycle > 0)
-            .then(|| {
-                self.detectors
-                    .on_cycle(ended.cycle, ended.target.amplitude, ended.measured.amplitude())
-            })
-            .flatten()
+        if ended.cycle == 0 {
+            return None;
+        }
+        self.detectors
+            .on_cycle(ended.cycle, ended.target.amplitude, ended.measured.amplitude())
     }
+}
 
-    pub(super) fn begin_run(&mut self, tick: u64, now_ns: u64, recorder: &mut dyn Recorder) {
-        let Activity::Arming(order) = std::mem::replace(&mut self.activity, Activity::Idle) else {
-            return;
-        };
-        let (mode, mut order) = (order.profile.mode, *order);
-        let level = match (self.stillness.measure(), &self.reading, mode) {
-            (Some(still), _, Mode::Force) => still.force_n,
-            (Some(still), _, Mode::Displacement) => still.displacement_mm,
-            (None, Some(reading), _) => Channels::feedback(mode, reading),
-            (None, None, _) => 0.0,
-        };
-        order.header.firmware = self.session.identity();
-        order.header.force_channel = self.channels.force;
-        order.header.displacement_channel = self.channels.displacement;
-        let first_tick = tick + self.config.queue_lead_ms;
-        match Run::new(order, level, first_tick) {
-            Ok(run) => {
-                recorder.begin(&run.header);
-                let text = format!(
-                    "run {} of profile {} starts",
-                    run.header.run_id, run.header.profile_name
-                );
-                self.detectors.begin_run(now_ns);
-                self.activity = Activity::Running(Box::new(run));
-                self.event(recorder, EventKind::Start, text);
-            }
-            Err(error) => {
-                self.notice = error.to_string();
-                self.activity = Activity::Unloading;
-                self.ask = Some(RequestCode::Unload);
-            }
-        }
+/// The sample as it is recorded. `on_profile` is false while the rig holds or unloads.
+fn recorded(sample: &PlacedSample, slot: Option<&Slot>, on_profile: bool, time_s: f64) -> Sample {
+    let mut flags = sample.reading.flags;
+    if sample.lost > 0 {
+        flags.insert(Flags::AFTER_GAP);
     }
-
-    pub(super) fn finish_run_at(&mut self, tick: u64, recorder: &mut dyn Recorder) {
-        let Activity::Running(run) = &self.activity else {
-            return;
-        };
-        if run.is_finished(tick) && !run.is_held() {
-            self.close(Ending::Completed, "", recorder);
-            self.activity = Activity::Unloading;
-            self.ask = Some(RequestCode::Unload);
-        }
+    match (on_profile, slot) {
+        (false, _) => flags.insert(Flags::NOT_PROFILE),
+        (true, None) => flags.insert(Flags::NO_COMMAND),
+        (true, Some(_)) => {}
     }
+    Sample {
+        tick: sample.tick,
+        time_s,
+        force_n: sample.reading.force_n,
+        displacement_mm: sample.reading.displacement_mm,
+        force_counts: sample.force_counts,
+        displacement_counts: sample.displacement_counts,
+        command: slot.map(|s| s.command),
+        cycle: slot.map_or(0, |s| s.cycle),
+        segment: slot.map_or(0, |s| s.segment),
+        twin_force_n: None,
+        flags,
+    }
+}
 
-    /// Ends the recording of the run under way.
-    pub(super) fn close(&mut self, ending: Ending, cause: &str, recorder: &mut dyn Recorder) {
-        let text = if cause.is_empty() {
-            "run completed".to_owned()
-        } else {
-            cause.to_owned()
-        };
-        self.event(recorder, EventKind::End, text);
-        if let Activity::Running(run) | Activity::Stopping { run, .. } = &self.activity {
-            recorder.end(&run.outcome(ending, cause));
-        }
-        if !cause.is_empty() {
-            self.notice = cause.to_owned();
-        }
-        self.activity = Activity::Idle;
+/// The event of `lost` samples before `at`.
+fn gap(at: &Sample, lost: u64) -> Event {
+    Event {
+        tick: at.tick,
+        time_s: at.time_s,
+        kind: EventKind::Gap,
+        text: format!("{lost} samples missing before {:.3} s", at.time_s),
+    }
+}
+
+/// The event of a new correction after `ended`.
+fn correction(at: &Sample, ended: &EndedCycle, next: Correction) -> Event {
+    let text = format!(
+        "after cycle {} (peak {:.4}, valley {:.4}): amplitude x {:.5}, mean {:+.4}",
+        ended.cycle, ended.measured.peak, ended.measured.valley, next.amplitude_factor, next.mean_offset
+    );
+    Event {
+        tick: at.tick,
+        time_s: at.time_s,
+        kind: EventKind::Correction,
+        text,
     }
 }

@@ -1,112 +1,138 @@
-//! What goes out in a poll: requests, the lease, commands ahead of time.
+//! What a poll sends: requests, NMT start, the lease, and commands ahead of their ticks.
 
-use super::*;
+use super::limits::Action;
+use super::{Activity, DEAD_STREAM_NS, Rig, Turn};
+use crate::link::Link;
+use crate::protocol::frame::Frame;
+use crate::protocol::message::{
+    CommandMessage, LeaseMessage, NmtCommand, RequestCode, ToRig, WireMode, next_counter,
+};
+use crate::units::{Mode, NS_PER_MS};
+
+/// The lease is sent this often, from the control loop itself.
+const LEASE_PERIOD_NS: u64 = 10 * NS_PER_MS;
+/// NMT start is repeated this often until samples come.
+const NMT_START_PERIOD_NS: u64 = 500 * NS_PER_MS;
 
 impl Rig {
-    pub(super) fn send_due(&mut self, now_ns: u64, link: &mut Link, recorder: &mut dyn Recorder) {
-        if let Some(given_up) = self.session.poll(now_ns, link) {
-            self.on_unanswered(given_up, now_ns, link, recorder);
+    pub(super) fn send_due(&mut self, turn: &mut Turn) {
+        if let Some(unanswered) = self.session.poll(turn.now_ns, turn.link) {
+            self.on_unanswered(unanswered, turn);
         }
-        if self
-            .nmt_sent_ns
-            .is_none_or(|at| now_ns.saturating_sub(at) >= NMT_START_PERIOD_NS)
-            && self
-                .detectors
-                .age_ms(now_ns)
-                .is_none_or(|age| age * MS > DEAD_STREAM_NS)
-        {
+        let silent = self
+            .detectors
+            .age_ms(turn.now_ns)
+            .is_none_or(|age| age * NS_PER_MS > DEAD_STREAM_NS);
+        if is_due(self.nmt_sent_ns, turn.now_ns, NMT_START_PERIOD_NS) && silent {
             let start = ToRig::Nmt {
                 command: NmtCommand::Start,
                 node: self.config.node,
             };
-            link.send(start.encode(self.config.node));
-            self.nmt_sent_ns = Some(now_ns);
+            turn.link.send(start.encode(self.config.node));
+            self.nmt_sent_ns = Some(turn.now_ns);
         }
         if !self.session.is_open() {
             return;
         }
-        if self
-            .lease_sent_ns
-            .is_none_or(|at| now_ns.saturating_sub(at) >= LEASE_PERIOD_NS)
-        {
-            self.lease_counter = next_counter(self.lease_counter);
-            let lease = ToRig::Lease {
-                counter: self.lease_counter,
-                session: self.session.id(),
-                control_tick: self.ticks.newest().unwrap_or(0) as u16,
-            };
-            link.send(lease.encode(self.config.node));
-            self.lease_sent_ns = Some(now_ns);
+        if is_due(self.lease_sent_ns, turn.now_ns, LEASE_PERIOD_NS) {
+            self.send_lease(turn.link);
+            self.lease_sent_ns = Some(turn.now_ns);
         }
         if !self.session.awaits_answer()
-            && let Some(code) = self.ask.take()
+            && let Some(code) = self.next_request.take()
         {
             let argument = if code == RequestCode::Arm {
                 self.session.configuration_crc()
             } else {
                 0
             };
-            self.session.request(code, argument, now_ns, link);
+            self.session.request(code, argument, turn.now_ns, turn.link);
         }
-        self.send_commands(link);
+        self.send_commands(turn.link);
     }
 
-    pub(super) fn on_unanswered(
-        &mut self,
-        code: RequestCode,
-        now_ns: u64,
-        link: &mut Link,
-        recorder: &mut dyn Recorder,
-    ) {
+    fn on_unanswered(&mut self, code: RequestCode, turn: &mut Turn) {
         let why = format!("the rig did not answer {code:?}, asked twice: check the link");
         if matches!(self.activity, Activity::Running(_)) {
-            self.act(Action::Abort(why), now_ns, link, recorder);
+            self.act(Action::Abort(why), turn);
         } else {
             if code == RequestCode::Unload {
-                self.abort(link);
+                self.abort(turn.link);
             }
-            self.give_up(why, recorder);
+            self.give_up(why, turn);
         }
     }
 
-    pub(super) fn send_commands(&mut self, link: &mut Link) {
+    fn send_lease(&mut self, link: &mut Link) {
+        self.lease_counter = next_counter(self.lease_counter);
+        let lease = ToRig::Lease(LeaseMessage {
+            counter: self.lease_counter,
+            session: self.session.id(),
+            control_tick: self.ticks.newest().unwrap_or(0) as u16,
+        });
+        link.send(lease.encode(self.config.node));
+    }
+
+    /// Stops the rig with NMT stop: the firmware unloads.
+    pub(super) fn abort(&mut self, link: &mut Link) {
+        let stop = ToRig::Nmt {
+            command: NmtCommand::Stop,
+            node: self.config.node,
+        };
+        link.send_urgent(stop.encode(self.config.node));
+    }
+
+    fn send_commands(&mut self, link: &mut Link) {
         let Some(newest) = self.ticks.newest() else { return };
-        if let Some(frame) = self.unsent.take()
+        if let Some(frame) = self.refused_command.take()
             && !link.send(frame)
         {
-            self.unsent = Some(frame);
+            self.refused_command = Some(frame);
             return;
         }
-        let Activity::Running(run) = &mut self.activity else {
+        if !matches!(self.activity, Activity::Running(_)) {
             return;
-        };
-        // A poll that comes late has as many ticks to make up for; the load of the bus is the same over time.
+        }
+        // A late poll sends the commands of the ticks that it missed; the mean load of the bus stays the same.
         let passed = newest
-            .saturating_sub(self.fed_at_tick)
-            .clamp(1, self.config.queue_lead_ms);
-        self.fed_at_tick = newest;
+            .saturating_sub(self.commands_sent_at)
+            .clamp(1, self.lead_ticks);
+        self.commands_sent_at = newest;
         for _ in 0..u64::from(self.config.commands_per_poll) * passed {
-            let Some((tick, slot)) = run.next_command(newest + self.config.queue_lead_ms) else {
+            let Some(frame) = self.next_command(newest + self.lead_ticks) else {
                 return;
             };
-            self.command_counter = next_counter(self.command_counter);
-            let message = ToRig::Command {
-                counter: self.command_counter,
-                session: self.session.id(),
-                tick: tick as u16,
-                mode: match slot.command {
-                    Command::Displacement(_) => WireMode::Displacement,
-                    Command::Force(_) => WireMode::Force,
-                },
-                counts: self.channels.command_counts(slot.command),
-                last: slot.last,
-            };
-            let frame = message.encode(self.config.node);
             if !link.send(frame) {
                 self.counters.send_failures += 1;
-                self.unsent = Some(frame);
+                self.refused_command = Some(frame);
                 return;
             }
         }
     }
+
+    /// The frame of the next command of the run, if it is due by the tick `horizon`.
+    fn next_command(&mut self, horizon: u64) -> Option<Frame> {
+        let Activity::Running(run) = &mut self.activity else {
+            return None;
+        };
+        let (tick, slot) = run.next_command(horizon)?;
+        self.command_counter = next_counter(self.command_counter);
+        let command = ToRig::Command(CommandMessage {
+            counter: self.command_counter,
+            session: self.session.id(),
+            tick: tick as u16,
+            mode: match slot.command.mode() {
+                Mode::Displacement => WireMode::Displacement,
+                Mode::Force => WireMode::Force,
+            },
+            counts: self.channels.command_counts(slot.command),
+            last: slot.last,
+        });
+        Some(command.encode(self.config.node))
+    }
+}
+
+/// True if `period_ns` has passed since `sent_ns`, or nothing was sent yet.
+fn is_due(sent_ns: Option<u64>, now_ns: u64, period_ns: u64) -> bool {
+    sent_ns.is_none_or(|at| now_ns.saturating_sub(at) >= period_ns)
 }

@@ -1,20 +1,20 @@
-//! The hello, the configuration and the requests: everything between the host and the firmware that is not a sample
-//! or a command. One access is under way at a time; an answer that does not come is asked for again, then given up.
+//! The hello, the configuration and the requests: everything between host and firmware except samples, commands and the
+//! lease. One access is under way at a time. An access without answer is repeated, then given up.
 
 use crate::link::Link;
 use crate::protocol::message::{
-    ConfigAbort, LIMIT_COUNT, Limits, PROTOCOL_VERSION, RequestCode, RequestResult, ToRig, next_counter,
-    object,
+    COUNTER_MODULO, ConfigAbort, LIMIT_COUNT, Limits, PROTOCOL_VERSION, RequestCode, RequestMessage,
+    RequestResult, SAMPLE_RATE_HZ, ToRig, next_counter, object,
 };
 use crate::recording::FirmwareIdentity;
+use crate::units::NS_PER_MS;
 
-const MS: u64 = 1_000_000;
-/// A configuration access that is not answered by then is sent again.
-const CONFIG_TIMEOUT_NS: u64 = 50 * MS;
+/// A configuration access without answer is repeated after this time.
+const CONFIG_TIMEOUT_NS: u64 = 50 * NS_PER_MS;
 /// Tries of one configuration access before the hello starts over.
 const CONFIG_TRIES: u32 = 4;
-/// Pause before the hello starts over.
-const HELLO_PAUSE_NS: u64 = 500 * MS;
+/// Pause before the hello starts over, ns.
+const HELLO_PAUSE_NS: u64 = 500 * NS_PER_MS;
 
 /// Objects that the hello reads, in order.
 const HELLO: [(u16, u8); 8] = [
@@ -28,56 +28,58 @@ const HELLO: [(u16, u8); 8] = [
     object::CALIBRATION_HASH,
 ];
 
-/// Why the rig cannot be used, found at the hello. Nothing moves while one stands.
+/// Why the rig cannot be used, found at the hello. Nothing moves until it is solved.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum HelloError {
-    /// Another major version of the protocol.
+    /// The rig has another major version of the protocol.
     #[error(
-        "the rig speaks protocol {}.{}, this program {}.{}: install the matching firmware or program",
+        "the rig has protocol {}.{}, this program {}.{}: install the matching firmware or program",
         .0 >> 16, .0 & 0xFFFF, PROTOCOL_VERSION >> 16, PROTOCOL_VERSION & 0xFFFF
     )]
     Protocol(u32),
-    /// Another sample rate.
-    #[error("the rig samples at {0} Hz, this program expects {expected} Hz", expected = crate::protocol::message::SAMPLE_RATE_HZ)]
+    /// The rig has another sample rate.
+    #[error(
+        "the rig samples at {0} Hz, this program expects {SAMPLE_RATE_HZ} Hz: install the matching firmware"
+    )]
     SampleRate(u32),
     /// The sensors of the rig were calibrated with other figures than the bench config has.
     #[error(
-        "the rig's calibration hash is {rig:#010x}, the bench config's {bench:#010x}: load the calibration that belongs to these sensors, or store the new one in the rig"
+        "the rig's calibration hash is {rig:#010x}, the bench config's {bench:#010x}: load the bench config of these sensors, or store the new hash in the rig"
     )]
     Calibration {
-        /// As the rig has it.
+        /// Hash that the rig holds.
         rig: u32,
-        /// As the bench config gives it.
+        /// Hash of the bench config.
         bench: u32,
     },
     /// The rig refused an access.
     #[error(
-        "the rig refused object {index:#06x}:{sub} ({abort:?}): check that firmware and firmware-protocol.md are of one version"
+        "the rig refused object {index:#06x}:{sub} ({abort:?}): check the limit in the bench config, and that the firmware follows this version of firmware-protocol.md"
     )]
     Refused {
-        /// Index.
+        /// Index of the object.
         index: u16,
-        /// Sub-index.
+        /// Sub-index of the object.
         sub: u8,
-        /// The rig's reason.
+        /// The rig's abort code.
         abort: ConfigAbort,
     },
-    /// The limits that came back are not those that were sent.
+    /// The CRC-32 of the limits in the rig differs from that of the limits that were sent.
     #[error(
         "the rig holds other limits than were sent (CRC {rig:#010x}, expected {bench:#010x}): power-cycle the rig and start again"
     )]
     Limits {
-        /// As the rig computed it.
+        /// CRC-32 from the rig.
         rig: u32,
-        /// As expected.
+        /// CRC-32 of the bench config's limits.
         bench: u32,
     },
     /// Another program owns the rig.
-    #[error("another program holds this rig's session: stop that daemon first")]
+    #[error("another program owns the session of this rig: stop that daemon first")]
     Busy,
 }
 
-/// Where the hello stands.
+/// Step of the hello. Numbers are indices into [`HELLO`] and into the limits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum SessionStage {
     Reading(usize),
@@ -87,25 +89,15 @@ enum SessionStage {
     Open,
 }
 
-/// What became of an answer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Answered {
-    /// The request is done.
-    Done(RequestCode),
-    /// The rig refused it.
-    Refused(RequestCode, RequestResult),
-}
-
+/// A request that waits for its acknowledgement.
 #[derive(Debug, Clone, Copy)]
 struct Pending {
-    counter: u8,
-    code: RequestCode,
-    argument: u32,
+    message: RequestMessage,
     sent_ns: u64,
     tries: u32,
 }
 
-/// The conversation with one rig.
+/// The session with one rig.
 #[derive(Debug)]
 pub(crate) struct Session {
     node: u8,
@@ -124,21 +116,21 @@ pub(crate) struct Session {
 }
 
 impl Session {
-    /// A session that has not said hello yet. `id` 1 to 255 names this host to the rig.
+    /// A session before its hello. `id` is the session number on the wire, 1 to 255.
     pub(crate) fn new(node: u8, id: u8, limits: Limits, calibration_hash: u32, ack_timeout_ms: u64) -> Self {
         Session {
             node,
             id: id.max(1),
             limits,
             calibration_hash,
-            ack_timeout_ns: ack_timeout_ms * MS,
+            ack_timeout_ns: ack_timeout_ms * NS_PER_MS,
             stage: SessionStage::Reading(0),
             identity: FirmwareIdentity::default(),
             sent_ns: None,
             tries: 0,
             resume_at_ns: 0,
             error: None,
-            request_counter: id % crate::protocol::message::COUNTER_MODULO,
+            request_counter: id % COUNTER_MODULO,
             pending: None,
         }
     }
@@ -148,17 +140,17 @@ impl Session {
         self.id
     }
 
-    /// The hello is through and the rig is ours.
+    /// True once the hello is complete and the rig belongs to this session.
     pub(crate) fn is_open(&self) -> bool {
         self.stage == SessionStage::Open
     }
 
-    /// Why the hello does not get through.
+    /// Why the hello fails.
     pub(crate) fn error(&self) -> Option<HelloError> {
         self.error
     }
 
-    /// What the rig said of itself.
+    /// Identity of the firmware, as far as it is read.
     pub(crate) fn identity(&self) -> FirmwareIdentity {
         self.identity.clone()
     }
@@ -182,31 +174,24 @@ impl Session {
         self.pending.is_some()
     }
 
-    /// Sends a request. One at a time: a second one replaces the first, whose answer no longer matters.
+    /// Sends a request. A second request replaces one that is not answered yet.
     pub(crate) fn request(&mut self, code: RequestCode, argument: u32, now_ns: u64, link: &mut Link) {
         self.request_counter = next_counter(self.request_counter);
-        let pending = Pending {
+        let message = RequestMessage {
             counter: self.request_counter,
+            session: self.id,
             code,
             argument,
+        };
+        link.send(ToRig::Request(message).encode(self.node));
+        self.pending = Some(Pending {
+            message,
             sent_ns: now_ns,
             tries: 1,
-        };
-        self.send_request(&pending, link);
-        self.pending = Some(pending);
+        });
     }
 
-    fn send_request(&self, p: &Pending, link: &mut Link) {
-        let message = ToRig::Request {
-            counter: p.counter,
-            session: self.id,
-            code: p.code,
-            argument: p.argument,
-        };
-        link.send(message.encode(self.node));
-    }
-
-    /// Takes the session that owns the rig. A lease that lapsed took ours: it is asked for again, nothing else is.
+    /// Takes the session that owns the rig. If the lease lapsed, the session is opened again and nothing else is repeated.
     pub(crate) fn on_owner(&mut self, owner: u8) {
         if self.stage == SessionStage::Open && owner != self.id {
             self.stage = SessionStage::Opening;
@@ -214,19 +199,19 @@ impl Session {
         }
     }
 
-    /// Takes the acknowledgement out of a status.
-    pub(crate) fn on_status(
+    /// Takes the acknowledgement of a status. Returns the request and the result if the rig refused it.
+    pub(crate) fn on_acknowledgement(
         &mut self,
         ack_counter: u8,
         result: RequestResult,
         now_ns: u64,
-    ) -> Option<Answered> {
-        let pending = self.pending?;
-        if pending.counter != ack_counter || result == RequestResult::None {
+    ) -> Option<(RequestCode, RequestResult)> {
+        let RequestMessage { counter, code, .. } = self.pending?.message;
+        if counter != ack_counter || result == RequestResult::None {
             return None;
         }
         self.pending = None;
-        if pending.code == RequestCode::OpenSession && self.stage == SessionStage::Opening {
+        if code == RequestCode::OpenSession && self.stage == SessionStage::Opening {
             if result == RequestResult::Done {
                 self.stage = SessionStage::Open;
                 self.error = None;
@@ -234,13 +219,10 @@ impl Session {
                 self.fail(HelloError::Busy, now_ns);
             }
         }
-        Some(match result {
-            RequestResult::Done => Answered::Done(pending.code),
-            other => Answered::Refused(pending.code, other),
-        })
+        (result != RequestResult::Done).then_some((code, result))
     }
 
-    /// Sends what is due. Returns a request that was given up, sent twice and never answered.
+    /// Sends what is due. Returns a request that was sent twice without an answer.
     pub(crate) fn poll(&mut self, now_ns: u64, link: &mut Link) -> Option<RequestCode> {
         self.poll_hello(now_ns, link);
         let pending = self.pending?;
@@ -249,18 +231,17 @@ impl Session {
         }
         if pending.tries >= 2 {
             self.pending = None;
-            if pending.code == RequestCode::OpenSession {
+            if pending.message.code == RequestCode::OpenSession {
                 self.restart(now_ns + HELLO_PAUSE_NS);
             }
-            return Some(pending.code);
+            return Some(pending.message.code);
         }
-        let again = Pending {
+        link.send(ToRig::Request(pending.message).encode(self.node));
+        self.pending = Some(Pending {
             sent_ns: now_ns,
             tries: pending.tries + 1,
             ..pending
-        };
-        self.send_request(&again, link);
-        self.pending = Some(again);
+        });
         None
     }
 
@@ -284,7 +265,14 @@ impl Session {
             self.restart(now_ns + HELLO_PAUSE_NS);
             return;
         }
-        let message = match self.stage {
+        link.send(self.next_access().encode(self.node));
+        self.sent_ns = Some(now_ns);
+        self.tries += 1;
+    }
+
+    /// The configuration access of this step of the hello.
+    fn next_access(&self) -> ToRig {
+        match self.stage {
             SessionStage::Reading(i) => ToRig::ConfigRead {
                 index: HELLO[i].0,
                 sub: HELLO[i].1,
@@ -298,10 +286,7 @@ impl Session {
                 index: object::CONFIGURATION_CRC.0,
                 sub: object::CONFIGURATION_CRC.1,
             },
-        };
-        link.send(message.encode(self.node));
-        self.sent_ns = Some(now_ns);
-        self.tries += 1;
+        }
     }
 
     fn advance(&mut self, stage: SessionStage) {
@@ -319,7 +304,7 @@ impl Session {
     pub(crate) fn on_value(&mut self, index: u16, sub: u8, value: u32, now_ns: u64) {
         match self.stage {
             SessionStage::Reading(i) if HELLO[i] == (index, sub) => {
-                if let Err(error) = self.learn((index, sub), value) {
+                if let Err(error) = self.identify((index, sub), value) {
                     return self.fail(error, now_ns);
                 }
                 self.advance(if i + 1 < HELLO.len() {
@@ -340,7 +325,8 @@ impl Session {
         }
     }
 
-    fn learn(&mut self, object: (u16, u8), value: u32) -> Result<(), HelloError> {
+    /// Keeps the value of an object of the hello, or refuses it.
+    fn identify(&mut self, object: (u16, u8), value: u32) -> Result<(), HelloError> {
         match object {
             object::PROTOCOL => {
                 self.identity.protocol = value;
@@ -353,7 +339,7 @@ impl Session {
             object::REVISION => self.identity.revision = value,
             object::SERIAL => self.identity.serial = value,
             object::BOOT_ID => self.identity.boot_id = value,
-            object::SAMPLE_RATE if value != crate::protocol::message::SAMPLE_RATE_HZ => {
+            object::SAMPLE_RATE if value != SAMPLE_RATE_HZ => {
                 return Err(HelloError::SampleRate(value));
             }
             object::CALIBRATION_HASH => {
@@ -384,7 +370,7 @@ impl Session {
         }
     }
 
-    /// Takes a refusal. A rig that is still moving takes no limits: that is waited for, not an error.
+    /// Takes a refusal. A rig with pressure on accepts no limits: the hello then starts over later, without an error.
     pub(crate) fn on_refused(&mut self, index: u16, sub: u8, abort: ConfigAbort, now_ns: u64) {
         if abort == ConfigAbort::State {
             self.restart(now_ns + HELLO_PAUSE_NS);

@@ -1,4 +1,4 @@
-//! The rig's clock as the host sees it: 16 bits a sample on the wire, 64 bits inside.
+//! The rig's tick: 16 bits on the wire, 64 bits inside.
 
 /// Unfolds the low 16 bits of the rig's tick.
 #[derive(Debug, Clone, Copy, Default)]
@@ -6,32 +6,32 @@ pub(crate) struct Ticks {
     newest: Option<u64>,
 }
 
-/// Where a sample stands in the stream.
+/// Place of a sample in the stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum TickOrder {
     /// The next one after `lost` missing ones.
     Next {
-        /// Unfolded tick.
+        /// Tick of the sample, unfolded to 64 bits.
         tick: u64,
         /// Samples missing before it.
         lost: u64,
     },
-    /// Seen before, or older than the newest.
+    /// The newest one again, or an older one.
     Old,
 }
 
 impl Ticks {
-    /// Newest tick seen.
+    /// Newest tick received.
     pub(crate) fn newest(&self) -> Option<u64> {
         self.newest
     }
 
-    /// Forgets the past: the firmware rebooted or the link was lost.
+    /// Starts again after a reboot of the firmware or a loss of the link.
     pub(crate) fn restart(&mut self) {
         self.newest = None;
     }
 
-    /// Places a sample. Half of the 16-bit circle (32.8 s) ahead counts as new; silence trips long before.
+    /// Places a sample by its low 16 bits. Up to half of the 16-bit range (32.8 s) ahead counts as new.
     pub(crate) fn place(&mut self, low: u16) -> TickOrder {
         let Some(newest) = self.newest else {
             let tick = u64::from(low);

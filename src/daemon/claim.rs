@@ -5,6 +5,7 @@ use std::io::{Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use super::DaemonError;
+use crate::link;
 
 /// Both locks; they are held as long as this lives.
 #[derive(Debug)]
@@ -37,7 +38,7 @@ fn link_lock(link_address: &str) -> PathBuf {
         .map(|c| if c.is_ascii_alphanumeric() { c } else { '-' })
         .collect();
     // A rig in memory belongs to its process: nobody else can reach it.
-    let own = if link_address.starts_with("mock:") {
+    let own = if link::is_in_process(link_address) {
         format!("-{}", std::process::id())
     } else {
         String::new()

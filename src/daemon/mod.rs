@@ -28,7 +28,7 @@ use tokio::net::TcpListener;
 use tokio::signal::unix::{SignalKind, signal};
 
 use crate::config::Bench;
-use crate::control::realtime::{Control, Request};
+use crate::control::realtime::{ControlHandle, Request};
 use crate::control::{Phase, Rig};
 use crate::link::{self, Link, LinkHealth, Side};
 use crate::recording::run_file::RunFileError;
@@ -111,7 +111,7 @@ pub(crate) struct Shared {
     /// As started.
     pub settings: DaemonSettings,
     /// The control thread.
-    pub control: Control,
+    pub control: ControlHandle,
     /// The data folder.
     pub store: Store,
     /// Profiles by name.
@@ -141,7 +141,7 @@ pub(crate) fn serve(
     let library = Library::open(&settings.profiles_folder)?;
     let rig = Rig::new(settings.bench.rig_config(session_number()));
     let health = Arc::clone(&link.health);
-    let (control, thread) = Control::spawn(rig, link)?;
+    let (control, thread) = ControlHandle::spawn(rig, link)?;
     for sentence in control.degraded() {
         tracing::warn!("{sentence}");
     }
@@ -235,7 +235,7 @@ async fn relink_for_ever(shared: Arc<Shared>) {
     let mut complained = false;
     loop {
         tokio::time::sleep(RELINK_PERIOD).await;
-        if shared.link_health().is_open() || shared.settings.link_address.starts_with("mock:") {
+        if shared.link_health().is_open() || link::is_in_process(&shared.settings.link_address) {
             complained = false;
             continue;
         }

@@ -11,7 +11,7 @@ use super::client_types::{RunProgress, RunState, StartRun, Started};
 use super::{Shared, header, plan, store};
 use crate::config::MismatchAction;
 use crate::control::Phase;
-use crate::control::realtime::{Control, Request};
+use crate::control::realtime::{ControlHandle, Request};
 use crate::control::run::RunOrder;
 use crate::profile::{Player, Profile};
 use crate::protocol::message::SAMPLE_RATE_HZ;
@@ -278,7 +278,7 @@ fn follow(shared: &Arc<Shared>, thread: Recording, path: PathBuf) {
 /// Last in the chain: when it hears of the end the file is closed already.
 struct Watcher {
     newest: Arc<Mutex<Option<Newest>>>,
-    control: Control,
+    control: ControlHandle,
     on_mismatch: MismatchAction,
     asks: tokio::runtime::Handle,
 }

@@ -1,81 +1,95 @@
-//! Frames over a CAN interface of the kernel, by the thread that owns the link: SocketCAN neither blocks nor needs a
-//! reader of its own, so between wire and control there is no task, no ring and no wake-up. The kernel's filters keep
-//! foreign frames from us, its queue holds what arrives between two looks, the abort has a socket of its own, and frames
-//! that the kernel dropped are counted (`SO_RXQ_OVFL`). No automatic restart after bus-off: the interface's `restart-ms`
-//! stays as the administrator set it, and that should be 0.
+//! Frames over a CAN interface of the kernel (SocketCAN). The thread that owns the link reads and writes the sockets
+//! itself; they never block.
+//!
+//! The kernel's filters drop foreign frames, its queue holds the frames between two reads, the abort has a socket of its
+//! own, and frames that the kernel dropped are counted (`SO_RXQ_OVFL`). There is no automatic restart after bus-off: the
+//! interface's `restart-ms` stays as the administrator set it, which should be 0.
 
 use std::io::{self, IoSliceMut};
 use std::os::fd::AsRawFd;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use nix::libc;
 use nix::sys::socket::{ControlMessageOwned, MsgFlags, getsockopt, recvmsg, setsockopt, sockopt};
 use socketcan::{CanFilter, CanFrame, CanSocket, EmbeddedFrame, Socket, SocketOptions, StandardId};
 
-use super::{Arrival, Link, LinkHealth, Side, Wire, now_ns};
+use super::{Backend, Link, LinkHealth, Port, Reach, Side};
+use crate::protocol::cob;
 use crate::protocol::frame::Frame;
 
-/// Receive buffer that we ask for: some 20 000 frames, where the kernel's usual 208 KiB hold 278.
+/// CAN interfaces of the kernel, real or virtual.
+pub(super) const BACKEND: Backend = Backend {
+    scheme: "can",
+    place: "INTERFACE",
+    what: "CAN interface of the kernel (SocketCAN): can:can0",
+    reach: Reach::Port(open),
+};
+
+/// Requested receive buffer in bytes: some 20 000 frames. The kernel's usual 208 KiB hold 278.
 const RECEIVE_BUFFER_BYTES: usize = 8 << 20;
 /// `struct can_frame`: identifier word, length, three bytes of padding, data.
 const CAN_FRAME_BYTES: usize = 16;
 /// Identifier word of an error frame.
 const ERROR_FLAG: u32 = 0x2000_0000;
-/// Extended identifier, remote request or error: no data frame of ours.
+/// Flags of extended identifiers, remote requests and error frames. Data frames of the protocol have none of them.
 const ANY_FLAG: u32 = 0xE000_0000;
 
 /// Opens the interface `name` (`can0`, `vcan0`).
-pub(super) fn open(name: &str, side: Side) -> Result<Link, String> {
-    let said = |error: io::Error| advice(name, &error);
-    let socket = CanSocket::open(name).map_err(said)?;
-    let urgent = CanSocket::open(name).map_err(said)?;
-    let granted = prepare(&socket, &urgent, side).map_err(said)?;
+fn open(name: &str, side: Side) -> Result<Link, String> {
+    let with_advice = |error: io::Error| advice(name, &error);
+    let socket = CanSocket::open(name).map_err(with_advice)?;
+    let urgent = CanSocket::open(name).map_err(with_advice)?;
+    let granted = prepare(&socket, &urgent, side).map_err(with_advice)?;
     if granted < RECEIVE_BUFFER_BYTES {
         tracing::warn!(
             interface = name,
-            "receive buffer is {granted} bytes: a long stall of this host loses frames; \
-             `sysctl -w net.core.rmem_max={RECEIVE_BUFFER_BYTES}` allows more"
+            "the receive buffer has {granted} bytes: a long stall of this host loses frames; \
+             run `sysctl -w net.core.rmem_max={RECEIVE_BUFFER_BYTES}` to allow more"
         );
     }
-    Ok(Link::over(Wire::Can(Port {
+    let port = CanPort {
         socket,
         urgent,
         dropped: 0,
-    })))
+    };
+    Ok(Link::over(port, Arc::new(LinkHealth::opened())))
 }
 
 fn advice(name: &str, error: &io::Error) -> String {
     match error.raw_os_error() {
         Some(libc::ENODEV | libc::ENXIO) => format!(
-            "there is no interface {name}: `ip link` lists what there is; \
-             a virtual one comes with `ip link add dev {name} type vcan && ip link set {name} up`, \
-             a real one with `ip link set {name} up type can bitrate 1000000`"
+            "there is no interface {name}: list the interfaces with `ip link`; \
+             make a virtual one with `ip link add dev {name} type vcan && ip link set {name} up`, \
+             or set a real one up with `ip link set {name} up type can bitrate 1000000`"
         ),
         Some(libc::EAFNOSUPPORT | libc::EPROTONOSUPPORT) => {
-            "this kernel has no CAN: `modprobe can-raw`, and `modprobe vcan` for a virtual interface"
+            "this kernel has no CAN: run `modprobe can-raw`, and `modprobe vcan` for a virtual interface"
                 .to_owned()
         }
         Some(libc::EPERM | libc::EACCES) => {
             format!(
-                "no permission to open CAN sockets: run as a user that may, or grant CAP_NET_RAW ({error})"
+                "no permission to open CAN sockets ({error}): grant CAP_NET_RAW, or run as a user that has it"
             )
         }
-        Some(libc::EBUSY | libc::EADDRINUSE) => format!("interface {name} is taken by another program"),
-        _ => format!("interface {name}: {error}"),
+        Some(libc::EBUSY | libc::EADDRINUSE) => {
+            format!("interface {name} is in use: end the other program that uses it")
+        }
+        _ => format!("interface {name} fails ({error}): check it with `ip -details link show {name}`"),
     }
 }
 
-/// Sets filters, error reports, drop count and buffer; returns the bytes that the kernel granted for receiving (it
-/// reports twice what was asked for).
+/// Sets filters, error reports, drop count and buffer. Returns the bytes that the kernel granted for receiving; the kernel
+/// reports twice that number.
 fn prepare(socket: &CanSocket, urgent: &CanSocket, side: Side) -> io::Result<usize> {
     if setsockopt(socket, sockopt::RcvBufForce, &RECEIVE_BUFFER_BYTES).is_err() {
         setsockopt(socket, sockopt::RcvBuf, &RECEIVE_BUFFER_BYTES)?;
     }
     socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RXQ_OVFL, 1)?;
-    // The mask covers the flags too, so extended and remote frames with our number stay out.
+    // The mask covers the flags too, so extended and remote frames with the same number are dropped.
     let filters = side
         .identifiers()
-        .map(|id| CanFilter::new(u32::from(id), 0x7FF | 0xC000_0000));
+        .map(|id| CanFilter::new(u32::from(id), u32::from(cob::ID_MAX) | 0xC000_0000));
     socket.set_filters(&filters)?;
     socket.set_error_filter_accept_all()?;
     socket.set_nonblocking(true)?;
@@ -85,18 +99,17 @@ fn prepare(socket: &CanSocket, urgent: &CanSocket, side: Side) -> io::Result<usi
 }
 
 /// The sockets of one interface.
-pub(super) struct Port {
+struct CanPort {
     socket: CanSocket,
-    /// Sends the abort, past whatever waits in the other's queue.
+    /// Sends the abort, so that it does not wait in the other socket's queue.
     urgent: CanSocket,
-    /// The kernel's count of dropped frames, as last seen.
+    /// The kernel's count of dropped frames at the last read.
     dropped: u32,
 }
 
-impl Port {
-    /// Hands a frame to the kernel. False, and counted, where its queue is full (the caller tries again at its next
-    /// turn) or the interface is gone.
-    pub(super) fn send(&mut self, frame: Frame, urgent: bool, health: &LinkHealth) -> bool {
+impl Port for CanPort {
+    /// A frame is refused if the kernel's queue is full (the caller tries again at its next turn) or the interface is gone.
+    fn send(&mut self, frame: Frame, urgent: bool, health: &LinkHealth) -> bool {
         let socket = if urgent { &self.urgent } else { &self.socket };
         let written = match StandardId::new(frame.id).and_then(|id| CanFrame::new(id, frame.bytes())) {
             Some(frame) => socket.write_frame(&frame),
@@ -104,35 +117,31 @@ impl Port {
         };
         if let Err(error) = &written {
             health.send_failures.fetch_add(1, Ordering::Relaxed);
-            note_if_gone(error, health);
+            close_if_gone(error, health);
         }
         written.is_ok()
     }
 
-    /// The next data frame that waits.
-    pub(super) fn receive(&mut self, health: &LinkHealth) -> Option<Arrival> {
+    fn receive(&mut self, health: &LinkHealth) -> Option<Frame> {
         loop {
             match self.read(health) {
-                Ok(Some(frame)) => {
-                    return Some(Arrival {
-                        frame,
-                        at_ns: now_ns(),
-                    });
-                }
+                Ok(Some(frame)) => return Some(frame),
                 Ok(None) => {}
                 Err(nix::Error::EAGAIN) => return None,
                 Err(nix::Error::EINTR) => {}
                 Err(error) => {
                     health.bus_errors.fetch_add(1, Ordering::Relaxed);
-                    note_if_gone(&error.into(), health);
+                    close_if_gone(&error.into(), health);
                     return None;
                 }
             }
         }
     }
+}
 
-    /// Reads one frame; none where it was an error frame or none of ours. The crate's reader cannot see the kernel's
-    /// count of frames that it dropped; this one can.
+impl CanPort {
+    /// Reads one frame; `None` if it was an error frame or no data frame of the protocol. Not the reader of the
+    /// `socketcan` crate, because that one does not return the kernel's count of dropped frames.
     fn read(&mut self, health: &LinkHealth) -> Result<Option<Frame>, nix::Error> {
         let mut control = nix::cmsg_space!(u32);
         let mut bytes = [0; CAN_FRAME_BYTES];
@@ -145,7 +154,7 @@ impl Port {
         )?;
         for part in message.cmsgs()? {
             if let ControlMessageOwned::RxqOvfl(dropped) = part {
-                // The count is the socket's total and wraps.
+                // The count is the total of the socket and wraps around.
                 let more = dropped.wrapping_sub(self.dropped);
                 self.dropped = dropped;
                 health.overflows.fetch_add(u64::from(more), Ordering::Relaxed);
@@ -154,7 +163,7 @@ impl Port {
         let whole = message.bytes == CAN_FRAME_BYTES;
         let [a, b, c, d, len, _, _, _, data @ ..] = bytes;
         Ok(match data.get(..usize::from(len)) {
-            Some(data) if whole => take(u32::from_ne_bytes([a, b, c, d]), data, health),
+            Some(data) if whole => data_frame(u32::from_ne_bytes([a, b, c, d]), data, health),
             _ => {
                 health.bus_errors.fetch_add(1, Ordering::Relaxed);
                 None
@@ -163,8 +172,8 @@ impl Port {
     }
 }
 
-/// Closes the link where the interface went down or away.
-fn note_if_gone(error: &io::Error, health: &LinkHealth) {
+/// Closes the link if the interface went down or was removed.
+fn close_if_gone(error: &io::Error, health: &LinkHealth) {
     if matches!(
         error.raw_os_error(),
         Some(libc::ENODEV | libc::ENXIO | libc::ENETDOWN)
@@ -173,22 +182,22 @@ fn note_if_gone(error: &io::Error, health: &LinkHealth) {
     }
 }
 
-/// A data frame, or an error frame counted. `word` is the identifier with its flags.
-fn take(word: u32, data: &[u8], health: &LinkHealth) -> Option<Frame> {
+/// The data frame, or `None` after an error frame was counted. `word` is the identifier with its flags.
+fn data_frame(word: u32, data: &[u8], health: &LinkHealth) -> Option<Frame> {
     if word & ANY_FLAG == 0 {
-        return Some(Frame::new((word & 0x7FF) as u16, data));
+        return Some(Frame::new(word as u16, data));
     }
     if word & ERROR_FLAG != 0 {
-        report(word, data, health);
+        count_error(word, data, health);
     } else {
-        // Extended or remote: our filters should have kept it out.
+        // An extended or remote frame: the filters should have dropped it.
         health.bus_errors.fetch_add(1, Ordering::Relaxed);
     }
     None
 }
 
-/// Counts an error frame (linux/can/error.h): its class stands in the identifier, the controller's state in byte 1.
-fn report(class: u32, data: &[u8], health: &LinkHealth) {
+/// Counts an error frame (linux/can/error.h): the class is in the identifier, the controller's state in byte 1.
+fn count_error(class: u32, data: &[u8], health: &LinkHealth) {
     const LOST_ARBITRATION: u32 = 0x02;
     const CONTROLLER: u32 = 0x04;
     const BUS_OFF: u32 = 0x40;
@@ -196,7 +205,7 @@ fn report(class: u32, data: &[u8], health: &LinkHealth) {
     const COUNTERS: u32 = 0x200;
     const PASSIVE: u8 = 0x30;
     const ACTIVE: u8 = 0x40;
-    // Losing arbitration is how a busy bus works, a restart and the counters are news but no fault.
+    // Lost arbitration is normal on a busy bus; a restart and the error counters are reports, not faults.
     if class & !(ERROR_FLAG | LOST_ARBITRATION | RESTARTED | COUNTERS) != 0 {
         health.bus_errors.fetch_add(1, Ordering::Relaxed);
     }
@@ -218,23 +227,26 @@ mod tests {
     #[test]
     fn data_frames_pass_and_the_others_are_counted() {
         let health = LinkHealth::opened();
-        assert_eq!(take(0x185, &[1, 2], &health), Some(Frame::new(0x185, &[1, 2])));
-        assert_eq!(take(0x8000_0185, &[1, 2], &health), None);
-        assert_eq!(take(0x4000_0185, &[], &health), None);
+        assert_eq!(
+            data_frame(0x185, &[1, 2], &health),
+            Some(Frame::new(0x185, &[1, 2]))
+        );
+        assert_eq!(data_frame(0x8000_0185, &[1, 2], &health), None);
+        assert_eq!(data_frame(0x4000_0185, &[], &health), None);
         assert_eq!(health.bus_errors.load(Ordering::Relaxed), 2);
     }
 
     #[test]
-    fn error_frames_tell_bus_off_and_passive() {
+    fn error_frames_set_bus_off_and_passive() {
         let health = LinkHealth::opened();
-        take(ERROR_FLAG | 0x204, &[0, 0x20, 0, 0, 0, 0, 130, 0], &health);
+        data_frame(ERROR_FLAG | 0x204, &[0, 0x20, 0, 0, 0, 0, 130, 0], &health);
         assert!(health.error_passive.load(Ordering::Relaxed));
-        take(ERROR_FLAG | 0x40, &[0; 8], &health);
+        data_frame(ERROR_FLAG | 0x40, &[0; 8], &health);
         assert_eq!(health.bus_off.load(Ordering::Relaxed), 1);
         assert_eq!(health.bus_errors.load(Ordering::Relaxed), 2);
-        take(ERROR_FLAG | 0x04, &[0, 0x40, 0, 0, 0, 0, 0, 0], &health);
+        data_frame(ERROR_FLAG | 0x04, &[0, 0x40, 0, 0, 0, 0, 0, 0], &health);
         assert!(!health.error_passive.load(Ordering::Relaxed));
-        take(ERROR_FLAG | 0x02, &[11, 0, 0, 0, 0, 0, 0, 0], &health);
+        data_frame(ERROR_FLAG | 0x02, &[11, 0, 0, 0, 0, 0, 0, 0], &health);
         assert_eq!(
             health.bus_errors.load(Ordering::Relaxed),
             3,
@@ -243,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_opened_comes_with_advice() {
+    fn every_open_error_says_what_to_do() {
         let text = |errno| advice("vcan0", &io::Error::from_raw_os_error(errno));
         assert!(text(libc::ENODEV).contains("ip link add dev vcan0 type vcan"));
         assert!(text(libc::EAFNOSUPPORT).contains("modprobe can-raw"));

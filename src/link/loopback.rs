@@ -1,32 +1,30 @@
-//! Two ends in memory: what one end sends stands in the other's inbox at once. No task, no thread, no clock of its own,
-//! so whole benches run in virtual time. `urgent` frames take the same ring: nothing can be queued before them.
+//! A link in memory: a frame that one end sends is in the other end's inbox at once. It has no thread and no clock, so
+//! whole benches run in virtual time. Urgent frames use the same ring, because no frame waits before them.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
 
 use super::rings::{Outlet, Rings};
-use super::{Arrival, Link, RING_FRAMES, Wire};
+use super::{Backend, Link, LinkHealth, RING_FRAMES, Reach};
 
-/// Host end and rig end. All arrival times are 0: time is the rig's tick.
+/// The mock rig in this process.
+pub(super) const BACKEND: Backend = Backend {
+    scheme: "mock",
+    place: "",
+    what: "mock rig in this process: mock:",
+    reach: Reach::InProcess,
+};
+
+/// Host end and rig end.
 pub(crate) fn pair() -> (Link, Link) {
-    pair_with_clock(Arc::new(AtomicU64::new(0)))
-}
-
-/// Host end and rig end. Frames carry the time that `clock` (ns, moved by whoever steps the bench) shows as they are
-/// sent: in memory that is the time of arrival too.
-pub(crate) fn pair_with_clock(clock: Arc<AtomicU64>) -> (Link, Link) {
-    let (host_out, rig_in) = rtrb::RingBuffer::<Arrival>::new(RING_FRAMES);
-    let (rig_out, host_in) = rtrb::RingBuffer::<Arrival>::new(RING_FRAMES);
+    let (host_out, rig_in) = rtrb::RingBuffer::new(RING_FRAMES);
+    let (rig_out, host_in) = rtrb::RingBuffer::new(RING_FRAMES);
     let end = |ring, inbox| {
-        let out = Outlet { ring, waker: None };
-        let clock = Some(Arc::clone(&clock));
-        Link::over(Wire::Rings(Rings {
-            out,
+        let rings = Rings {
+            out: Outlet { ring, waker: None },
             urgent: None,
             inbox,
-            clock,
-            service: None,
-        }))
+        };
+        Link::over(rings, Arc::new(LinkHealth::opened()))
     };
     (end(host_out, host_in), end(rig_out, rig_in))
 }
@@ -39,29 +37,15 @@ mod tests {
     use crate::protocol::frame::Frame;
 
     #[test]
-    fn frames_arrive_in_order_with_the_time_of_the_clock() {
-        let clock = Arc::new(AtomicU64::new(7));
-        let (mut host, mut rig) = pair_with_clock(Arc::clone(&clock));
+    fn frames_arrive_in_order_in_both_directions() {
+        let (mut host, mut rig) = pair();
         assert!(host.send(Frame::new(0x205, &[1])));
-        clock.store(9, Ordering::Relaxed);
         assert!(host.send_urgent(Frame::new(0x000, &[2, 0])));
-        assert_eq!(
-            rig.receive(),
-            Some(Arrival {
-                frame: Frame::new(0x205, &[1]),
-                at_ns: 7
-            })
-        );
-        assert_eq!(
-            rig.receive(),
-            Some(Arrival {
-                frame: Frame::new(0x000, &[2, 0]),
-                at_ns: 9
-            })
-        );
+        assert_eq!(rig.receive(), Some(Frame::new(0x205, &[1])));
+        assert_eq!(rig.receive(), Some(Frame::new(0x000, &[2, 0])));
         assert_eq!(rig.receive(), None);
         assert!(rig.send(Frame::new(0x185, &[3])));
-        assert_eq!(host.receive().map(|arrival| arrival.frame.id), Some(0x185));
+        assert_eq!(host.receive(), Some(Frame::new(0x185, &[3])));
     }
 
     #[test]
@@ -75,11 +59,11 @@ mod tests {
     }
 
     #[test]
-    fn the_loss_of_the_far_end_shows() {
+    fn the_loss_of_the_far_end_closes_the_link() {
         let (mut host, mut rig) = pair();
         assert!(rig.send(Frame::new(0x185, &[])));
         drop(rig);
-        // What was on its way still arrives.
+        // A frame sent before still arrives.
         assert!(host.receive().is_some());
         assert!(host.receive().is_none());
         assert!(!host.health.is_open());

@@ -1,7 +1,7 @@
-//! Links: move frames, never look inside. A link is a socket that never blocks, or lock-free rings that a thread of its
-//! own serves, so the control thread neither waits nor allocates.
+//! Links carry frames between host and rig. What frames mean is left to `protocol`.
 //!
-//! A new backend is one file and one line in [`BACKENDS`].
+//! A link is a kernel socket that never blocks, or lock-free rings that a thread of the link serves, so the control
+//! thread neither waits nor allocates. A new link is one file with a `BACKEND` and one line in [`BACKENDS`].
 
 mod can;
 pub(crate) mod loopback;
@@ -16,29 +16,44 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use crate::protocol::cob;
 use crate::protocol::frame::Frame;
+use crate::units::NS_PER_S;
 
-/// Frames that a ring holds: 4 s of samples, so a reader that stalls for 2 s loses nothing.
-pub(crate) const RING_FRAMES: usize = 8192;
+/// All links, in the order in which help texts name them.
+static BACKENDS: &[Backend] = &[loopback::BACKEND, can::BACKEND, serial::BACKEND];
 
-/// A frame with the host's monotonic arrival time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Arrival {
-    /// The frame.
-    pub frame: Frame,
-    /// Nanoseconds on the host's monotonic clock; in memory what the pair's virtual clock showed as it was sent.
-    pub at_ns: u64,
+/// Frames that a ring holds: more than 7 s of one direction.
+const RING_FRAMES: usize = 8192;
+
+/// A kind of link.
+struct Backend {
+    /// The part of the address before the colon.
+    scheme: &'static str,
+    /// The part of the address after the colon, as help texts name it; empty where the address has none.
+    place: &'static str,
+    /// One sentence with an example.
+    what: &'static str,
+    reach: Reach,
 }
 
-/// Counters of a link, written by its task, read by anyone.
+/// How a link reaches the rig.
+enum Reach {
+    /// Both ends are in this process; [`loopback::pair`] makes them.
+    InProcess,
+    /// Over a port. The function opens the part of the address after the colon, or returns what is wrong and what to do.
+    /// `side` says which frames are for this end. Needs no runtime around it.
+    Port(fn(place: &str, side: Side) -> Result<Link, String>),
+}
+
+/// State and counters of a link, written by the link, read by anyone.
 #[derive(Debug, Default)]
 pub(crate) struct LinkHealth {
-    /// The link is open; false once the far end is gone.
+    /// The link is open; false once the far end is gone and the port is free again.
     pub open: AtomicBool,
     /// Frames that the bus or port refused (queue full, write deadline).
     pub send_failures: AtomicU64,
-    /// Frames that arrived when the ring, or the kernel's queue before it, was full.
+    /// Frames lost because the ring, or the kernel's queue before it, was full.
     pub overflows: AtomicU64,
-    /// A CAN controller reports that it is error passive: no new run should start.
+    /// A CAN controller reports that it is error passive.
     pub error_passive: AtomicBool,
     /// CAN error frames, or serial packets with a wrong CRC or framing.
     pub bus_errors: AtomicU64,
@@ -48,7 +63,7 @@ pub(crate) struct LinkHealth {
 
 impl LinkHealth {
     /// Open, all counters zero.
-    pub(crate) fn opened() -> Self {
+    fn opened() -> Self {
         LinkHealth {
             open: AtomicBool::new(true),
             ..Self::default()
@@ -63,119 +78,92 @@ impl LinkHealth {
 
 /// One end of a link. `send`, `send_urgent` and `receive` are lock-free, never wait and never allocate.
 pub(crate) struct Link {
-    /// Counters.
+    /// State and counters; shared, because they are read by other threads.
     pub health: Arc<LinkHealth>,
-    wire: Wire,
+    port: Box<dyn Port>,
 }
 
-/// What a link is made of.
-enum Wire {
-    /// In memory, or a port that a thread of its own serves.
-    Rings(rings::Rings),
-    /// A CAN interface, by the kernel's own queues.
-    Can(can::Port),
+/// What carries a link's frames. Neither function waits or allocates.
+trait Port: Send {
+    /// Queues `frame`, an urgent one before all others. False, and counted, if the queue is full or the far end is gone.
+    fn send(&mut self, frame: Frame, urgent: bool, health: &LinkHealth) -> bool;
+
+    /// The next frame that arrived. Closes `health` if the far end is gone.
+    fn receive(&mut self, health: &LinkHealth) -> Option<Frame>;
 }
 
 impl Link {
-    fn over(wire: Wire) -> Self {
+    fn over(port: impl Port + 'static, health: Arc<LinkHealth>) -> Self {
         Link {
-            health: Arc::new(LinkHealth::opened()),
-            wire,
+            health,
+            port: Box::new(port),
         }
     }
 
-    /// Queues `frame`. False, and counted, where the queue is full or the far end gone.
+    /// Queues `frame`. False, and counted, if the queue is full or the far end is gone.
     pub(crate) fn send(&mut self, frame: Frame) -> bool {
-        match &mut self.wire {
-            Wire::Rings(rings) => rings.send(frame, false, &self.health),
-            Wire::Can(port) => port.send(frame, false, &self.health),
-        }
+        self.port.send(frame, false, &self.health)
     }
 
-    /// Queues `frame` before all others: the abort.
+    /// Queues `frame` before all others; for the abort and the emergency.
     pub(crate) fn send_urgent(&mut self, frame: Frame) -> bool {
-        match &mut self.wire {
-            Wire::Rings(rings) => rings.send(frame, true, &self.health),
-            Wire::Can(port) => port.send(frame, true, &self.health),
-        }
+        self.port.send(frame, true, &self.health)
     }
 
     /// The next frame that arrived.
-    pub(crate) fn receive(&mut self) -> Option<Arrival> {
-        match &mut self.wire {
-            Wire::Rings(rings) => rings.receive(&self.health),
-            Wire::Can(port) => port.receive(&self.health),
-        }
-    }
-
-    /// Waits until what was queued is sent and the port is free again. A link that is just dropped does the same, but
-    /// nobody waits for it. Not for the control thread.
-    pub(crate) fn close(self) {
-        if let Wire::Rings(rings) = self.wire {
-            rings.close();
-        }
+    pub(crate) fn receive(&mut self) -> Option<Frame> {
+        self.port.receive(&self.health)
     }
 }
 
-/// Now, on the host's monotonic clock: the clock of [`Arrival::at_ns`] on real links.
+/// Time in ns on the host's monotonic clock.
 pub(crate) fn now_ns() -> u64 {
     let Ok(now) = nix::time::clock_gettime(nix::time::ClockId::CLOCK_MONOTONIC) else {
         // The clock exists on every Linux.
         return 0;
     };
-    now.tv_sec() as u64 * 1_000_000_000 + now.tv_nsec() as u64
+    now.tv_sec() as u64 * NS_PER_S + now.tv_nsec() as u64
 }
 
 /// Why a link could not be opened.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum LinkError {
-    /// The address has no scheme of ours.
+    /// The address has no known scheme, or its part after the colon is missing or too much.
     #[error("link \"{address}\" has no known scheme: write one of {known}")]
     Scheme {
-        /// As given.
+        /// The address as given.
         address: String,
-        /// What there is.
+        /// The sentences of the links that could be meant.
         known: String,
     },
-    /// The port or interface is not there, or taken, or forbidden.
+    /// The port or interface does not exist, is in use, or may not be opened.
     #[error("link {address} cannot be opened: {reason}")]
     Open {
-        /// As given.
+        /// The address as given.
         address: String,
         /// What is wrong and what to do.
         reason: String,
     },
 }
 
-/// A way to reach a rig.
-pub(crate) struct Backend {
-    /// The part of the address before the colon: `can:vcan0`, `serial:/dev/ttyUSB0`.
-    pub scheme: &'static str,
-    /// One sentence.
-    pub what: &'static str,
-    /// Opens the address after the scheme, or says what is wrong and what to do. A thread that serves it ends when the
-    /// [`Link`] is dropped or the far end is gone. Needs no runtime around it. `side` tells which frames are for us.
-    pub open: fn(address: &str, side: Side) -> Result<Link, String>,
-}
-
-/// Which end of the wire this is: it decides which identifiers are for us.
+/// Which end of the wire this is. It decides which identifiers are for this end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Side {
-    /// The daemon.
+    /// The daemon, or another program that controls a rig.
     Host {
-        /// Node of the rig that we talk to.
+        /// Node of the rig at the far end.
         rig_node: u8,
     },
     /// The firmware (the mock rig).
     Rig {
-        /// Our own node.
+        /// Node of this rig.
         node: u8,
     },
 }
 
 impl Side {
     /// Identifiers that are for this end.
-    pub(crate) fn identifiers(self) -> [u16; 5] {
+    fn identifiers(self) -> [u16; 5] {
         match self {
             Side::Host { rig_node } => [
                 cob::EMERGENCY,
@@ -184,49 +172,77 @@ impl Side {
                 cob::CONFIG_ANSWER,
                 cob::HEARTBEAT,
             ]
-            .map(|function| function + u16::from(rig_node & 0x7F)),
-            Side::Rig { node } => {
-                let own = |function| function + u16::from(node & 0x7F);
-                [
-                    cob::NMT,
-                    own(cob::COMMAND),
-                    own(cob::LEASE),
-                    own(cob::REQUEST),
-                    own(cob::CONFIG_REQUEST),
-                ]
-            }
+            .map(|function| cob::id(function, rig_node)),
+            Side::Rig { node } => [
+                cob::NMT,
+                cob::id(cob::COMMAND, node),
+                cob::id(cob::LEASE, node),
+                cob::id(cob::REQUEST, node),
+                cob::id(cob::CONFIG_REQUEST, node),
+            ],
         }
     }
 }
 
-/// All backends.
-pub(crate) static BACKENDS: &[Backend] = &[
-    Backend {
-        scheme: "can",
-        what: "CAN interface of the kernel (SocketCAN): can:can0",
-        open: can::open,
-    },
-    Backend {
-        scheme: "serial",
-        what: "serial port, 921600 Bd unless said otherwise: serial:/dev/ttyUSB0?baud=460800",
-        open: serial::open,
-    },
-];
+/// The backend of `address` and the part of the address after the colon; `None` if the address is not complete.
+fn find(address: &str) -> Option<(&'static Backend, &str)> {
+    let (scheme, place) = address.split_once(':')?;
+    let backend = BACKENDS.iter().find(|backend| backend.scheme == scheme)?;
+    (backend.place.is_empty() == place.is_empty()).then_some((backend, place))
+}
 
-/// Opens the link at `address`, such as `can:vcan0` or `serial:/dev/ttyUSB0`.
+/// True if `address` has a known scheme and a part after the colon where its scheme needs one.
+pub(crate) fn is_address(address: &str) -> bool {
+    find(address).is_some()
+}
+
+/// True if both ends of the link are in this process: the rig is a mock rig in memory.
+pub(crate) fn is_in_process(address: &str) -> bool {
+    matches!(find(address), Some((backend, _)) if matches!(backend.reach, Reach::InProcess))
+}
+
+/// The forms of all addresses for help texts: `mock:, can:INTERFACE or serial:PORT`.
+pub(crate) fn address_forms() -> String {
+    list_of_forms(BACKENDS.iter())
+}
+
+/// The forms of the addresses that [`open`] takes: `can:INTERFACE or serial:PORT`.
+pub(crate) fn port_forms() -> String {
+    list_of_forms(ports())
+}
+
+fn ports() -> impl Iterator<Item = &'static Backend> {
+    BACKENDS
+        .iter()
+        .filter(|backend| matches!(backend.reach, Reach::Port(_)))
+}
+
+fn list_of_forms(backends: impl Iterator<Item = &'static Backend>) -> String {
+    let forms: Vec<String> = backends.map(|b| format!("{}:{}", b.scheme, b.place)).collect();
+    match forms.split_last() {
+        Some((last, [])) => last.clone(),
+        Some((last, others)) => format!("{} or {last}", others.join(", ")),
+        None => String::new(),
+    }
+}
+
+/// Opens the link over a port at `address`, such as `can:vcan0` or `serial:/dev/ttyUSB0`.
 pub(crate) fn open(address: &str, side: Side) -> Result<Link, LinkError> {
-    let backend = address.split_once(':').and_then(|(scheme, rest)| {
-        let backend = BACKENDS.iter().find(|backend| backend.scheme == scheme)?;
-        Some((backend, rest))
-    });
-    let Some((backend, rest)) = backend else {
-        let known: Vec<&str> = BACKENDS.iter().map(|backend| backend.what).collect();
+    let Some((
+        Backend {
+            reach: Reach::Port(open),
+            ..
+        },
+        place,
+    )) = find(address)
+    else {
+        let known: Vec<&str> = ports().map(|backend| backend.what).collect();
         return Err(LinkError::Scheme {
             address: address.to_owned(),
             known: known.join("; "),
         });
     };
-    (backend.open)(rest, side).map_err(|reason| LinkError::Open {
+    open(place, side).map_err(|reason| LinkError::Open {
         address: address.to_owned(),
         reason,
     })
@@ -238,7 +254,7 @@ mod tests {
 
     #[test]
     fn an_unknown_scheme_names_the_known_ones() {
-        for address in ["vcan0", "usb:1", ""] {
+        for address in ["vcan0", "usb:1", "", "can:", "mock:", "mock:x"] {
             let error = open(address, Side::Rig { node: 1 })
                 .err()
                 .expect("no such scheme")
@@ -248,6 +264,14 @@ mod tests {
                 "{error}"
             );
         }
+    }
+
+    #[test]
+    fn an_address_in_process_has_nothing_after_the_colon() {
+        assert!(is_in_process("mock:") && is_address("mock:"));
+        assert!(!is_in_process("can:vcan0") && is_address("can:vcan0"));
+        assert!(!is_in_process("mock:x") && !is_address("mock:x") && !is_address("can:"));
+        assert_eq!(address_forms(), "mock:, can:INTERFACE or serial:PORT");
     }
 
     #[test]

@@ -1,71 +1,50 @@
-//! A link of lock-free rings: in memory the far end holds their other ends, on a serial port a thread does.
+//! A port of lock-free rings. In memory the far end holds their other ends, on a serial port a thread of the link does.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::Ordering;
 
 use super::wake::Waker;
-use super::{Arrival, LinkHealth};
+use super::{LinkHealth, Port};
 use crate::protocol::frame::Frame;
 
-/// This end's rings.
+/// The rings of one end.
 pub(super) struct Rings {
-    /// Towards the far end, in order.
+    /// To the far end, in order.
     pub out: Outlet,
-    /// Overtakes `out`, where there is a queue to overtake.
+    /// To the far end, before the frames in `out`; `None` where frames in `out` never wait.
     pub urgent: Option<Outlet>,
     /// From the far end.
-    pub inbox: rtrb::Consumer<Arrival>,
-    /// Virtual clock that stamps what we send; in memory only.
-    pub clock: Option<Arc<AtomicU64>>,
-    /// The thread that serves the rings; none in memory.
-    pub service: Option<std::thread::JoinHandle<()>>,
+    pub inbox: rtrb::Consumer<Frame>,
 }
 
-/// A ring towards the far end, and what wakes the task that empties it (none in memory).
+/// A ring to the far end, and what wakes the task that empties it (`None` in memory).
 pub(super) struct Outlet {
-    /// `at_ns` means something in memory only.
-    pub ring: rtrb::Producer<Arrival>,
+    pub ring: rtrb::Producer<Frame>,
     pub waker: Option<Waker>,
 }
 
-impl Rings {
-    pub(super) fn send(&mut self, frame: Frame, urgent: bool, health: &LinkHealth) -> bool {
-        let at_ns = self
-            .clock
-            .as_ref()
-            .map_or(0, |clock| clock.load(Ordering::Relaxed));
+impl Port for Rings {
+    fn send(&mut self, frame: Frame, urgent: bool, health: &LinkHealth) -> bool {
         let outlet = match &mut self.urgent {
             Some(outlet) if urgent => outlet,
             _ => &mut self.out,
         };
-        outlet.push(Arrival { frame, at_ns }, health)
+        outlet.push(frame, health)
     }
 
-    pub(super) fn receive(&mut self, health: &LinkHealth) -> Option<Arrival> {
-        // Asked before the pop: what the far end sent before it went is still delivered.
+    fn receive(&mut self, health: &LinkHealth) -> Option<Frame> {
+        // Read before the pop, so that frames sent before the far end closed are still delivered.
         let abandoned = self.inbox.is_abandoned();
-        let arrival = self.inbox.pop().ok();
-        if arrival.is_none() && abandoned {
+        let frame = self.inbox.pop().ok();
+        if frame.is_none() && abandoned {
             health.open.store(false, Ordering::Relaxed);
         }
-        arrival
-    }
-
-    pub(super) fn close(self) {
-        let Rings {
-            service, out, urgent, ..
-        } = self;
-        drop((out, urgent));
-        if let Some(service) = service {
-            // A panic there has been reported by the panic hook; there is nothing left to close.
-            let _ = service.join();
-        }
+        frame
     }
 }
 
 impl Outlet {
-    fn push(&mut self, arrival: Arrival, health: &LinkHealth) -> bool {
-        let sent = !self.ring.is_abandoned() && self.ring.push(arrival).is_ok();
+    fn push(&mut self, frame: Frame, health: &LinkHealth) -> bool {
+        let sent = !self.ring.is_abandoned() && self.ring.push(frame).is_ok();
         if !sent {
             health.send_failures.fetch_add(1, Ordering::Relaxed);
         }

@@ -1,5 +1,5 @@
-//! Frames over a serial port or pseudo-terminal, in the packets of `protocol::serial_framing`. Never flushes (that
-//! would block in tcdrain) and takes a read of nothing for an unplugged port.
+//! Frames over a serial port or pseudo-terminal, in the packets of `protocol::serial_framing`. Never flushes, because
+//! tcdrain would block. A read of zero bytes means that the port is unplugged.
 
 use std::io;
 use std::sync::Arc;
@@ -10,25 +10,35 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio_serial::{ErrorKind, SerialPortBuilderExt};
 
 use super::service::{self, Ends, Inlet, Lane};
-use super::{Link, LinkHealth, Side};
+use super::{Backend, Link, LinkHealth, Reach, Side};
 use crate::protocol::serial_framing::{self, Decoder, PACKET_MAX};
 
-/// Bits a second where the address names none.
+/// Serial ports and pseudo-terminals.
+pub(super) const BACKEND: Backend = Backend {
+    scheme: "serial",
+    place: "PORT",
+    what: "serial port, 921600 Bd unless the address says otherwise: serial:/dev/ttyUSB0?baud=460800",
+    reach: Reach::Port(open),
+};
+
+/// Bits per second if the address gives none.
 const DEFAULT_BAUD: u32 = 921_600;
-/// A peer that does not take a packet within this has stopped reading.
+/// A peer that does not accept a packet within this time has stopped reading.
 const WRITE_DEADLINE: Duration = Duration::from_millis(20);
 
-/// Opens `/dev/ttyUSB0` or `/dev/ttyUSB0?baud=460800`, for us alone.
-pub(super) fn open(address: &str, side: Side) -> Result<Link, String> {
+/// Opens `/dev/ttyUSB0` or `/dev/ttyUSB0?baud=460800` exclusively.
+fn open(address: &str, side: Side) -> Result<Link, String> {
     let (path, baud) = parse(address)?;
-    let runtime = service::runtime().map_err(|error| format!("no runtime for its thread: {error}"))?;
+    let runtime = service::runtime().map_err(|error| {
+        format!("the runtime of its thread cannot be started ({error}): free memory and file handles")
+    })?;
     let port = {
         let _inside = runtime.enter();
         tokio_serial::new(path, baud).exclusive(true).open_native_async()
     };
     let port = port.map_err(|error| advice(path, baud, &error))?;
     service::start("link-serial", runtime, move |ends| serve(port, ends, side))
-        .map_err(|error| format!("its thread cannot be started: {error}"))
+        .map_err(|error| format!("its thread cannot be started ({error}): free memory and file handles"))
 }
 
 fn parse(address: &str) -> Result<(&str, u32), String> {
@@ -39,7 +49,8 @@ fn parse(address: &str) -> Result<(&str, u32), String> {
         .strip_prefix("baud=")
         .and_then(|baud| baud.parse().ok())
         .filter(|&baud| baud > 0);
-    let baud = baud.ok_or_else(|| format!("\"{options}\" is no option: write ?baud=460800"))?;
+    let baud =
+        baud.ok_or_else(|| format!("\"{options}\" is no option of a serial port: write ?baud=460800"))?;
     Ok((path, baud))
 }
 
@@ -47,18 +58,18 @@ fn advice(path: &str, baud: u32, error: &tokio_serial::Error) -> String {
     match error.kind() {
         ErrorKind::Io(io::ErrorKind::NotFound) => {
             format!(
-                "there is no {path}: is the adapter plugged in? `ls -l /dev/serial/by-id` shows what is there"
+                "there is no {path}: check that the adapter is plugged in; `ls -l /dev/serial/by-id` lists the ports"
             )
         }
         ErrorKind::Io(io::ErrorKind::PermissionDenied) => {
             format!(
-                "no permission for {path}: add yourself to its group (`ls -l {path}` names it) and log in again"
+                "no permission for {path}: add yourself to its group (see `ls -l {path}`) and log in again"
             )
         }
         ErrorKind::NoDevice => format!(
-            "{path} is taken by another program or not a serial port ({error}): `fuser -v {path}` names the program"
+            "{path} is taken by another program or not a serial port ({error}): find the program with `fuser -v {path}` and end it"
         ),
-        _ => format!("{path} at {baud} Bd: {error}"),
+        _ => format!("{path} fails at {baud} Bd ({error}): check the adapter and the baud rate"),
     }
 }
 
@@ -66,7 +77,7 @@ async fn serve<P: AsyncRead + AsyncWrite>(port: P, ends: Ends, side: Side) {
     let Ends { out, urgent, inlet } = ends;
     let health = Arc::clone(&inlet.health);
     let (reader, writer) = tokio::io::split(port);
-    // The first of the two to end takes the other with it: the port is gone, or the link was dropped and all is sent.
+    // Ends with the first of the two: the port is gone, or the link was dropped and all is sent.
     tokio::select! {
         () = receive(reader, inlet, side) => {}
         () = send(writer, out, urgent, &health) => {}
@@ -74,12 +85,12 @@ async fn serve<P: AsyncRead + AsyncWrite>(port: P, ends: Ends, side: Side) {
 }
 
 async fn receive(mut port: impl AsyncRead + Unpin, mut inlet: Inlet, side: Side) {
-    let ours = side.identifiers();
+    let own = side.identifiers();
     let mut decoder = Decoder::default();
     let mut bytes = [0; 512];
     loop {
         let count = match port.read(&mut bytes).await {
-            // An unplugged adapter reads as nothing, for ever.
+            // An unplugged adapter reads zero bytes for ever.
             Ok(0) => return,
             Ok(count) => count,
             Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
@@ -87,7 +98,7 @@ async fn receive(mut port: impl AsyncRead + Unpin, mut inlet: Inlet, side: Side)
         };
         let errors_before = decoder.errors();
         for &byte in bytes.iter().take(count) {
-            if let Some(frame) = decoder.push(byte).filter(|frame| ours.contains(&frame.id)) {
+            if let Some(frame) = decoder.push(byte).filter(|frame| own.contains(&frame.id)) {
                 inlet.deliver(frame);
             }
         }
@@ -100,7 +111,7 @@ async fn receive(mut port: impl AsyncRead + Unpin, mut inlet: Inlet, side: Side)
 
 async fn send(mut port: impl AsyncWrite + Unpin, mut out: Lane, mut urgent: Lane, health: &LinkHealth) {
     let mut packet = [0; PACKET_MAX];
-    // A zero first ends whatever the far end has read so far: noise, or a packet that the deadline cut.
+    // A leading zero ends what the far end has read so far: noise, or a packet cut by the deadline.
     let mut resync = true;
     loop {
         let frame = tokio::select! {

@@ -1,5 +1,5 @@
-//! What the real links share: the rings' far ends and the thread that serves them, with a runtime of its own so that a
-//! busy daemon cannot delay it. What bytes go out is up to `can` and `serial`.
+//! The thread that serves a link's rings, with a runtime of its own so that a busy daemon cannot delay it. Which bytes are
+//! sent and received is left to the link (`serial`).
 
 use std::io;
 use std::sync::Arc;
@@ -9,7 +9,7 @@ use tokio::runtime::Runtime;
 
 use super::rings::{Outlet, Rings};
 use super::wake::{self, Sleep, Wakeup};
-use super::{Arrival, Link, LinkHealth, RING_FRAMES, Wire, now_ns};
+use super::{Link, LinkHealth, RING_FRAMES};
 use crate::protocol::frame::Frame;
 
 /// The task's ends of a link's rings.
@@ -21,13 +21,13 @@ pub(super) struct Ends {
 
 /// Frames from the control thread.
 pub(super) struct Lane {
-    ring: rtrb::Consumer<Arrival>,
+    ring: rtrb::Consumer<Frame>,
     wakeup: Wakeup,
 }
 
 /// Frames to the control thread, and the link's counters.
 pub(super) struct Inlet {
-    ring: rtrb::Producer<Arrival>,
+    ring: rtrb::Producer<Frame>,
     pub health: Arc<LinkHealth>,
 }
 
@@ -39,7 +39,8 @@ pub(super) fn runtime() -> io::Result<Runtime> {
         .build()
 }
 
-/// The link that `serve` serves, on a thread called `name`, until it returns.
+/// The link that `serve` serves on a thread called `name`. The thread ends when `serve` returns: when the [`Link`] is
+/// dropped and all is sent, or when the far end is gone.
 pub(super) fn start<S>(
     name: &str,
     runtime: Runtime,
@@ -64,38 +65,43 @@ where
             inlet,
         }
     };
-    let service = std::thread::Builder::new().name(name.to_owned()).spawn(move || {
-        // Frames must not wait behind ordinary programs. Where it is not allowed control says so for itself.
+    let open = Open(Arc::clone(&health));
+    std::thread::Builder::new().name(name.to_owned()).spawn(move || {
+        let _open = open;
+        // Where real-time priority is not allowed, the control thread reports it.
         let _ = super::priority::raise_this_thread();
         runtime.block_on(serve(ends));
+        drop(runtime);
     })?;
-    let urgent = Some(urgent);
-    Ok(Link {
-        health,
-        wire: Wire::Rings(Rings {
-            out,
-            urgent,
-            inbox,
-            clock: None,
-            service: Some(service),
-        }),
-    })
+    let rings = Rings {
+        out,
+        urgent: Some(urgent),
+        inbox,
+    };
+    Ok(Link::over(rings, health))
 }
 
-fn outlet() -> io::Result<(Outlet, rtrb::Consumer<Arrival>, Sleep)> {
+/// The link is open as long as this exists. It is dropped last, so that the port is free once the link is closed, also
+/// after a panic.
+struct Open(Arc<LinkHealth>);
+
+impl Drop for Open {
+    fn drop(&mut self) {
+        self.0.open.store(false, Ordering::Relaxed);
+    }
+}
+
+fn outlet() -> io::Result<(Outlet, rtrb::Consumer<Frame>, Sleep)> {
     let (ring, end) = rtrb::RingBuffer::new(RING_FRAMES);
     let (waker, sleep) = wake::pair()?;
-    Ok((
-        Outlet {
-            ring,
-            waker: Some(waker),
-        },
-        end,
-        sleep,
-    ))
+    let outlet = Outlet {
+        ring,
+        waker: Some(waker),
+    };
+    Ok((outlet, end, sleep))
 }
 
-fn lane(ring: rtrb::Consumer<Arrival>, sleep: Sleep) -> io::Result<Lane> {
+fn lane(ring: rtrb::Consumer<Frame>, sleep: Sleep) -> io::Result<Lane> {
     Ok(Lane {
         ring,
         wakeup: sleep.wakeup()?,
@@ -103,19 +109,19 @@ fn lane(ring: rtrb::Consumer<Arrival>, sleep: Sleep) -> io::Result<Lane> {
 }
 
 impl Lane {
-    /// The next frame; none once the link was dropped and all is sent. Safe to cancel.
+    /// The next frame; `None` once the link was dropped and all is sent. Safe to cancel.
     pub(super) async fn next(&mut self) -> Option<Frame> {
         loop {
-            if let Ok(arrival) = self.ring.pop() {
-                return Some(arrival.frame);
+            if let Ok(frame) = self.ring.pop() {
+                return Some(frame);
             }
             if self.wakeup.wait().await.is_err() {
-                return self.ring.pop().ok().map(|arrival| arrival.frame);
+                return self.ring.pop().ok();
             }
         }
     }
 
-    /// Throws away what waits, and returns how many frames that were: a late frame is worse than a lost one.
+    /// Drops the waiting frames and returns how many there were. A late frame is worse than a lost one.
     pub(super) fn discard(&mut self) -> u64 {
         let mut discarded = 0;
         while self.ring.pop().is_ok() {
@@ -126,23 +132,10 @@ impl Lane {
 }
 
 impl Inlet {
-    /// Hands `frame` to the control thread, stamped now.
+    /// Hands `frame` to the control thread.
     pub(super) fn deliver(&mut self, frame: Frame) {
-        if self
-            .ring
-            .push(Arrival {
-                frame,
-                at_ns: now_ns(),
-            })
-            .is_err()
-        {
+        if self.ring.push(frame).is_err() {
             self.health.overflows.fetch_add(1, Ordering::Relaxed);
         }
-    }
-}
-
-impl Drop for Inlet {
-    fn drop(&mut self) {
-        self.health.open.store(false, Ordering::Relaxed);
     }
 }

@@ -1,5 +1,5 @@
-//! Wakes a link's task when the control thread has put frames into a ring. One write of one byte to a pipe that never
-//! blocks: no lock, no allocation.
+//! Wakes a link's task when the control thread has put frames into a ring, by writing one byte to a pipe that never blocks:
+//! no lock, no allocation.
 
 use std::io;
 use std::os::fd::OwnedFd;
@@ -11,13 +11,13 @@ use tokio::net::unix::pipe;
 /// The control thread's end.
 pub(super) struct Waker(OwnedFd);
 
-/// The task's end; [`Sleep::wakeup`] makes it one.
+/// The task's end before it is registered with a runtime.
 pub(super) struct Sleep(OwnedFd);
 
-/// The task's end inside its runtime.
+/// The task's end, registered with its runtime.
 pub(super) struct Wakeup(pipe::Receiver);
 
-/// Both ends.
+/// A new pipe: the control thread's end and the task's end.
 pub(super) fn pair() -> io::Result<(Waker, Sleep)> {
     let (reader, writer) = unistd::pipe2(OFlag::O_NONBLOCK | OFlag::O_CLOEXEC)?;
     Ok((Waker(writer), Sleep(reader)))
@@ -26,20 +26,20 @@ pub(super) fn pair() -> io::Result<(Waker, Sleep)> {
 impl Waker {
     /// Wakes the task, now or at its next wait.
     pub(super) fn wake(&self) {
-        // Fails where the pipe is full (then the task is woken anyway) or the task has ended (its health says so).
+        // Fails if the pipe is full (the task is woken anyway) or the task has ended (the link is closed then).
         let _ = unistd::write(&self.0, &[1]);
     }
 }
 
 impl Sleep {
-    /// Registers with the runtime that we are called in.
+    /// Registers with the current runtime.
     pub(super) fn wakeup(self) -> io::Result<Wakeup> {
         pipe::Receiver::from_owned_fd(self.0).map(Wakeup)
     }
 }
 
 impl Wakeup {
-    /// Waits until somebody woke us; wakes that piled up are one. Fails once the [`Waker`] is gone. Safe to cancel.
+    /// Waits for a wake; several wakes since the last wait count as one. Fails once the [`Waker`] is gone. Safe to cancel.
     pub(super) async fn wait(&self) -> io::Result<()> {
         loop {
             self.0.readable().await?;

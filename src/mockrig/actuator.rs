@@ -7,25 +7,27 @@
 //! piston  m dv/dt = A p_L - F_specimen - (b + F_c / (|v| + v_0)) v
 //! ```
 //! Units: N, mm, s, MPa; the mass in tonnes, so that N = t mm/s2. p_L load pressure, A piston area, V trapped volume,
-//! E bulk modulus, C leakage. Control is in `servo`, the specimen is a `Plant`.
+//! E bulk modulus, C leakage. The servo loop is in `servo`; the specimen is a `Plant`.
 
 use serde::{Deserialize, Serialize};
 
 use super::sensors::TwoPole;
+use super::{OutOfRange, first_out_of_range};
+use crate::protocol::tick::TICK_S;
 
-/// The frame.
+/// Sizes of the load frame's hydraulics; the table `[mock_rig.actuator]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct ActuatorConfig {
     /// Effective piston area in mm2: 25 kN at 20 MPa.
     pub piston_area_mm2: f64,
-    /// Supply pressure less return in MPa.
+    /// Supply pressure minus return pressure in MPa.
     pub supply_mpa: f64,
     /// Oil trapped in both chambers and lines in mm3.
     pub oil_volume_mm3: f64,
-    /// Bulk modulus of the oil with its share of air in MPa.
+    /// Bulk modulus of the oil with its air content in MPa.
     pub bulk_modulus_mpa: f64,
-    /// Cross-port leakage in mm3/s a MPa.
+    /// Cross-port leakage in mm3/s per MPa.
     pub leakage_mm3_s_per_mpa: f64,
     /// Piston, pusher and load cell in kg.
     pub moving_mass_kg: f64,
@@ -56,7 +58,7 @@ impl Default for ActuatorConfig {
             moving_mass_kg: 25.0,
             seal_friction_n: 30.0,
             viscous_n_s_per_mm: 2.0,
-            // A tenth less than the servo reckons with, as rated valve flows are.
+            // 10 % less than the servo assumes, because rated valve flows are too high by about as much.
             full_speed_mm_s: 315.0,
             valve_hz: 70.0,
             valve_damping: 0.8,
@@ -67,9 +69,9 @@ impl Default for ActuatorConfig {
 }
 
 impl ActuatorConfig {
-    /// The first field that is out of range, with what it may be.
-    pub(super) fn fault(&self) -> Option<(&'static str, f64, &'static str)> {
-        let numbers = [
+    /// The first field that is out of range, with its range.
+    pub(super) fn fault(&self) -> Option<OutOfRange> {
+        first_out_of_range([
             ("piston_area_mm2", self.piston_area_mm2, 10.0..=1e6, "10 to 1e6"),
             ("supply_mpa", self.supply_mpa, 1.0..=100.0, "1 to 100"),
             ("oil_volume_mm3", self.oil_volume_mm3, 1e3..=1e8, "1e3 to 1e8"),
@@ -103,17 +105,13 @@ impl ActuatorConfig {
                 "1 to 1e3",
             ),
             ("half_stroke_mm", self.half_stroke_mm, 1.0..=1e3, "1 to 1e3"),
-        ];
-        numbers
-            .into_iter()
-            .find(|(_, value, range, _)| !range.contains(value))
-            .map(|(key, value, _, range)| (key, value, range))
+        ])
             .or_else(|| {
-                let fast = self.oil_frequency_rad_s() * STEP_S >= 1.0;
-                fast.then_some((
+                let too_fast = self.oil_frequency_rad_s() * STEP_S >= 1.0;
+                too_fast.then_some((
                     "moving_mass_kg",
                     self.moving_mass_kg,
-                    "more: the oil column would ring faster than the mock rig steps",
+                    "a larger value: the natural frequency of the oil column is too high for the steps of the mock rig",
                 ))
             })
     }
@@ -127,16 +125,16 @@ impl ActuatorConfig {
     }
 }
 
-/// Steps of the hydraulics a millisecond.
-pub(crate) const STEPS_PER_MS: usize = 5;
+/// Steps of the hydraulics per tick.
+pub(crate) const STEPS_PER_TICK: usize = 5;
 /// Length of such a step in s.
-pub(crate) const STEP_S: f64 = 1e-3 / STEPS_PER_MS as f64;
-/// Speed at which half of the seal friction has built up, mm/s.
+pub(crate) const STEP_S: f64 = TICK_S / STEPS_PER_TICK as f64;
+/// Speed at which the seal friction has half its full value, mm/s.
 const SEAL_SPEED_MM_S: f64 = 0.05;
-/// Pressure builds up and falls over this time, s.
+/// Time constant of the supply pressure, s.
 const PUMP_TIME_S: f64 = 0.03;
 
-/// The frame at work.
+/// The hydraulics with their state.
 #[derive(Debug, Clone)]
 pub(crate) struct Actuator {
     area: f64,
@@ -153,10 +151,11 @@ pub(crate) struct Actuator {
     spool_rate_max: f64,
     load_pressure: f64,
     velocity_mm_s: f64,
-    displacement_mm: f64,
-    /// The spool stays where it is, whatever the command.
+    /// Displacement of the piston in mm, loading positive.
+    pub displacement_mm: f64,
+    /// Injected fault: the spool does not move.
     pub valve_stuck: bool,
-    /// The supply has failed, whatever the firmware asks for.
+    /// Injected fault: no supply pressure.
     pub supply_lost: bool,
 }
 
@@ -184,12 +183,7 @@ impl Actuator {
         }
     }
 
-    /// Displacement of the piston in mm, loading positive.
-    pub(crate) fn displacement_mm(&self) -> f64 {
-        self.displacement_mm
-    }
-
-    /// Supply pressure as a share of its rating.
+    /// Supply pressure as a fraction of its rating.
     pub(crate) fn supply_ratio(&self) -> f64 {
         self.supply / self.supply_full
     }
@@ -209,8 +203,8 @@ impl Actuator {
         }
         let flow = if open { self.flow(self.spool.value()) } else { 0.0 };
 
-        // Semi-implicit: pressure from the old speed, speed from the new pressure, place from the new speed. Leakage and
-        // seals are taken implicitly, so that neither can ring at any setting.
+        // Semi-implicit: pressure from the old speed, speed from the new pressure, displacement from the new speed. Leakage
+        // and seal friction are implicit, so that they are stable at any setting.
         let inflow = flow - self.area * self.velocity_mm_s;
         self.load_pressure =
             (self.load_pressure + STEP_S * self.oil * inflow) / (1.0 + STEP_S * self.oil * self.leakage);
@@ -226,7 +220,7 @@ impl Actuator {
         self.displacement_mm
     }
 
-    /// Flow in mm3/s through the valve at this spool. Where the load drives the oil back, it flows back.
+    /// Flow in mm3/s through the valve at this spool; negative pressure drop drives the oil back.
     fn flow(&self, spool: f64) -> f64 {
         let spool = spool.clamp(-1.0, 1.0);
         let drop = (self.supply - self.load_pressure * spool.signum()) / self.supply_full;
@@ -276,11 +270,11 @@ mod tests {
         for _ in 0..20_000 {
             actuator.step(0.0, false, 4167.0);
         }
-        // 4 E A^2 / V = 41 667 N/mm: 4167 N push the piston back by 0.1 mm, with seals and leakage taken away.
+        // 4 E A^2 / V = 41 667 N/mm: 4167 N push the piston back by 0.1 mm, without seals and leakage.
         assert!(
-            (actuator.displacement_mm() + 0.1).abs() < 1e-3,
+            (actuator.displacement_mm + 0.1).abs() < 1e-3,
             "{}",
-            actuator.displacement_mm()
+            actuator.displacement_mm
         );
     }
 
@@ -289,17 +283,13 @@ mod tests {
         let mut actuator = pressurised();
         for i in 0..20_000 {
             let command = if i % 7 < 3 { 1.0 } else { -1.0 };
-            let x = actuator.step(
-                command,
-                i % 1000 < 900,
-                300.0 * (actuator.displacement_mm()).max(0.0),
-            );
+            let x = actuator.step(command, i % 1000 < 900, 300.0 * actuator.displacement_mm.max(0.0));
             assert!(x.abs() <= 50.0);
         }
     }
 
     #[test]
-    fn impossible_frames_are_refused() {
+    fn impossible_sizes_are_refused() {
         let config = ActuatorConfig {
             supply_mpa: f64::NAN,
             ..ActuatorConfig::default()

@@ -1,45 +1,54 @@
-//! The firmware: states, motion, trips, and what is sent each tick. It knows messages, counts and ticks; no bytes, no link.
-//! What a message from the host does is in `requests`, the detectors in `guard`, the loop in `servo`.
+//! The firmware: states, motion, trips, and the messages of each tick, in counts and ticks. Messages from the host are handled
+//! in `requests`, the detectors are in `guard`, the servo loop in `servo`; frames and links are left to `MockRig`.
 //!
 //! ```text
-//! Off --Arm--> Armed <--commands due / last slot--> Running
+//! Off --Arm--> Armed <--first command due / last command done--> Running
 //! Armed, Running --Hold, queue low, bad command--> Hold --Resume--> Armed
-//! any with pressure --Unload, NMT stop, lease, faults--> Unload --> Off (asked for) or Tripped (fault)
-//! any with pressure --doubtful displacement, limit of travel, emergency stop--> Tripped;   Tripped --Reset--> Off
+//! any with pressure --Unload, NMT stop, lease, faults--> Unload --> Off (on request) or Tripped (after a fault)
+//! any with pressure --LVDT fault, limit of travel, emergency stop--> Tripped;   Tripped --Reset--> Off
 //! ```
 
 use super::guard::{Following, Reaction, SafetyGuard, SensorReading};
 use super::queue::{CommandQueue, SetPoint};
 use super::servo::{Servo, ServoConfig, ServoTarget};
 use crate::protocol::message::{
-    Cause, DISPLACEMENT_MM_PER_COUNT, FORCE_N_PER_COUNT, FromRig, Limits, NmtState, RequestResult, RigState,
-    WireMode, next_counter,
+    Cause, DISPLACEMENT_MM_PER_COUNT, EmergencyMessage, FORCE_N_PER_COUNT, FromRig, Limits, NmtState,
+    RequestResult, RigState, SampleMessage, StatusMessage, WireMode, next_counter,
 };
+use crate::protocol::tick::{TICK_S, TICKS_PER_S, ms_in_ticks, ticks_in_ms};
 use crate::units::Mode;
 
-/// What the firmware knows about itself.
+/// Identity of the firmware, as the host reads it at the hello.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Identity {
-    /// Node on the bus.
+    /// Node on the bus, 1 to 126.
     pub node: u8,
-    /// Serial number.
+    /// Serial number, object 0x1018:4.
     pub serial: u32,
-    /// Boot id.
+    /// Boot id, object 0x2001.
     pub boot_id: u32,
-    /// Calibration hash.
+    /// Calibration hash, object 0x2003.
     pub calibration_hash: u32,
 }
 
-/// What the firmware does to the hydraulics after a tick.
+/// Outputs of the firmware to the hydraulics.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Drive {
-    /// Servo valve, -1 to 1.
+    /// Command to the servo valve, -1 to 1.
     pub valve: f64,
     /// Pump on and blocking valve open.
     pub open: bool,
 }
 
-/// Messages to send, in order; full only if the host asks faster than any bus can carry, and then the oldest stay.
+impl Drive {
+    /// Servo valve centred, pump off, blocking valve closed.
+    pub(super) const OFF: Drive = Drive {
+        valve: 0.0,
+        open: false,
+    };
+}
+
+/// Messages to send, in order. If it is full, further messages are dropped; no bus carries requests that fast.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Outbox {
     messages: [Option<FromRig>; 8],
@@ -54,7 +63,7 @@ impl Outbox {
         }
     }
 
-    /// True where nothing is to be sent.
+    /// True if nothing is to be sent.
     pub(crate) fn is_empty(&self) -> bool {
         self.len == 0
     }
@@ -66,18 +75,20 @@ impl Outbox {
     }
 }
 
-/// Speed changes by this much a ms where the firmware moves on its own: 5 m/s2 in LVDT counts a ms.
-const BRAKE_COUNTS_PER_MS2: f64 = 5.0 / 1000.0 / DISPLACEMENT_MM_PER_COUNT;
-/// Ticks in a row at which the force must be below the unloaded level.
-const UNLOADED_TICKS: u32 = 5;
-/// An unload that takes longer than this has failed, ticks.
-const UNLOAD_TICKS_MAX: u64 = 60_000;
-/// Status period in ticks.
-const STATUS_TICKS: u64 = 10;
-/// Heartbeat period in ticks.
-const HEARTBEAT_TICKS: u64 = 100;
+/// Acceleration of the firmware's own motions, mm/s2.
+const BRAKE_MM_S2: f64 = 5000.0;
+/// The same in LVDT counts per tick, per tick.
+const BRAKE_PER_TICK: f64 = BRAKE_MM_S2 / TICKS_PER_S / TICKS_PER_S / DISPLACEMENT_MM_PER_COUNT;
+/// Ticks in a row at which the force must be at most the unloaded level: 5 ms.
+const UNLOADED_TICKS: u64 = ticks_in_ms(5);
+/// An unload that takes longer than this has failed: 60 s.
+const UNLOAD_TICKS_MAX: u64 = ticks_in_ms(60_000);
+/// Period of the status: 10 ms.
+const STATUS_TICKS: u64 = ticks_in_ms(10);
+/// Period of the heartbeat: 100 ms.
+const HEARTBEAT_TICKS: u64 = ticks_in_ms(100);
 
-/// The firmware.
+/// The firmware with its whole state.
 #[derive(Debug, Clone)]
 pub(crate) struct Firmware {
     pub(super) identity: Identity,
@@ -88,18 +99,19 @@ pub(crate) struct Firmware {
     pub(super) cause: Cause,
     pub(super) host: super::requests::HostSide,
     pub(super) queue: CommandQueue,
-    /// Mode of the commands since the queue was last based on the feedback.
+    /// Mode of the commands since the queue was last emptied.
     pub(super) queue_mode: Option<WireMode>,
     pub(super) guard: SafetyGuard,
     servo_config: ServoConfig,
     servo: Servo,
     /// Set point of this tick.
     point: SetPoint,
-    /// Its rate, counts a ms.
-    rate_counts_ms: f64,
+    /// Rate of the set point, counts per tick.
+    rate: f64,
     state_since: u64,
     pressure_since: u64,
-    unloaded: u32,
+    /// Ticks in a row with the force at most at the unloaded level.
+    unloaded: u64,
     last_reading: Option<SensorReading>,
     pub(super) status_due: bool,
     sample_counter: u8,
@@ -108,7 +120,7 @@ pub(crate) struct Firmware {
 }
 
 impl Firmware {
-    /// Just booted: Off, no session, limits at their defaults.
+    /// The state after a boot: Off, no session, limits at their defaults.
     pub(crate) fn new(identity: Identity, servo: &ServoConfig) -> Self {
         let mut outbox = Outbox::default();
         outbox.push(FromRig::Heartbeat {
@@ -132,7 +144,7 @@ impl Firmware {
                 counts: 0.0,
                 last: true,
             },
-            rate_counts_ms: 0.0,
+            rate: 0.0,
             state_since: 0,
             pressure_since: 0,
             unloaded: 0,
@@ -144,7 +156,7 @@ impl Firmware {
         }
     }
 
-    /// Starts again with the next boot id: Off, no session, default limits, nothing resumed.
+    /// Boots again with the next boot id: Off, no session, default limits, nothing resumed.
     pub(crate) fn reboot(&mut self) {
         let identity = Identity {
             boot_id: self.identity.boot_id.wrapping_add(1),
@@ -153,32 +165,17 @@ impl Firmware {
         *self = Firmware::new(identity, &self.servo_config.clone());
     }
 
-    /// State.
-    pub(crate) fn state(&self) -> RigState {
-        self.state
-    }
-
-    /// First cause of the latched state.
-    pub(crate) fn cause(&self) -> Cause {
-        self.cause
-    }
-
-    /// Ticks since boot.
-    pub(crate) fn ticks(&self) -> u64 {
-        self.tick
-    }
-
-    /// What is to be sent now.
+    /// The messages to send now.
     pub(crate) fn outbox(&mut self) -> &mut Outbox {
         &mut self.outbox
     }
 
-    /// Pump on, oil moving.
+    /// True while the pump is on and the blocking valve is open.
     pub(crate) fn pressure_on(&self) -> bool {
         !matches!(self.state, RigState::Off | RigState::Tripped)
     }
 
-    /// One sample period: reads, judges, moves, and leaves the messages in the outbox.
+    /// One tick: takes the reading, runs the detectors and the servo loop, and puts the messages into the outbox.
     pub(crate) fn tick(&mut self, reading: &SensorReading) -> Drive {
         self.tick += 1;
         self.guard.observe(reading);
@@ -187,7 +184,7 @@ impl Firmware {
         if self.pressure_on() {
             let following = self.following();
             if let Some((cause, reaction)) = self.guard.check(reading, &self.limits, &following) {
-                // In Unload the loop that should follow already does the mildest thing: nothing is left but S3.
+                // An unload that does not follow its ramp cannot be answered by an unload.
                 let failed = self.state == RigState::Unload && cause == Cause::FollowingError;
                 self.trip(cause, if failed { Reaction::Off } else { reaction });
             }
@@ -201,7 +198,7 @@ impl Firmware {
         drive
     }
 
-    /// A fault: reacts, latches the first cause and says so at once. Milder than what is under way changes nothing.
+    /// Reacts to a fault, latches the first cause and announces it. A reaction milder than the one under way changes nothing.
     pub(super) fn trip(&mut self, cause: Cause, reaction: Reaction) {
         if !self.pressure_on() {
             return;
@@ -228,19 +225,19 @@ impl Firmware {
         }
     }
 
-    /// Once a latched cause; what follows from it later shows in the status.
+    /// Sends the emergency message, once per latched cause. Later changes of state are in the status only.
     fn announce(&mut self) {
         let (code, register) = self.cause.emergency();
-        self.outbox.push(FromRig::Emergency {
+        self.outbox.push(FromRig::Emergency(EmergencyMessage {
             code,
             register,
             cause: self.cause,
             state: self.state,
             tick: self.tick as u16,
-        });
+        }));
     }
 
-    /// A fault is latched: the unload under way ends in Tripped.
+    /// True if a fault is latched; an unload under way then ends in Tripped.
     fn latched(&self) -> bool {
         !matches!(self.cause, Cause::None | Cause::Requested)
     }
@@ -263,7 +260,7 @@ impl Firmware {
         }
     }
 
-    /// Pressure on, at the displacement where the rig stands.
+    /// Switches the pressure on, with the present displacement as set point.
     pub(super) fn arm(&mut self) {
         self.cause = Cause::None;
         self.guard.restart();
@@ -273,11 +270,11 @@ impl Firmware {
         self.enter(RigState::Armed);
     }
 
-    /// The set point becomes the feedback, the queue starts empty and takes either mode.
+    /// Makes the present displacement the set point and empties the queue, which then accepts either mode.
     pub(super) fn rebase(&mut self) {
         self.queue.clear();
         self.queue_mode = None;
-        self.rate_counts_ms = 0.0;
+        self.rate = 0.0;
         self.point = SetPoint {
             mode: WireMode::Displacement,
             counts: f64::from(self.guard.displacement_counts()),
@@ -285,21 +282,21 @@ impl Firmware {
         };
     }
 
-    /// Leaves the queue for the firmware's own motion in displacement control, with the speed that the rig has.
+    /// Goes from the queue to the firmware's own motion in displacement control, starting with the present speed.
     pub(super) fn brake(&mut self, state: RigState) {
-        let (set_point, rate) = (self.point, self.rate_counts_ms);
+        let (set_point, rate) = (self.point, self.rate);
         self.rebase();
         let near = f64::from(self.limits.following_error_displacement_counts);
         if set_point.mode == WireMode::Displacement && (set_point.counts - self.point.counts).abs() <= near {
             self.point.counts = set_point.counts;
-            self.rate_counts_ms = rate;
+            self.rate = rate;
         } else {
-            self.rate_counts_ms = self.guard.velocity_counts_s() * 1e-3;
+            self.rate = self.guard.velocity_counts_s() * TICK_S;
         }
         self.enter(state);
     }
 
-    /// How well the loop followed the set point of the tick before.
+    /// The following error of the set point of the tick before.
     fn following(&self) -> Following {
         let feedback = match self.point.mode {
             WireMode::Displacement => self.guard.displacement_counts(),
@@ -308,30 +305,27 @@ impl Firmware {
         Following {
             mode: self.point.mode,
             error_counts: self.point.counts - f64::from(feedback),
-            rate_counts_s: self.rate_counts_ms * 1e3,
+            rate_counts_s: self.rate * TICKS_PER_S,
             speed_mm_s: self.servo.speed_mm_s(),
             pressure_ticks: self.tick - self.pressure_since,
         }
     }
 
-    /// Moves the set point on and closes the loop.
+    /// Moves the set point by one tick and runs the servo loop.
     fn drive(&mut self) -> Drive {
         match self.state {
             RigState::Off | RigState::Tripped => {}
             RigState::Armed | RigState::Running => self.follow_queue(),
             RigState::Hold => {
                 self.move_towards(0.0);
-                if self.tick - self.state_since >= self.limits.hold_timeout_ms as u64 {
+                if self.tick - self.state_since >= ticks_in_ms(self.limits.hold_timeout_ms as u64) {
                     self.trip(Cause::HoldTimeout, Reaction::Unload);
                 }
             }
             RigState::Unload => self.unload(),
         }
         if !self.pressure_on() {
-            return Drive {
-                valve: 0.0,
-                open: false,
-            };
+            return Drive::OFF;
         }
         let (mode, scale) = match self.point.mode {
             WireMode::Displacement => (Mode::Displacement, DISPLACEMENT_MM_PER_COUNT),
@@ -340,8 +334,8 @@ impl Firmware {
         let target = ServoTarget {
             mode,
             value: self.point.counts * scale,
-            rate: self.rate_counts_ms * 1e3 * scale,
-            rate_ahead: self.rate_ahead() * 1e3 * scale,
+            rate: self.rate * TICKS_PER_S * scale,
+            rate_ahead: self.rate_ahead() * TICKS_PER_S * scale,
         };
         let displacement_mm = f64::from(self.guard.displacement_counts()) * DISPLACEMENT_MM_PER_COUNT;
         let force_n = f64::from(self.guard.force_counts()) * FORCE_N_PER_COUNT;
@@ -354,9 +348,9 @@ impl Firmware {
     fn follow_queue(&mut self) {
         if let Some(next) = self.queue.set_point(self.tick, Some(self.point)) {
             if self.state == RigState::Armed && self.queue.at(self.tick).is_none() {
-                return; // A motion begins with a command that was sent, not with a guess towards one.
+                return; // A motion begins with a command that was sent, not with an interpolated one.
             }
-            self.rate_counts_ms = if next.mode == self.point.mode {
+            self.rate = if next.mode == self.point.mode {
                 next.counts - self.point.counts
             } else {
                 0.0
@@ -366,56 +360,55 @@ impl Firmware {
                 self.enter(RigState::Running);
             }
         } else {
-            self.rate_counts_ms = 0.0;
+            self.rate = 0.0;
         }
         if self.state == RigState::Running {
-            let level = self.queue.level_ms(self.tick);
+            let level = self.queue.level(self.tick);
             let ends = self.queue.newest().map_or(self.point.last, |newest| newest.last);
             if ends && level == 0 {
                 self.enter(RigState::Armed);
-            } else if !ends && level < self.limits.queue_low_ms as u64 {
+            } else if !ends && level < ticks_in_ms(self.limits.queue_low_ms as u64) {
                 self.trip(Cause::QueueDry, Reaction::Hold);
             }
         }
     }
 
-    /// Rate of the commands `lead_ms` ahead, counts a ms; the present rate where they are not known.
+    /// Rate of the commands ahead of the tick by the servo's lead, counts per tick; the present rate where they are unknown.
     fn rate_ahead(&self) -> f64 {
         if self.state != RigState::Running {
-            return self.rate_counts_ms;
+            return self.rate;
         }
-        let lead = u64::from(self.servo.lead_ms());
-        let end = self.tick + self.queue.level_ms(self.tick);
-        // Beyond the end of a motion the set point stays.
+        let lead = self.servo.lead_ticks();
+        let end = self.tick + self.queue.level(self.tick);
+        // After the end of a motion the set point is constant.
         let known = |ahead: u64| self.queue.at((self.tick + ahead).min(end));
         match (known(lead + 1), known(lead.saturating_sub(1))) {
             (Some(late), Some(early)) => {
                 (late.counts - early.counts) / (lead + 1 - lead.saturating_sub(1)) as f64
             }
-            _ => self.rate_counts_ms,
+            _ => self.rate,
         }
     }
 
-    /// The firmware's own motion: the speed goes to `rate` counts a ms at the braking rate.
+    /// The firmware's own motion: changes the speed towards `rate` counts per tick.
     fn move_towards(&mut self, rate: f64) {
-        let change = (rate - self.rate_counts_ms).clamp(-BRAKE_COUNTS_PER_MS2, BRAKE_COUNTS_PER_MS2);
-        self.rate_counts_ms += change;
+        let change = (rate - self.rate).clamp(-BRAKE_PER_TICK, BRAKE_PER_TICK);
+        self.rate += change;
         let (low, high) = (
             self.limits.displacement_min_counts,
             self.limits.displacement_max_counts,
         );
-        self.point.counts =
-            (self.point.counts + self.rate_counts_ms).clamp(f64::from(low.min(high)), f64::from(high));
+        self.point.counts = (self.point.counts + self.rate).clamp(f64::from(low.min(high)), f64::from(high));
     }
 
     fn unload(&mut self) {
-        let rate = -f64::from(self.limits.unload_velocity_counts_s) * 1e-3;
+        let rate = -f64::from(self.limits.unload_velocity_counts_s) * TICK_S;
         self.move_towards(rate);
-        let force_gone =
+        let is_unloaded =
             !self.guard.force_invalid() && self.guard.force_counts() <= self.limits.unloaded_force_counts;
-        self.unloaded = if force_gone { self.unloaded + 1 } else { 0 };
+        self.unloaded = if is_unloaded { self.unloaded + 1 } else { 0 };
         let retracted = self.guard.displacement_counts() <= self.limits.retract_counts;
-        let steady = self.rate_counts_ms == rate;
+        let steady = self.rate == rate;
         if steady && (self.unloaded >= UNLOADED_TICKS || retracted) {
             if self.latched() {
                 self.enter(RigState::Tripped);
@@ -428,15 +421,15 @@ impl Firmware {
         }
     }
 
-    /// Sample each tick, status each 10 ms and at once on a change, heartbeat each 100 ms.
+    /// Sends the sample of each tick, the status and the heartbeat in their periods, and the status at once on a change.
     fn report(&mut self, reading: &SensorReading) {
         if matches!(self.nmt, NmtState::Operational | NmtState::Stopped) {
-            self.outbox.push(FromRig::Sample {
+            self.outbox.push(FromRig::Sample(SampleMessage {
                 counter: self.sample_counter,
                 tick: self.tick as u16,
                 force_counts: reading.force_counts,
                 displacement_counts: reading.displacement_counts,
-            });
+            }));
             self.sample_counter = next_counter(self.sample_counter);
             if self.status_due || self.tick.is_multiple_of(STATUS_TICKS) {
                 self.push_status();
@@ -450,27 +443,27 @@ impl Firmware {
     fn push_status(&mut self) {
         self.status_due = false;
         let (ack_counter, ack_result) = self.host.ack.unwrap_or((15, RequestResult::None));
-        self.outbox.push(FromRig::Status {
+        self.outbox.push(FromRig::Status(StatusMessage {
             counter: self.status_counter,
             state: self.state,
             cause: self.cause,
-            queue_ms: self.queue.level_ms(self.tick).min(255) as u8,
+            queue_ms: ms_in_ticks(self.queue.level(self.tick)).min(255) as u8,
             session: self.host.session,
             ack_counter,
             ack_result,
             boot: self.identity.boot_id as u8,
             tick_high: (self.tick >> 16) as u8,
-        });
+        }));
         self.status_counter = next_counter(self.status_counter);
     }
 
-    /// The cause of a trip is still there: a sensor without reading, the emergency stop pressed.
+    /// True while a sensor has no reading or the emergency stop is pressed.
     pub(super) fn cause_stands(&self) -> bool {
         self.guard.sensors_bad() || self.last_reading.is_some_and(|reading| reading.emergency_stop)
     }
 }
 
-/// Limits after boot, in the rig's nominal counts: 10 kN, 49 mm, 300 mm/s; the host writes its bench's before arming.
+/// Limits after boot in nominal counts: 10 kN, 49 mm, 300 mm/s. The host writes those of its bench before arming.
 pub(crate) const DEFAULT_LIMITS: Limits = Limits {
     force_max_counts: 100_000,
     force_min_counts: -5_000,

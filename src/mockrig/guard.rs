@@ -1,95 +1,97 @@
-//! The firmware's own detectors: what it sees each tick that must not go on, and how it is to react.
-//! The reaction is carried out in `firmware`.
+//! The firmware's detectors: the faults of each tick and the reaction to each. `firmware` carries the reactions out.
 
 use crate::protocol::message::{
-    COUNTS_INVALID, Cause, DISPLACEMENT_MM_PER_COUNT, FORCE_N_PER_COUNT, Limits, WireMode,
+    COUNTS_INVALID, Cause, DISPLACEMENT_MM_PER_COUNT, FORCE_N_PER_COUNT, Limits, SAMPLE_RATE_HZ, WireMode,
 };
+use crate::protocol::tick::{TICK_S, TICKS_PER_S, ticks_in_ms};
 
-/// What the firmware does about a fault, mildest first.
+/// Reaction to a fault, mildest first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Reaction {
     /// S1: decelerate and keep the position.
     Hold,
-    /// S2: ramp to zero load, then latched.
+    /// S2: ramp to zero load, then Tripped.
     Unload,
-    /// S3: valve closed and pump off at once, latched.
+    /// S3: valve closed and pump off at once, Tripped.
     Off,
 }
 
-/// What the firmware reads in one tick.
+/// The inputs of the firmware in one tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct SensorReading {
-    /// Load cell, or `COUNTS_INVALID`.
+    /// Load cell in counts, or `COUNTS_INVALID`.
     pub force_counts: i32,
-    /// LVDT, or `COUNTS_INVALID`.
+    /// LVDT in counts, or `COUNTS_INVALID`.
     pub displacement_counts: i32,
-    /// Supply pressure as a share of its rating.
+    /// Supply pressure as a fraction of its rating.
     pub supply_ratio: f64,
     /// The emergency stop is pressed.
     pub emergency_stop: bool,
 }
 
-/// What the loop was to do in this tick.
+/// State of the servo loop in this tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Following {
     /// Channel under control.
     pub mode: WireMode,
-    /// Set point less feedback, counts.
+    /// Set point minus feedback, counts.
     pub error_counts: f64,
-    /// Rate of the set point, counts a second.
+    /// Rate of the set point, counts per second.
     pub rate_counts_s: f64,
-    /// Speed that the loop asked the valve for, mm/s.
+    /// Speed that the loop demanded of the valve, mm/s.
     pub speed_mm_s: f64,
-    /// Ticks since the pressure came on.
+    /// Ticks since the pressure was switched on.
     pub pressure_ticks: u64,
 }
 
-/// Ticks in a row for a limit: one spike does not trip, two samples do (2 ms).
-const LIMIT_TICKS: u32 = 2;
-/// Ticks in a row for the velocity: a spike of one sample is fast twice, there and back.
-const VELOCITY_TICKS: u32 = 3;
-/// Ticks in a row for the following error.
-const FOLLOWING_TICKS: u32 = 20;
-/// Share of the speed that is added to the following error's limit, s: 2 %.
+/// Samples in a row beyond a limit that trip; one spike does not.
+const LIMIT_SAMPLES: u64 = 2;
+/// Samples in a row for the velocity: a spike of one sample is fast twice, forth and back.
+const VELOCITY_SAMPLES: u64 = 3;
+/// Ticks in a row for the following error: 20 ms.
+const FOLLOWING_TICKS: u64 = ticks_in_ms(20);
+/// The limit of the following error grows by the set point's travel in this time, s.
 const FOLLOWING_SPEED_S: f64 = 0.02;
-/// Equal LVDT readings in a row that mean a dead channel, where the loop asked for motion meanwhile.
-const STUCK_TICKS: u32 = 20;
-/// Travel that the loop must have asked for, mm.
+/// Equal LVDT readings in a row that mean a stuck channel if the loop demanded motion meanwhile: 20 ms.
+const STUCK_TICKS: u64 = ticks_in_ms(20);
+/// Travel that the loop must have demanded meanwhile, mm.
 const STUCK_TRAVEL_MM: f64 = 0.5;
-/// Supply pressure below this share of its rating counts as lost.
+/// Supply pressure below this fraction of its rating counts as lost.
 const SUPPLY_RATIO_MIN: f64 = 0.8;
-/// Ticks in a row for the supply.
-const SUPPLY_TICKS: u32 = 5;
-/// The pump has this long to build up pressure, ticks.
-const SUPPLY_GRACE_TICKS: u64 = 300;
-/// The window of the break detector, ticks.
-const BREAK_TICKS: usize = 10;
-/// A fall smaller than this is no break, N.
+/// Ticks in a row for the supply: 5 ms.
+const SUPPLY_TICKS: u64 = ticks_in_ms(5);
+/// Time for the pump to build up pressure: 300 ms.
+const SUPPLY_GRACE_TICKS: u64 = ticks_in_ms(300);
+/// Window of the break detector: 10 ms.
+const BREAK_TICKS: usize = ticks_in_ms(10) as usize;
+/// A smaller fall of the force is no break, N.
 const BREAK_FALL_N: f64 = 200.0;
-/// Stiffer than any specimen, N/mm: a fall that the pusher's own retreat can explain is no break.
+/// Stiffer than any specimen, N/mm: a fall that the retreat of the pusher explains is no break.
 const BREAK_RATE_N_PER_MM: f64 = 1000.0;
 
-/// The detectors with what they remember.
+/// The detectors with their counts of ticks in a row.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct SafetyGuard {
-    force_bad: u32,
-    displacement_bad: u32,
-    force_over: u32,
-    displacement_over: u32,
-    velocity_over: i32,
-    following_over: u32,
-    stuck: u32,
+    force_bad: u64,
+    displacement_bad: u64,
+    force_over: u64,
+    displacement_over: u64,
+    /// Positive for too fast a loading, negative for too fast an unloading.
+    velocity_over: i64,
+    following_over: u64,
+    stuck: u64,
     stuck_travel_mm: f64,
-    supply_low: u32,
+    supply_low: u64,
     last_force: i32,
     last_displacement: i32,
     velocity_counts_s: f64,
+    /// Force and displacement of the newest ticks in counts, a ring.
     history: [[i32; 2]; BREAK_TICKS + 2],
     ticks: usize,
 }
 
 impl SafetyGuard {
-    /// Pressure comes on: counts start anew, the last readings stay.
+    /// Resets all counts when the pressure is switched on; the last readings stay.
     pub(crate) fn restart(&mut self) {
         *self = SafetyGuard {
             last_force: self.last_force,
@@ -108,22 +110,22 @@ impl SafetyGuard {
         self.last_displacement
     }
 
-    /// Speed of the LVDT, smoothed over some 5 ms, counts a second.
+    /// Speed of the LVDT, smoothed over about 5 ms, counts per second.
     pub(crate) fn velocity_counts_s(&self) -> f64 {
         self.velocity_counts_s
     }
 
-    /// True while the load cell gives no reading.
+    /// True while the load cell has no reading.
     pub(crate) fn force_invalid(&self) -> bool {
         self.force_bad > 0
     }
 
-    /// True while a sensor gives no reading.
+    /// True while a sensor has no reading.
     pub(crate) fn sensors_bad(&self) -> bool {
         self.force_bad > 0 || self.displacement_bad > 0
     }
 
-    /// Takes the reading in, pressure on or not.
+    /// Takes a reading, with pressure on or off.
     pub(crate) fn observe(&mut self, reading: &SensorReading) {
         count(&mut self.force_bad, reading.force_counts == COUNTS_INVALID);
         count(
@@ -137,7 +139,7 @@ impl SafetyGuard {
         if self.displacement_bad == 0 {
             self.last_displacement = reading.displacement_counts;
         }
-        let velocity = f64::from(self.last_displacement - before) * 1000.0;
+        let velocity = f64::from(self.last_displacement - before) * TICKS_PER_S;
         self.velocity_counts_s += 0.2 * (velocity - self.velocity_counts_s);
         self.ticks += 1;
         let place = self.ticks % self.history.len();
@@ -150,29 +152,29 @@ impl SafetyGuard {
         );
     }
 
-    /// The worst thing there is in the reading just observed; called while the pressure is on.
+    /// The most severe fault in the reading just observed; called while the pressure is on.
     pub(crate) fn check(
         &mut self,
         reading: &SensorReading,
         limits: &Limits,
         following: &Following,
     ) -> Option<(Cause, Reaction)> {
-        // All detectors run each tick, so that none misses a count because another spoke.
-        let verdicts = [
+        // All detectors run in each tick, so that none misses a count because another one found a fault.
+        let faults = [
             reading
                 .emergency_stop
                 .then_some((Cause::EmergencyStop, Reaction::Off)),
             self.supply(reading, following),
-            (self.displacement_bad >= LIMIT_TICKS).then_some((Cause::DisplacementSensor, Reaction::Off)),
+            (self.displacement_bad >= LIMIT_SAMPLES).then_some((Cause::DisplacementSensor, Reaction::Off)),
             self.stuck(following),
             self.displacement_limit(limits),
             self.specimen_break(),
-            (self.force_bad >= LIMIT_TICKS).then_some((Cause::ForceSensor, Reaction::Unload)),
+            (self.force_bad >= LIMIT_SAMPLES).then_some((Cause::ForceSensor, Reaction::Unload)),
             self.force_limit(limits),
             self.velocity_limit(limits),
             self.following_error(limits, following),
         ];
-        verdicts.into_iter().flatten().next()
+        faults.into_iter().flatten().next()
     }
 
     fn supply(&mut self, reading: &SensorReading, following: &Following) -> Option<(Cause, Reaction)> {
@@ -188,35 +190,35 @@ impl SafetyGuard {
         if self.stuck == 0 {
             self.stuck_travel_mm = 0.0;
         }
-        self.stuck_travel_mm += following.speed_mm_s * 1e-3;
-        let dead = self.stuck >= STUCK_TICKS && self.stuck_travel_mm.abs() > STUCK_TRAVEL_MM;
-        dead.then_some((Cause::SensorStuck, Reaction::Off))
+        self.stuck_travel_mm += following.speed_mm_s * TICK_S;
+        let is_stuck = self.stuck >= STUCK_TICKS && self.stuck_travel_mm.abs() > STUCK_TRAVEL_MM;
+        is_stuck.then_some((Cause::SensorStuck, Reaction::Off))
     }
 
     fn displacement_limit(&mut self, limits: &Limits) -> Option<(Cause, Reaction)> {
         let x = self.last_displacement;
         let over = x > limits.displacement_max_counts || x < limits.displacement_min_counts;
         count(&mut self.displacement_over, over);
-        (self.displacement_over >= LIMIT_TICKS).then_some((Cause::DisplacementLimit, Reaction::Off))
+        (self.displacement_over >= LIMIT_SAMPLES).then_some((Cause::DisplacementLimit, Reaction::Off))
     }
 
     fn force_limit(&mut self, limits: &Limits) -> Option<(Cause, Reaction)> {
         let over = self.last_force > limits.force_max_counts || self.last_force < limits.force_min_counts;
         count(&mut self.force_over, over);
-        (self.force_over >= LIMIT_TICKS).then_some((Cause::ForceLimit, Reaction::Unload))
+        (self.force_over >= LIMIT_SAMPLES).then_some((Cause::ForceLimit, Reaction::Unload))
     }
 
     fn velocity_limit(&mut self, limits: &Limits) -> Option<(Cause, Reaction)> {
         let step = self.at(0)[1] - self.at(1)[1];
         let limit = i64::from(limits.velocity_max_counts_s);
-        let fast = i64::from(step.abs()) * 1000 > limit;
+        let fast = i64::from(step.abs()) * i64::from(SAMPLE_RATE_HZ) > limit;
         // Counts up while fast in one direction, down in the other.
         self.velocity_over = match (fast, step > 0) {
             (false, _) => 0,
             (true, true) => self.velocity_over.max(0) + 1,
             (true, false) => self.velocity_over.min(0) - 1,
         };
-        (self.velocity_over.unsigned_abs() >= VELOCITY_TICKS)
+        (self.velocity_over.unsigned_abs() >= VELOCITY_SAMPLES)
             .then_some((Cause::VelocityLimit, Reaction::Unload))
     }
 
@@ -230,8 +232,8 @@ impl SafetyGuard {
         (self.following_over >= FOLLOWING_TICKS).then_some((Cause::FollowingError, Reaction::Unload))
     }
 
-    /// Force falls by more than half, and by more than the pusher's retreat explains. Two samples on each side, so that
-    /// a spike is no break.
+    /// Detects a fall of the force by more than half, and by more than the retreat of the pusher explains. Two samples on
+    /// each side, so that a spike is no break.
     fn specimen_break(&self) -> Option<(Cause, Reaction)> {
         if self.ticks < self.history.len() || self.force_bad > 0 {
             return None;
@@ -252,7 +254,7 @@ impl SafetyGuard {
     }
 }
 
-/// Counts ticks in a row.
-fn count(counter: &mut u32, on: bool) {
+/// Counts ticks in a row; resets where `on` is false.
+fn count(counter: &mut u64, on: bool) {
     *counter = if on { counter.saturating_add(1) } else { 0 };
 }

@@ -1,7 +1,9 @@
-//! The far end of a link where no hardware is: firmware, actuator, sensors and a plant. Knows nothing of the daemon.
+//! A simulated rig at the far end of a link: firmware, actuator, sensors and a plant. It is independent of the daemon.
 //!
-//! [`MockRig::tick`] is one millisecond of virtual time; [`MockRig::run_realtime`] ticks by the clock in a thread or process
-//! of its own. Same configuration, same plant and same frames in: same bits out.
+//! [`MockRig::tick`] is one tick of virtual time; [`MockRig::run_realtime`] ticks in real time in a thread or process of its
+//! own. The same configuration, plant and received frames give the same bits.
+
+use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
@@ -10,19 +12,20 @@ use crate::model::Plant;
 use crate::protocol::message::{
     Cause, DISPLACEMENT_MM_PER_COUNT, DecodeError, FORCE_N_PER_COUNT, FromRig, ToRig,
 };
+use crate::protocol::tick::ticks_in_ms;
 
-pub(crate) mod actuator;
-pub(crate) mod firmware;
-pub(crate) mod guard;
-pub(crate) mod queue;
+mod actuator;
+mod firmware;
+mod guard;
+mod queue;
 mod realtime;
-pub(crate) mod requests;
-pub(crate) mod sensors;
-pub(crate) mod servo;
+mod requests;
+mod sensors;
+mod servo;
 #[cfg(test)]
 mod tests;
 
-use actuator::{Actuator, ActuatorConfig, STEP_S, STEPS_PER_MS};
+use actuator::{Actuator, ActuatorConfig, STEP_S, STEPS_PER_TICK};
 use firmware::{Drive, Firmware, Identity};
 use guard::{Reaction, SensorReading};
 use sensors::{Sensor, SensorConfig};
@@ -32,29 +35,29 @@ use servo::ServoConfig;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct MockRigConfig {
-    /// Seed of all noise.
+    /// Seed of the noise of both channels.
     pub seed: u64,
     /// Node on the bus, 1 to 126.
     pub node: u8,
-    /// Serial number (0x1018:4).
+    /// Serial number (object 0x1018:4).
     pub serial: u32,
-    /// Boot id of the first boot (0x2001).
+    /// Boot id of the first boot (object 0x2001).
     pub boot_id: u32,
-    /// Calibration hash (0x2003).
+    /// Calibration hash (object 0x2003).
     pub calibration_hash: u32,
-    /// Where the piston stands at boot, mm.
+    /// Displacement of the piston at boot, mm.
     pub start_displacement_mm: f64,
-    /// Displacement at which the pusher touches: the plant's zero, mm.
+    /// Displacement at which the pusher touches the specimen: the zero of the plant, mm.
     pub contact_displacement_mm: f64,
-    /// Times a millisecond that the plant is stepped: 1 for a costly model, 5 with every step of the hydraulics.
+    /// Steps of the plant per tick: 1 for a slow model, or 5, one per step of the hydraulics.
     pub plant_steps_per_ms: u32,
-    /// Load cell.
+    /// Properties of the load cell.
     pub load_cell: SensorConfig,
-    /// LVDT.
+    /// Properties of the LVDT.
     pub lvdt: SensorConfig,
-    /// Hydraulics.
+    /// Sizes of the hydraulics.
     pub actuator: ActuatorConfig,
-    /// Servo loop.
+    /// Gains of the servo loop.
     pub servo: ServoConfig,
 }
 
@@ -68,7 +71,7 @@ impl Default for MockRigConfig {
             calibration_hash: 0,
             start_displacement_mm: 0.0,
             contact_displacement_mm: 0.0,
-            plant_steps_per_ms: STEPS_PER_MS as u32,
+            plant_steps_per_ms: STEPS_PER_TICK as u32,
             load_cell: SensorConfig::default(),
             lvdt: SensorConfig::default(),
             actuator: ActuatorConfig::default(),
@@ -80,16 +83,16 @@ impl Default for MockRigConfig {
 /// Why a mock rig could not be built.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub(crate) enum MockRigError {
-    /// A number that no rig can have.
-    #[error("mock_rig.{table}{key} = {value} is not possible: it may be {range}")]
+    /// A number is out of range.
+    #[error("mock_rig.{table}{key} = {value} is out of range: set it to {range}")]
     Range {
-        /// Table with its dot, or empty.
+        /// Table below `mock_rig` with its dot, or empty.
         table: &'static str,
-        /// Key.
+        /// Key in that table.
         key: &'static str,
-        /// As given.
+        /// The value as given.
         value: f64,
-        /// What it may be.
+        /// The allowed range.
         range: &'static str,
     },
 }
@@ -110,7 +113,7 @@ impl MockRigConfig {
                 "start_displacement_mm",
                 self.start_displacement_mm,
                 self.start_displacement_mm.abs() <= stroke,
-                "within the stroke",
+                "a value within the stroke",
             ),
             (
                 "contact_displacement_mm",
@@ -121,7 +124,7 @@ impl MockRigConfig {
             (
                 "plant_steps_per_ms",
                 f64::from(steps),
-                steps == 1 || steps == STEPS_PER_MS as u32,
+                steps == 1 || steps == STEPS_PER_TICK as u32,
                 "1 or 5",
             ),
         ];
@@ -129,9 +132,8 @@ impl MockRigConfig {
             .into_iter()
             .find(|o| !o.2)
             .map(|(key, value, _, range)| ("", key, value, range));
-        let in_table = |table, fault: Option<(&'static str, f64, &'static str)>| {
-            fault.map(|(key, value, range)| (table, key, value, range))
-        };
+        let in_table =
+            |table, fault: Option<OutOfRange>| fault.map(|(key, value, range)| (table, key, value, range));
         own.or_else(|| in_table("load_cell.", self.load_cell.fault()))
             .or_else(|| in_table("lvdt.", self.lvdt.fault()))
             .or_else(|| in_table("actuator.", self.actuator.fault()))
@@ -147,37 +149,46 @@ impl MockRigConfig {
     }
 }
 
-/// Faults that a test puts into the rig; all off at first.
+/// Key, value and allowed range of a number that is out of range.
+type OutOfRange = (&'static str, f64, &'static str);
+
+/// The first number outside its range, with the range as text.
+fn first_out_of_range<const N: usize>(
+    numbers: [(&'static str, f64, RangeInclusive<f64>, &'static str); N],
+) -> Option<OutOfRange> {
+    numbers
+        .into_iter()
+        .find(|(_, value, range, _)| !range.contains(value))
+        .map(|(key, value, _, range)| (key, value, range))
+}
+
+/// Faults that a test injects into the rig; none by default.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Injection {
-    /// The load cell's reading stays as it is.
-    pub force_frozen: bool,
-    /// The LVDT's reading stays as it is.
+    /// The reading of the LVDT no longer changes.
     pub displacement_frozen: bool,
-    /// Load cell open.
+    /// Wire of the load cell open: no valid reading.
     pub force_open: bool,
-    /// LVDT open.
+    /// Wire of the LVDT open: no valid reading.
     pub displacement_open: bool,
     /// Relative error of the load cell's gain: 0.05 reads 5 % high.
     pub force_gain_error: f64,
-    /// The servo valve stays where it is.
+    /// The servo valve does not move.
     pub valve_stuck: bool,
-    /// Supply pressure fails.
+    /// The supply pressure fails.
     pub supply_lost: bool,
-    /// The specimen carries nothing any more.
+    /// The specimen carries no load.
     pub specimen_broken: bool,
-    /// Emergency stop pressed.
+    /// The emergency stop is pressed.
     pub emergency_stop: bool,
-    /// Nothing is sent; what arrives is still obeyed.
-    pub mute: bool,
-    /// The firmware does not tick: no samples; the hardware watchdog closes the valve after 10 ms.
+    /// The firmware does not run: no samples; the hardware watchdog closes the valve after 10 ms.
     pub firmware_hangs: bool,
 }
 
-/// A firmware that does not tick for this long loses pressure: the watchdog is hardware.
-const WATCHDOG_MS: u32 = 10;
+/// The hardware watchdog switches the pressure off if the firmware does not run for this long: 10 ms.
+const WATCHDOG_TICKS: u64 = ticks_in_ms(10);
 
-/// The rig.
+/// A simulated rig.
 pub(crate) struct MockRig {
     node: u8,
     firmware: Firmware,
@@ -187,11 +198,14 @@ pub(crate) struct MockRig {
     lvdt: Sensor,
     plant: Box<dyn Plant>,
     contact_mm: f64,
+    /// The plant is stepped every this many steps of the hydraulics.
     plant_every: usize,
     specimen_n: f64,
-    hung_ms: u32,
-    /// Faults in force from the next tick on.
+    /// Ticks in a row in which the firmware did not run.
+    hung_ticks: u64,
+    /// Faults in effect from the next tick on.
     pub injection: Injection,
+    /// Faults that sensors and actuator already have.
     injected: Injection,
 }
 
@@ -219,49 +233,26 @@ impl MockRig {
         Ok(MockRig {
             node: config.node,
             firmware: Firmware::new(identity, &config.servo),
-            drive: Drive {
-                valve: 0.0,
-                open: false,
-            },
+            drive: Drive::OFF,
             actuator: Actuator::new(&config.actuator, start_mm, specimen_n),
             load_cell,
             lvdt,
             plant,
             contact_mm: config.contact_displacement_mm,
-            plant_every: STEPS_PER_MS / config.plant_steps_per_ms as usize,
+            plant_every: STEPS_PER_TICK / config.plant_steps_per_ms as usize,
             specimen_n,
-            hung_ms: 0,
+            hung_ticks: 0,
             injection: Injection::default(),
             injected: Injection::default(),
         })
     }
 
-    /// The firmware, to look at.
-    pub(crate) fn firmware(&self) -> &Firmware {
-        &self.firmware
-    }
-
-    /// True displacement in mm.
-    pub(crate) fn displacement_mm(&self) -> f64 {
-        self.actuator.displacement_mm()
-    }
-
-    /// True force of the specimen in N.
-    pub(crate) fn force_n(&self) -> f64 {
-        self.specimen_n
-    }
-
-    /// The firmware starts again, as after a power dip of the controller.
-    pub(crate) fn reboot(&mut self) {
-        self.firmware.reboot();
-    }
-
-    /// One millisecond: obeys what arrived, lets the physics run, reads, answers.
+    /// One tick: handles the frames that arrived, steps the physics, reads the sensors, sends.
     pub(crate) fn tick(&mut self, link: &mut Link) {
-        while let Some(arrival) = link.receive() {
-            match ToRig::decode(&arrival.frame, self.node) {
+        while let Some(frame) = link.receive() {
+            match ToRig::decode(&frame, self.node) {
                 Ok(message) => self.firmware.handle(message),
-                // Another shape is no frame of ours: not even a corrupt one.
+                // A frame of another length is foreign, not corrupt.
                 Err(DecodeError::ForeignId(_) | DecodeError::Length { .. }) => continue,
                 Err(_) => self.firmware.note_corrupt(),
             }
@@ -272,15 +263,12 @@ impl MockRig {
         }
         self.physics();
         if self.injection.firmware_hangs {
-            self.hung_ms += 1;
-            if self.hung_ms >= WATCHDOG_MS {
-                self.drive = Drive {
-                    valve: 0.0,
-                    open: false,
-                };
+            self.hung_ticks += 1;
+            if self.hung_ticks >= WATCHDOG_TICKS {
+                self.drive = Drive::OFF;
             }
         } else {
-            if std::mem::take(&mut self.hung_ms) >= WATCHDOG_MS {
+            if std::mem::take(&mut self.hung_ticks) >= WATCHDOG_TICKS {
                 self.firmware.trip(Cause::Watchdog, Reaction::Off);
             }
             let reading = SensorReading {
@@ -295,13 +283,13 @@ impl MockRig {
     }
 
     fn physics(&mut self) {
-        for step in 0..STEPS_PER_MS {
+        for step in 0..STEPS_PER_TICK {
             let displacement_mm = self
                 .actuator
                 .step(self.drive.valve, self.drive.open, self.specimen_n);
             if (step + 1) % self.plant_every == 0 {
                 let dt_s = STEP_S * self.plant_every as f64;
-                // The pusher is not fixed to the specimen: it cannot be pulled.
+                // The pusher is not fixed to the specimen, so it cannot pull.
                 let force_n = self.plant.step(displacement_mm - self.contact_mm, dt_s).max(0.0);
                 self.specimen_n = if self.injection.specimen_broken {
                     0.0
@@ -309,15 +297,14 @@ impl MockRig {
                     force_n
                 };
             }
-            self.load_cell.feel(self.specimen_n);
-            self.lvdt.feel(displacement_mm);
+            self.load_cell.step(self.specimen_n);
+            self.lvdt.step(displacement_mm);
         }
     }
 
     fn inject(&mut self) {
         self.injected = self.injection.clone();
         let injection = &self.injected;
-        self.load_cell.frozen = injection.force_frozen;
         self.load_cell.open = injection.force_open;
         self.load_cell.gain_fault = 1.0 + injection.force_gain_error;
         self.lvdt.frozen = injection.displacement_frozen;
@@ -326,19 +313,17 @@ impl MockRig {
         self.actuator.supply_lost = injection.supply_lost;
     }
 
-    /// A full ring is the link's to count: the rig does not wait for a host.
+    /// Sends the outbox. Frames that the link refuses are counted by the link.
     fn send(&mut self, link: &mut Link) {
         if self.firmware.outbox().is_empty() {
             return;
         }
         for message in self.firmware.outbox().drain() {
-            if !self.injection.mute {
-                let frame = message.encode(self.node);
-                if matches!(message, FromRig::Emergency { .. }) {
-                    link.send_urgent(frame);
-                } else {
-                    link.send(frame);
-                }
+            let frame = message.encode(self.node);
+            if matches!(message, FromRig::Emergency(_)) {
+                link.send_urgent(frame);
+            } else {
+                link.send(frame);
             }
         }
     }

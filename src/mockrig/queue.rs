@@ -1,17 +1,17 @@
-//! The firmware's command queue: slots by tick, holes between two known slots bridged by a straight line.
-//! Whether a command is allowed, and what happens when the queue runs dry, is decided in `firmware`.
+//! The firmware's command queue: one slot per tick; missing slots between two known ones are interpolated linearly.
+//! Whether a command is allowed, and what follows from an empty queue, is decided in `requests` and `firmware`.
 
 use crate::protocol::message::WireMode;
 
-/// Slots: how far ahead commands may be sent, in ticks.
-pub(crate) const QUEUE_SLOTS: u64 = 512;
+/// Number of slots: how far ahead commands may be sent, in ticks.
+const QUEUE_SLOTS: u64 = 512;
 
 /// A set point for one tick, in the counts of its mode's channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct SetPoint {
-    /// Which channel.
+    /// Channel that the set point is for.
     pub mode: WireMode,
-    /// Set point in counts; between two slots not a whole number.
+    /// Set point in counts; an interpolated one is not a whole number.
     pub counts: f64,
     /// The motion ends here.
     pub last: bool,
@@ -23,16 +23,7 @@ struct QueueSlot {
     point: SetPoint,
 }
 
-/// Why a command was not taken.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Rejected {
-    /// Its tick has passed.
-    Stale,
-    /// Its tick lies beyond the queue.
-    TooFarAhead,
-}
-
-/// The queue.
+/// The commands that are not yet due, and the newest that were.
 #[derive(Debug, Clone)]
 pub(crate) struct CommandQueue {
     slots: Box<[Option<QueueSlot>]>,
@@ -55,26 +46,23 @@ impl CommandQueue {
         self.newest = None;
     }
 
-    /// Takes a command for the tick whose low 16 bits are `tick_low`, seen from `now`. A second one for a tick replaces
-    /// the first.
-    pub(crate) fn push(&mut self, tick_low: u16, now: u64, point: SetPoint) -> Result<(), Rejected> {
+    /// Takes a command for the tick nearest to `now` with the low 16 bits `tick_low`. A second one for a tick replaces the
+    /// first. Returns false, and drops the command, if its tick is due, has passed, or is beyond the queue.
+    pub(crate) fn push(&mut self, tick_low: u16, now: u64, point: SetPoint) -> bool {
         let ahead = tick_low.wrapping_sub(now as u16) as i16;
-        if ahead <= 0 {
-            return Err(Rejected::Stale);
-        }
-        if ahead as u64 >= QUEUE_SLOTS {
-            return Err(Rejected::TooFarAhead);
+        if ahead <= 0 || ahead as u64 >= QUEUE_SLOTS {
+            return false;
         }
         let tick = now + ahead as u64;
         if let Some(slot) = self.slots.get_mut((tick % QUEUE_SLOTS) as usize) {
             *slot = Some(QueueSlot { tick, point });
         }
         self.newest = Some(self.newest.map_or(tick, |newest| newest.max(tick)));
-        Ok(())
+        true
     }
 
-    /// Ticks from `now` to the newest command; 0 where none is due any more.
-    pub(crate) fn level_ms(&self, now: u64) -> u64 {
+    /// Ticks from `now` to the newest command; 0 if all are due.
+    pub(crate) fn level(&self, now: u64) -> u64 {
         self.newest.map_or(0, |newest| newest.saturating_sub(now))
     }
 
@@ -83,8 +71,8 @@ impl CommandQueue {
         self.newest.and_then(|tick| self.at(tick))
     }
 
-    /// The set point at `tick`: its slot, or the straight line from `before` (the set point of the tick before, of the
-    /// same mode) to the next slot known. `None` beyond the newest, or in a hole with nothing before it.
+    /// The set point at `tick`: its slot, or the linear interpolation between `before` (the set point of the tick before, of
+    /// the same mode) and the next known slot. `None` after the newest command, and where nothing is known before.
     pub(crate) fn set_point(&self, tick: u64, before: Option<SetPoint>) -> Option<SetPoint> {
         if let Some(point) = self.at(tick) {
             return Some(point);
@@ -121,23 +109,27 @@ mod tests {
     }
 
     #[test]
-    fn stale_and_far_commands_are_rejected() {
+    fn commands_due_now_past_or_too_far_ahead_are_dropped() {
         let mut queue = CommandQueue::default();
         // The tick's low half wraps between now and due.
         let now = 0x0001_FFF0;
-        assert_eq!(queue.push(0xFFF0, now, point(1.0)), Err(Rejected::Stale));
-        assert_eq!(queue.push(0xFF00, now, point(1.0)), Err(Rejected::Stale));
-        assert_eq!(queue.push(0x0010, now, point(1.0)), Ok(()));
-        assert_eq!(queue.level_ms(now), 32);
-        assert_eq!(queue.push(0x01F0, now, point(1.0)), Err(Rejected::TooFarAhead));
+        for (tick_low, taken) in [
+            (0xFFF0, false),
+            (0xFF00, false),
+            (0x0010, true),
+            (0x01EF, true),
+            (0x01F0, false),
+        ] {
+            assert_eq!(queue.push(tick_low, now, point(1.0)), taken, "{tick_low:#06x}");
+        }
+        assert_eq!(queue.level(now), 511);
         assert_eq!(queue.set_point(0x0002_0010, None), Some(point(1.0)));
     }
 
     #[test]
-    fn holes_are_bridged_by_a_straight_line() {
+    fn missing_slots_are_interpolated() {
         let mut queue = CommandQueue::default();
-        queue.push(10, 0, point(100.0)).expect("ahead");
-        queue.push(14, 0, point(180.0)).expect("ahead");
+        assert!(queue.push(10, 0, point(100.0)) && queue.push(14, 0, point(180.0)));
         assert_eq!(queue.set_point(9, None), None);
         let mut before = queue.set_point(10, None);
         for (tick, expected) in [(11, 120.0), (12, 140.0), (13, 160.0), (14, 180.0)] {
@@ -148,14 +140,14 @@ mod tests {
     }
 
     #[test]
-    fn a_hole_between_two_modes_is_not_bridged() {
+    fn a_missing_slot_between_two_modes_is_not_interpolated() {
         let mut queue = CommandQueue::default();
         let force = SetPoint {
             mode: WireMode::Force,
             counts: 50.0,
             last: false,
         };
-        queue.push(3, 0, force).expect("ahead");
+        assert!(queue.push(3, 0, force));
         assert_eq!(queue.set_point(2, Some(point(1.0))), None);
     }
 }

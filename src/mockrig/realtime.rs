@@ -1,4 +1,4 @@
-//! The mock rig by the clock: one tick each millisecond of the monotonic clock, for a process behind a real link.
+//! The mock rig in real time: ticks on the monotonic clock, for a process at the far end of a link.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -8,30 +8,33 @@ use nix::time::{ClockId, ClockNanosleepFlags, clock_gettime, clock_nanosleep};
 
 use super::MockRig;
 use crate::link::Link;
+use crate::protocol::tick;
+use crate::units::NS_PER_S;
 
 /// Period of the firmware's loop in ns.
-const TICK_NS: i64 = 1_000_000;
+const TICK_NS: i64 = tick::TICK_NS as i64;
+const SECOND_NS: i64 = NS_PER_S as i64;
 
-/// How punctual a real-time run was.
+/// Punctuality of a real-time run.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(crate) struct Punctuality {
-    /// Ticks run.
+    /// Number of ticks.
     pub ticks: u64,
-    /// Ticks that began more than one period after their time.
+    /// Ticks that began more than one period after their deadline.
     pub late_ticks: u64,
-    /// Worst lateness in ns.
+    /// Largest delay of a tick in ns.
     pub worst_ns: u64,
-    /// Times that the process was stopped for longer than it catches up, and the rig's clock with it.
+    /// Number of delays too long to catch up. The rig's clock stood still meanwhile.
     pub stalls: u64,
 }
 
-/// Lateness that is caught up tick by tick. A process that was stopped for longer goes on where it was: a burst of ticks
-/// would leave the host no time to answer them, as no rig of iron does.
+/// Largest delay that is caught up tick by tick. After a longer one the ticks go on from there: a burst of ticks would leave
+/// the host no time to answer, and a real rig does not tick in bursts either.
 const CATCH_UP_NS: i64 = 3 * TICK_NS;
 
 impl MockRig {
-    /// Ticks by the clock until `stop` or until the far end is gone. Each tick has its own absolute deadline; a tick is
-    /// never left out, and after a stall the rig's clock stands behind the host's by what was stalled.
+    /// Ticks in real time until `stop` is set or the far end is gone. Each tick has an absolute deadline. No tick is skipped;
+    /// after a stall the rig's clock is behind the host's by the length of the stall.
     pub(crate) fn run_realtime(mut self, mut link: Link, stop: &AtomicBool) -> Result<Punctuality, Errno> {
         let mut punctuality = Punctuality::default();
         let mut due_ns = now_ns()?;
@@ -57,11 +60,11 @@ impl MockRig {
 
 fn now_ns() -> Result<i64, Errno> {
     let now = clock_gettime(ClockId::CLOCK_MONOTONIC)?;
-    Ok(now.tv_sec() * 1_000_000_000 + now.tv_nsec())
+    Ok(now.tv_sec() * SECOND_NS + now.tv_nsec())
 }
 
 fn sleep_until(due_ns: i64) -> Result<(), Errno> {
-    let due = TimeSpec::new(due_ns / 1_000_000_000, due_ns % 1_000_000_000);
+    let due = TimeSpec::new(due_ns / SECOND_NS, due_ns % SECOND_NS);
     loop {
         match clock_nanosleep(ClockId::CLOCK_MONOTONIC, ClockNanosleepFlags::TIMER_ABSTIME, &due) {
             Err(Errno::EINTR) => {}
@@ -86,7 +89,7 @@ mod tests {
         let start_ns = now_ns().expect("always there");
         let punctuality = std::thread::scope(|scope| {
             let running = scope.spawn(|| rig.run_realtime(rig_link, &stop));
-            // Two heartbeats and the boot-up: 200 ticks have passed.
+            // The boot-up and two heartbeats: 200 ticks have passed.
             let mut beats = 0;
             while beats < 3 {
                 beats += u32::from(host.receive().is_some());
@@ -95,12 +98,12 @@ mod tests {
             stop.store(true, Ordering::Relaxed);
             running.join().expect("no panic").expect("the clock works")
         });
-        let elapsed_ms = (now_ns().expect("always there") - start_ns) / 1_000_000;
+        let elapsed_ticks = (now_ns().expect("always there") - start_ns) / TICK_NS;
         // Never ahead of the clock.
         assert!(punctuality.ticks >= 200, "{punctuality:?}");
         assert!(
-            punctuality.ticks as i64 <= elapsed_ms + 1,
-            "{punctuality:?} in {elapsed_ms} ms"
+            punctuality.ticks as i64 <= elapsed_ticks + 1,
+            "{punctuality:?} in {elapsed_ticks} periods"
         );
     }
 }

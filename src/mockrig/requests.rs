@@ -1,23 +1,25 @@
-//! What messages from the host do to the firmware: session and lease, commands, requests with their acknowledgement,
-//! network management, configuration objects. What follows from it is in `firmware`.
+//! The firmware's handling of messages from the host: session and lease, commands, requests with their acknowledgement,
+//! network management, configuration objects.
 
 use super::firmware::Firmware;
 use super::guard::Reaction;
 use super::queue::SetPoint;
 use crate::protocol::message::{
-    Cause, ConfigAbort, FromRig, LIMIT_COUNT, Limits, NmtCommand, NmtState, PROTOCOL_VERSION, RequestCode,
-    RequestResult, RigState, SAMPLE_RATE_HZ, ToRig, WireMode, object,
+    COUNTS_MAX, Cause, CommandMessage, ConfigAbort, FromRig, LIMIT_COUNT, LeaseMessage, Limits, NmtCommand,
+    NmtState, PROTOCOL_VERSION, RequestCode, RequestMessage, RequestResult, RigState, SAMPLE_RATE_HZ, ToRig,
+    WireMode, object,
 };
 use crate::protocol::protection::{CounterCheck, Sequence};
+use crate::protocol::tick::ticks_in_ms;
 
-/// What the firmware remembers of the host.
+/// State of the connection to the host.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct HostSide {
     /// Session that owns the rig; 0 = none.
     pub session: u8,
     /// Counter of the newest request and its result.
     pub ack: Option<(u8, RequestResult)>,
-    last_request: Option<(u8, u8, RequestCode, u32)>,
+    last_request: Option<RequestMessage>,
     renewed_at: u64,
     control_tick: Option<u16>,
     leases: CounterCheck,
@@ -26,15 +28,15 @@ pub(crate) struct HostSide {
     foreign: Burst<6>,
 }
 
-/// Says when `N` things happened within [`BURST_TICKS`].
+/// Detects `N` events within [`BURST_TICKS`].
 #[derive(Debug, Clone)]
 struct Burst<const N: usize> {
     at: [Option<u64>; N],
     next: usize,
 }
 
-/// Window of the frame fault counters, ticks.
-const BURST_TICKS: u64 = 100;
+/// Window of the frame fault counters: 100 ms.
+const BURST_TICKS: u64 = ticks_in_ms(100);
 
 impl<const N: usize> Default for Burst<N> {
     fn default() -> Self {
@@ -46,6 +48,7 @@ impl<const N: usize> Default for Burst<N> {
 }
 
 impl<const N: usize> Burst<N> {
+    /// Takes an event. Returns true if it is the `N`th within the window.
     fn hit(&mut self, tick: u64) -> bool {
         if let Some(slot) = self.at.get_mut(self.next) {
             *slot = Some(tick);
@@ -58,7 +61,7 @@ impl<const N: usize> Burst<N> {
 }
 
 impl Firmware {
-    /// A message for this node, as decoded.
+    /// Handles a decoded message.
     pub(crate) fn handle(&mut self, message: ToRig) {
         let process_data = matches!(self.nmt, NmtState::Operational | NmtState::Stopped);
         match message {
@@ -77,53 +80,21 @@ impl Firmware {
                 };
                 self.outbox.push(answer);
             }
-            ToRig::Request {
-                counter,
-                session,
-                code,
-                argument,
-            } if process_data => {
-                self.request(counter, session, code, argument);
-            }
-            ToRig::Lease {
-                counter,
-                session,
-                control_tick,
-            } if process_data && self.owns(session) => {
-                self.lease(counter, control_tick);
-            }
-            ToRig::Command {
-                counter,
-                session,
-                tick,
-                mode,
-                counts,
-                last,
-            } if process_data && self.owns(session) => {
-                let judged = self.host.commands.check(counter);
-                if self.in_order(judged) {
-                    self.command(
-                        tick,
-                        SetPoint {
-                            mode,
-                            counts: f64::from(counts),
-                            last,
-                        },
-                    );
-                }
-            }
-            ToRig::Nmt { .. } | ToRig::Request { .. } | ToRig::Lease { .. } | ToRig::Command { .. } => {}
+            ToRig::Request(request) if process_data => self.request(request),
+            ToRig::Lease(lease) if process_data && self.owns(lease.session) => self.lease(lease),
+            ToRig::Command(command) if process_data && self.owns(command.session) => self.command(command),
+            ToRig::Nmt { .. } | ToRig::Request(_) | ToRig::Lease(_) | ToRig::Command(_) => {}
         }
     }
 
-    /// A frame for this node that has no meaning (CRC, length, field), or came out of order.
+    /// Counts a corrupt frame (CRC or field) or one out of sequence.
     pub(crate) fn note_corrupt(&mut self) {
         if self.host.corrupt.hit(self.tick) {
             self.trip(Cause::CorruptFrames, Reaction::Unload);
         }
     }
 
-    /// Each tick: the lease runs.
+    /// Checks the lease in each tick.
     pub(super) fn watch_host(&mut self) {
         if self.host.session != 0 && !self.lease_alive() {
             self.trip(Cause::LeaseLapsed, Reaction::Unload);
@@ -133,10 +104,10 @@ impl Firmware {
     }
 
     fn lease_alive(&self) -> bool {
-        self.tick - self.host.renewed_at < self.limits.lease_ms as u64
+        self.tick - self.host.renewed_at < ticks_in_ms(self.limits.lease_ms as u64)
     }
 
-    /// The frame is of the session that owns the rig. Frames of another one are counted against it.
+    /// True if `session` owns the rig. Frames of other sessions are counted, and too many trip.
     fn owns(&mut self, session: u8) -> bool {
         let own = session != 0 && session == self.host.session;
         if !own && self.host.session != 0 && self.host.foreign.hit(self.tick) {
@@ -145,30 +116,37 @@ impl Firmware {
         own
     }
 
-    fn in_order(&mut self, judged: Sequence) -> bool {
-        if judged == Sequence::Wrong {
+    /// True if the frame is usable. A wrong sequence counts as a corrupt frame.
+    fn in_order(&mut self, sequence: Sequence) -> bool {
+        if sequence == Sequence::Wrong {
             self.note_corrupt();
         }
-        judged.is_usable()
+        sequence == Sequence::Usable
     }
 
-    /// Renews the lease, if the host's control loop has moved on since the last one.
-    fn lease(&mut self, counter: u8, control_tick: u16) {
-        let judged = self.host.leases.check(counter);
-        let moved = self
+    /// Renews the lease if the host's control loop has processed a newer sample since the last lease.
+    fn lease(&mut self, lease: LeaseMessage) {
+        let sequence = self.host.leases.check(lease.counter);
+        let is_newer = self
             .host
             .control_tick
-            .is_none_or(|last| control_tick.wrapping_sub(last) as i16 > 0);
-        if self.in_order(judged) && moved {
-            self.host.control_tick = Some(control_tick);
+            .is_none_or(|last| lease.control_tick.wrapping_sub(last) as i16 > 0);
+        if self.in_order(sequence) && is_newer {
+            self.host.control_tick = Some(lease.control_tick);
             self.host.renewed_at = self.tick;
         }
     }
 
-    fn command(&mut self, tick: u16, point: SetPoint) {
-        if !matches!(self.state, RigState::Armed | RigState::Running) {
+    fn command(&mut self, command: CommandMessage) {
+        let sequence = self.host.commands.check(command.counter);
+        if !self.in_order(sequence) || !matches!(self.state, RigState::Armed | RigState::Running) {
             return;
         }
+        let point = SetPoint {
+            mode: command.mode,
+            counts: f64::from(command.counts),
+            last: command.last,
+        };
         let (low, high) = match point.mode {
             WireMode::Displacement => (
                 self.limits.displacement_min_counts,
@@ -181,24 +159,29 @@ impl Firmware {
             self.trip(Cause::BadCommand, Reaction::Hold);
             return;
         }
-        // A stale or far command is dropped: what is missing then shows as a hole, or as a queue that runs dry.
-        if self.queue.push(tick, self.tick, point).is_ok() {
+        // A command that is too late or too far ahead is dropped; its slot is then missing in the queue.
+        if self.queue.push(command.tick, self.tick, point) {
             self.queue_mode = Some(point.mode);
         }
     }
 
-    fn request(&mut self, counter: u8, session: u8, code: RequestCode, argument: u32) {
+    fn request(&mut self, request: RequestMessage) {
         self.status_due = true;
-        let request = (counter, session, code, argument);
-        // A repeat is answered again, not done again.
+        // A repeat is answered again and not carried out again.
         if self.host.last_request != Some(request) {
             self.host.last_request = Some(request);
-            let result = self.obey(session, code, argument);
-            self.host.ack = Some((counter, result));
+            let result = self.carry_out(request);
+            self.host.ack = Some((request.counter, result));
         }
     }
 
-    fn obey(&mut self, session: u8, code: RequestCode, argument: u32) -> RequestResult {
+    fn carry_out(&mut self, request: RequestMessage) -> RequestResult {
+        let RequestMessage {
+            session,
+            code,
+            argument,
+            ..
+        } = request;
         if code == RequestCode::OpenSession {
             return self.open_session(session);
         }
@@ -261,7 +244,7 @@ impl Firmware {
         self.status_due = true;
         match command {
             NmtCommand::Start => self.nmt = NmtState::Operational,
-            // Samples and status go on in Stopped, so that the unload is recorded.
+            // Samples and status go on in Stopped, so that the host records the unload.
             NmtCommand::Stop => {
                 self.nmt = NmtState::Stopped;
                 self.trip(Cause::HostAbort, Reaction::Unload);
@@ -326,21 +309,21 @@ impl Firmware {
 /// Product code of the mock rig: "MOCK".
 const PRODUCT_MOCK: u32 = 0x4D4F_434B;
 
-/// What each limit may be, in the order of the sub-indices. A limit cannot be switched off.
+/// Range of each limit, in the order of the sub-indices. A limit cannot be switched off.
 const LIMIT_RANGES: [(i32, i32); LIMIT_COUNT] = [
-    (1, 131_071),
-    (-131_071, 0),
-    (-131_071, 131_071),
-    (-131_071, 131_071),
+    (1, COUNTS_MAX),
+    (-COUNTS_MAX, 0),
+    (-COUNTS_MAX, COUNTS_MAX),
+    (-COUNTS_MAX, COUNTS_MAX),
     (1, 4_000_000),
-    (1, 131_071),
-    (1, 131_071),
+    (1, COUNTS_MAX),
+    (1, COUNTS_MAX),
     (20, 500),
     (100, 600_000),
     (1, 10_000),
     (5, 250),
-    (1, 131_071),
-    (-131_071, 131_071),
+    (1, COUNTS_MAX),
+    (-COUNTS_MAX, COUNTS_MAX),
 ];
 
 fn is_index(index: u16) -> bool {

@@ -1,28 +1,30 @@
-//! Load cell and LVDT as the firmware sees them: anti-alias filter, gain and zero error, noise, counts, rail, delay.
-//! The scale of a count is the wire's; what a technician calibrates away is `control`'s business.
+//! Load cell and LVDT with their amplifiers: anti-alias filter, gain and zero error, noise, counts, rail, delay. The scale of
+//! a count is that of the protocol; calibration is left to `control`.
 
 use rand::rand_core::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::protocol::message::COUNTS_INVALID;
+use super::{OutOfRange, first_out_of_range};
+use crate::protocol::message::{COUNTS_INVALID, COUNTS_MAX};
+use crate::protocol::tick::ticks_in_ms;
 
-/// Longest delay of a channel: the ring that holds it.
-const DELAY_MAX_MS: usize = 64;
+/// Length of the delay line in ticks: 64 ms.
+const DELAY_LINE_TICKS: usize = ticks_in_ms(64) as usize;
 
-/// One channel.
+/// Properties of one channel; a table of `[mock_rig]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct SensorConfig {
     /// Corner of the two-pole (Butterworth) anti-alias filter in Hz.
     pub filter_hz: f64,
-    /// Noise in counts, root mean square, white at the sample rate.
+    /// Standard deviation of the noise in counts, white at the sample rate.
     pub noise_rms_counts: f64,
-    /// True gain: 1.01 reads 1 % high.
+    /// Gain error as a factor: 1.01 reads 1 % high.
     pub gain: f64,
     /// Zero error in counts.
     pub zero_counts: f64,
-    /// Counts at the amplifier's rail; beyond, the reading is invalid.
+    /// Counts at the amplifier's rail; readings beyond are invalid.
     pub rail_counts: i32,
     /// Extra delay of the channel in whole milliseconds, 0 to 63.
     pub delay_ms: u32,
@@ -42,9 +44,9 @@ impl Default for SensorConfig {
 }
 
 impl SensorConfig {
-    /// The first field that is out of range, with what it may be.
-    pub(super) fn fault(&self) -> Option<(&'static str, f64, &'static str)> {
-        let numbers = [
+    /// The first field that is out of range, with its range.
+    pub(super) fn fault(&self) -> Option<OutOfRange> {
+        first_out_of_range([
             ("filter_hz", self.filter_hz, 1.0..=450.0, "1 to 450"),
             (
                 "noise_rms_counts",
@@ -57,39 +59,35 @@ impl SensorConfig {
             (
                 "rail_counts",
                 f64::from(self.rail_counts),
-                1.0..=131_071.0,
+                1.0..=f64::from(COUNTS_MAX),
                 "1 to 131071",
             ),
             ("delay_ms", f64::from(self.delay_ms), 0.0..=63.0, "0 to 63"),
-        ];
-        numbers
-            .into_iter()
-            .find(|(_, value, range, _)| !range.contains(value))
-            .map(|(key, value, _, range)| (key, value, range))
+        ])
     }
 }
 
-/// A channel at work.
+/// One channel with its state.
 #[derive(Debug, Clone)]
 pub(crate) struct Sensor {
     config: SensorConfig,
     counts_per_unit: f64,
     filter: TwoPole,
     noise: ChaCha8Rng,
-    delayed: [i32; DELAY_MAX_MS],
+    delayed: [i32; DELAY_LINE_TICKS],
     head: usize,
     last_counts: i32,
-    /// The reading stays as it is.
+    /// Injected fault: the reading no longer changes.
     pub frozen: bool,
-    /// Wire open: no valid reading.
+    /// Injected fault: wire open, no valid reading.
     pub open: bool,
-    /// Factor on gain, beside the config's: 1.0.
+    /// Injected fault: another factor on the gain; 1 without fault.
     pub gain_fault: f64,
 }
 
 impl Sensor {
-    /// A channel with `units_per_count` whose filter is stepped every `step_s`. `stream` keeps two channels of one
-    /// seed apart.
+    /// A channel with `units_per_count` whose filter is stepped every `step_s`. Channels of one seed have independent noise
+    /// if their `stream` differs.
     pub(crate) fn new(
         config: &SensorConfig,
         units_per_count: f64,
@@ -103,7 +101,7 @@ impl Sensor {
             counts_per_unit: 1.0 / units_per_count,
             filter: TwoPole::new(config.filter_hz, 0.5f64.sqrt(), step_s),
             noise,
-            delayed: [0; DELAY_MAX_MS],
+            delayed: [0; DELAY_LINE_TICKS],
             head: 0,
             last_counts: 0,
             frozen: false,
@@ -113,25 +111,26 @@ impl Sensor {
         }
     }
 
-    /// The filter settles at `value` and the delay line holds it: how the channel stands at boot.
+    /// Sets filter and delay line to the steady state at `value`, as at boot.
     pub(crate) fn settle(&mut self, value: f64) {
         self.filter.settle(value);
         let counts = self.counts(0.0);
-        self.delayed = [counts; DELAY_MAX_MS];
+        self.delayed = [counts; DELAY_LINE_TICKS];
         self.last_counts = counts;
     }
 
-    /// One step of the analogue side.
-    pub(crate) fn feel(&mut self, value: f64) {
+    /// Steps the analogue filter with the true value.
+    pub(crate) fn step(&mut self, value: f64) {
         self.filter.step(value);
     }
 
     /// The reading of this tick in counts, or `COUNTS_INVALID`.
     pub(crate) fn read(&mut self) -> i32 {
         let noise = self.gaussian() * self.config.noise_rms_counts;
-        self.head = (self.head + 1) % DELAY_MAX_MS;
+        self.head = (self.head + 1) % DELAY_LINE_TICKS;
         self.delayed[self.head] = self.counts(noise);
-        let due = (self.head + DELAY_MAX_MS - self.config.delay_ms as usize % DELAY_MAX_MS) % DELAY_MAX_MS;
+        let delay = ticks_in_ms(u64::from(self.config.delay_ms)) as usize;
+        let due = (self.head + DELAY_LINE_TICKS - delay % DELAY_LINE_TICKS) % DELAY_LINE_TICKS;
         if self.open {
             return COUNTS_INVALID;
         }
@@ -147,12 +146,13 @@ impl Sensor {
         if counts.abs() > f64::from(self.config.rail_counts) {
             COUNTS_INVALID
         } else {
-            // Half away from zero, without the call that `round` costs on plain x86-64.
+            // Rounds half away from zero, without the call of `round` on plain x86-64.
             (counts + 0.5f64.copysign(counts)) as i32
         }
     }
 
-    /// Sum of four uniforms, scaled to variance 1: near enough to a Gaussian (cut at 3.46 sigma), and four times as cheap.
+    /// Approximately normal noise of variance 1: the scaled sum of four uniform numbers, limited to 3.46 sigma, which is four
+    /// times as fast as an exact one.
     fn gaussian(&mut self) -> f64 {
         let bits = self.noise.next_u64();
         let sum = (bits & 0xFFFF) + (bits >> 16 & 0xFFFF) + (bits >> 32 & 0xFFFF) + (bits >> 48);
@@ -160,10 +160,10 @@ impl Sensor {
     }
 }
 
-/// A two-pole low-pass with unity gain, stepped exactly for an input held over the step.
+/// A two-pole low-pass with unity gain; the step is exact for an input that is constant over the step.
 #[derive(Debug, Clone)]
 pub(super) struct TwoPole {
-    /// Transition of (value, rate) towards the input.
+    /// Transition matrix of (value - input, rate) over one step.
     a: [[f64; 2]; 2],
     state: [f64; 2],
 }
@@ -192,7 +192,7 @@ impl TwoPole {
         self.state[0]
     }
 
-    /// Rate limit for a spool: the state's own rate, held within `max` a second.
+    /// Limits the rate of the state to `max` per second.
     pub(super) fn limit_rate(&mut self, max: f64) {
         self.state[1] = self.state[1].clamp(-max, max);
     }
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_has_the_asked_spread_and_the_seed_its_bits() {
+    fn noise_has_its_standard_deviation_and_a_seed_fixes_all_bits() {
         let config = SensorConfig {
             noise_rms_counts: 20.0,
             ..SensorConfig::default()

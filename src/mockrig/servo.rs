@@ -1,35 +1,37 @@
-//! The firmware's servo loop at 1 kHz: PI on the error, feed-forward from the commands that are known ahead, one valve.
-//! Where the set point comes from is `firmware`'s business; the oil is in `actuator`.
+//! The firmware's servo loop, once per tick: PI on the error, feed-forward from the commands ahead, one valve. The set point
+//! comes from `firmware`; the hydraulics are in `actuator`.
 
 use serde::{Deserialize, Serialize};
 
+use super::{OutOfRange, first_out_of_range};
+use crate::protocol::tick::{TICK_S, ticks_in_ms};
 use crate::units::Mode;
 
 /// Gains of the loop.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct ServoConfig {
-    /// Speed a mm of error in displacement control, 1/s.
+    /// Speed per mm of error in displacement control, 1/s.
     pub displacement_gain_per_s: f64,
-    /// Integral part in displacement control, 1/s2.
+    /// Integral gain in displacement control, 1/s2.
     pub displacement_integral_per_s2: f64,
-    /// Force rate a N of error in force control, 1/s; the specimen's rate turns it into speed.
+    /// Force rate per N of error in force control, 1/s; divided by the specimen's stiffness it is a speed.
     pub force_gain_per_s: f64,
-    /// Integral part in force control, 1/s2.
+    /// Integral gain in force control, 1/s2.
     pub force_integral_per_s2: f64,
-    /// Share of the commands' own rate that goes straight to the valve, 0 to 1.
+    /// Fraction of the commands' rate that is fed forward to the valve, 0 to 1.
     pub feed_forward: f64,
-    /// How far ahead in the queue the feed-forward looks, ms: the lag of valve and hold.
+    /// Lead of the feed-forward in the queue, ms: the lag of valve and sample-and-hold.
     pub lead_ms: u32,
     /// Lag of the feedback (anti-alias filter) in ms.
     pub feedback_lag_ms: f64,
-    /// Rate of the specimen that force control starts with, N/mm; it is then estimated as the rig moves.
+    /// Stiffness of the specimen at the start of force control, N/mm; it is then estimated while the rig moves.
     pub specimen_rate_n_per_mm: f64,
-    /// Speed limit in force control before the pusher touches, mm/s.
+    /// Speed limit in force control before the pusher touches the specimen, mm/s.
     pub approach_mm_s: f64,
-    /// Speed at full valve without load that the loop reckons with, mm/s.
+    /// Speed at full valve without load that the loop assumes, mm/s.
     pub full_speed_mm_s: f64,
-    /// Force at which the valve can move nothing, N.
+    /// Force at which the valve has no flow left, N.
     pub stall_force_n: f64,
 }
 
@@ -52,9 +54,9 @@ impl Default for ServoConfig {
 }
 
 impl ServoConfig {
-    /// The first field that is out of range, with what it may be.
-    pub(super) fn fault(&self) -> Option<(&'static str, f64, &'static str)> {
-        let numbers = [
+    /// The first field that is out of range, with its range.
+    pub(super) fn fault(&self) -> Option<OutOfRange> {
+        first_out_of_range([
             (
                 "displacement_gain_per_s",
                 self.displacement_gain_per_s,
@@ -91,41 +93,37 @@ impl ServoConfig {
             ("approach_mm_s", self.approach_mm_s, 0.1..=100.0, "0.1 to 100"),
             ("full_speed_mm_s", self.full_speed_mm_s, 1.0..=5e3, "1 to 5000"),
             ("stall_force_n", self.stall_force_n, 100.0..=1e6, "100 to 1e6"),
-        ];
-        numbers
-            .into_iter()
-            .find(|(_, value, range, _)| !range.contains(value))
-            .map(|(key, value, _, range)| (key, value, range))
+        ])
     }
 }
 
-/// Tick of the loop in s.
-const TICK_S: f64 = 1e-3;
-/// The integral part never asks for more than this, mm/s: it corrects offsets, it does not move the rig.
+/// Seconds in a millisecond.
+const S_PER_MS: f64 = 1e-3;
+/// Limit of the integral part, mm/s: it corrects offsets and does not move the rig.
 const INTEGRAL_MAX_MM_S: f64 = 20.0;
-/// Below this force the pusher does not touch yet, N.
+/// Below this force the pusher does not touch the specimen, N.
 const TOUCH_N: f64 = 5.0;
 
-/// What the loop is to follow in one tick, in mm or N and their rates a second.
+/// The target of one tick, in mm or N and their rates per second.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct ServoTarget {
-    /// Which channel.
+    /// Channel under control.
     pub mode: Mode,
-    /// Set point at this tick.
+    /// Set point at this tick, mm or N.
     pub value: f64,
-    /// Its rate at this tick.
+    /// Rate of the set point at this tick, per second.
     pub rate: f64,
-    /// Its rate `lead_ms` later, where known.
+    /// Rate of the set point one lead later, where known, per second.
     pub rate_ahead: f64,
 }
 
-/// The loop with its state.
+/// The servo loop with its state.
 #[derive(Debug, Clone)]
 pub(crate) struct Servo {
     config: ServoConfig,
     mode: Mode,
     integral_mm_s: f64,
-    specimen: RateEstimate,
+    specimen: StiffnessEstimate,
     force_rate_sign: f64,
     speed_mm_s: f64,
 }
@@ -136,24 +134,24 @@ impl Servo {
         Servo {
             mode: Mode::Displacement,
             integral_mm_s: 0.0,
-            specimen: RateEstimate::new(config.specimen_rate_n_per_mm),
+            specimen: StiffnessEstimate::new(config.specimen_rate_n_per_mm),
             force_rate_sign: 0.0,
             speed_mm_s: 0.0,
             config: config.clone(),
         }
     }
 
-    /// Pressure comes on: nothing of the last motion is left.
+    /// Resets the loop when the pressure is switched on.
     pub(crate) fn engage(&mut self) {
         *self = Servo::new(&self.config);
     }
 
-    /// How far ahead `Target::rate_ahead` should look.
-    pub(crate) fn lead_ms(&self) -> u32 {
-        self.config.lead_ms
+    /// Lead of [`ServoTarget::rate_ahead`] in ticks.
+    pub(crate) fn lead_ticks(&self) -> u64 {
+        ticks_in_ms(u64::from(self.config.lead_ms))
     }
 
-    /// Speed that the loop asked the valve for in the last tick, mm/s.
+    /// Speed that the loop demanded of the valve in the last tick, mm/s.
     pub(crate) fn speed_mm_s(&self) -> f64 {
         self.speed_mm_s
     }
@@ -162,11 +160,11 @@ impl Servo {
     pub(crate) fn step(&mut self, target: ServoTarget, displacement_mm: f64, force_n: f64) -> f64 {
         self.specimen.observe(displacement_mm, force_n);
         if target.mode != self.mode {
-            // Bumpless: the integral keeps the speed offset that it has learnt, whichever channel taught it.
+            // Bumpless: the integral part is a speed offset and valid for both channels.
             self.mode = target.mode;
             self.specimen.anchor(displacement_mm, force_n);
         }
-        let lagging = target.value - target.rate * self.config.feedback_lag_ms * 1e-3;
+        let lagging = target.value - target.rate * self.config.feedback_lag_ms * S_PER_MS;
         let speed_mm_s = match target.mode {
             Mode::Displacement => self.regulate(
                 target.rate_ahead,
@@ -185,7 +183,7 @@ impl Servo {
 
     fn force_speed(&mut self, target: ServoTarget, error_n: f64, force_n: f64) -> f64 {
         if target.rate_ahead != 0.0 && target.rate_ahead.signum() != self.force_rate_sign {
-            // After a reversal a friction-laden spring is several times as stiff until it slides again.
+            // After a reversal a spring with friction is several times as stiff until it slides again.
             if self.force_rate_sign != 0.0 {
                 self.specimen.reverse();
             }
@@ -215,24 +213,24 @@ impl Servo {
     }
 }
 
-/// The specimen's tangent rate as the rig moves: force over displacement between two places far enough apart for the
-/// noise of both channels.
+/// Estimate of the specimen's tangent stiffness while the rig moves: the secant between two positions that are far apart
+/// compared with the noise of both channels.
 #[derive(Debug, Clone)]
-struct RateEstimate {
+struct StiffnessEstimate {
     n_per_mm: f64,
     nominal: f64,
     anchor_mm: f64,
     anchor_n: f64,
 }
 
-impl RateEstimate {
-    /// Distance between the two places, mm: 20 counts of the LVDT.
+impl StiffnessEstimate {
+    /// Distance between the two positions, mm: 20 counts of the LVDT.
     const BASE_MM: f64 = 0.01;
-    /// How much stiffer a spring is taken to be just after a reversal.
+    /// Factor on the stiffness just after a reversal.
     const REVERSAL: f64 = 6.0;
 
     fn new(nominal: f64) -> Self {
-        RateEstimate {
+        StiffnessEstimate {
             n_per_mm: nominal,
             nominal,
             anchor_mm: 0.0,
@@ -248,7 +246,7 @@ impl RateEstimate {
         let moved = displacement_mm - self.anchor_mm;
         if moved.abs() >= Self::BASE_MM {
             let seen = (force_n - self.anchor_n) / moved;
-            // Half of each new look; never so soft that the loop would race, nor so stiff that it would stand still.
+            // The mean of old and new value, limited so that the loop gets neither too fast nor too slow.
             let blend = 0.5 * (self.n_per_mm + seen);
             self.n_per_mm = blend.clamp(0.3 * self.nominal, 20.0 * self.nominal);
             self.anchor(displacement_mm, force_n);
@@ -282,8 +280,8 @@ mod tests {
     }
 
     #[test]
-    fn the_specimen_rate_is_learnt_while_moving() {
-        let mut estimate = RateEstimate::new(100.0);
+    fn the_stiffness_of_the_specimen_is_estimated_while_moving() {
+        let mut estimate = StiffnessEstimate::new(100.0);
         for i in 0..200 {
             let x = 0.002 * f64::from(i);
             estimate.observe(x, 250.0 * x);

@@ -1,37 +1,22 @@
-//! The object dictionary: what the host may read and write over SDO, and the limits among it.
+//! The object dictionary: the objects that the host reads and writes over SDO, and the limits among them.
 
-/// Why a configuration access was refused (CiA 301 abort codes).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub(crate) enum ConfigAbort {
-    /// No such object.
-    NoObject = 0x0602_0000,
-    /// No such sub-index.
-    NoSubIndex = 0x0609_0011,
-    /// Read only.
-    ReadOnly = 0x0601_0002,
-    /// Value out of range.
-    Range = 0x0609_0030,
-    /// Not in this state (pressure is on).
-    State = 0x0800_0022,
-    /// Malformed request.
-    Command = 0x0504_0001,
-}
+use super::wire_enum::wire_enum;
 
-impl ConfigAbort {
-    /// All abort codes.
-    pub(crate) const ALL: [ConfigAbort; 6] = [
-        ConfigAbort::NoObject,
-        ConfigAbort::NoSubIndex,
-        ConfigAbort::ReadOnly,
-        ConfigAbort::Range,
-        ConfigAbort::State,
-        ConfigAbort::Command,
-    ];
-
-    /// The one that `value` stands for on the wire.
-    pub(crate) fn from_wire(value: u32) -> Option<Self> {
-        Self::ALL.into_iter().find(|&one| one as u32 == value)
+wire_enum! {
+    /// Why a configuration access was refused (CiA 301 abort codes).
+    pub(crate) enum ConfigAbort: u32 {
+        /// No object has this index.
+        NoObject = 0x0602_0000,
+        /// The object has no such sub-index.
+        NoSubIndex = 0x0609_0011,
+        /// The object is read only.
+        ReadOnly = 0x0601_0002,
+        /// The value is out of range.
+        Range = 0x0609_0030,
+        /// Not allowed in this state (pressure is on).
+        State = 0x0800_0022,
+        /// The request is malformed.
+        Command = 0x0504_0001,
     }
 }
 
@@ -49,13 +34,13 @@ pub(crate) mod object {
     pub(crate) const SERIAL: (u16, u8) = (0x1018, 4);
     /// Protocol version (ro).
     pub(crate) const PROTOCOL: (u16, u8) = (0x2000, 0);
-    /// Boot id, another one after each boot (ro).
+    /// Boot id, different after each boot (ro).
     pub(crate) const BOOT_ID: (u16, u8) = (0x2001, 0);
     /// Sample rate in Hz (ro).
     pub(crate) const SAMPLE_RATE: (u16, u8) = (0x2002, 0);
     /// Hash of the sensors' calibration: first four bytes of its SHA-256, big endian (rw in Off).
     pub(crate) const CALIBRATION_HASH: (u16, u8) = (0x2003, 0);
-    /// CRC-32 (ISO-HDLC) over the limits 0x2100:1.. as little-endian i32 in order (ro).
+    /// CRC-32 (ISO-HDLC) over the limits 0x2100:1 to 13 as little-endian i32 in order (ro).
     pub(crate) const CONFIGURATION_CRC: (u16, u8) = (0x2004, 0);
     /// Index of the limits; sub-index n is `LIMITS[n - 1]` (rw in Off and Tripped).
     pub(crate) const LIMITS: u16 = 0x2100;
@@ -72,7 +57,7 @@ pub(crate) struct Limits {
     pub displacement_max_counts: i32,
     /// 4: lower displacement, counts.
     pub displacement_min_counts: i32,
-    /// 5: speed, counts a second.
+    /// 5: speed, counts per second.
     pub velocity_max_counts_s: i32,
     /// 6: following error in displacement control, counts (persistence 20 ms).
     pub following_error_displacement_counts: i32,
@@ -82,13 +67,13 @@ pub(crate) struct Limits {
     pub lease_ms: i32,
     /// 9: time after which Hold becomes Unload, ms.
     pub hold_timeout_ms: i32,
-    /// 10: speed of the unload ramp, counts a second.
+    /// 10: speed of the unload ramp, counts per second.
     pub unload_velocity_counts_s: i32,
-    /// 11: queue level below which the rig slows to Hold, ms.
+    /// 11: queue level below which the rig decelerates to Hold, ms.
     pub queue_low_ms: i32,
     /// 12: force at or below which the specimen counts as unloaded, counts.
     pub unloaded_force_counts: i32,
-    /// 13: displacement that the unload ramp ends at when the force did not fall before, counts.
+    /// 13: displacement at which the unload ramp ends if the force has not fallen before, counts.
     pub retract_counts: i32,
 }
 
@@ -96,7 +81,7 @@ pub(crate) struct Limits {
 pub(crate) const LIMIT_COUNT: usize = 13;
 
 impl Limits {
-    /// As they stand at sub-indices 1 to 13.
+    /// The limits in the order of sub-indices 1 to 13.
     pub(crate) fn to_array(&self) -> [i32; LIMIT_COUNT] {
         [
             self.force_max_counts,
@@ -115,7 +100,7 @@ impl Limits {
         ]
     }
 
-    /// From sub-indices 1 to 13.
+    /// Limits from the values of sub-indices 1 to 13.
     pub(crate) fn from_array(a: [i32; LIMIT_COUNT]) -> Self {
         Limits {
             force_max_counts: a[0],

@@ -1,9 +1,11 @@
-//! One frame of the wire: an 11-bit identifier and up to 8 bytes. The same over CAN and serial.
+//! One frame: an 11-bit identifier and up to 8 bytes, the same over CAN and serial.
 
-/// A classic CAN data frame, or the same thing in a serial packet.
+use super::cob;
+
+/// A classic CAN data frame, or the same frame in a serial packet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Frame {
-    /// COB-ID, 11 bit.
+    /// Identifier (COB-ID), 11 bit.
     pub id: u16,
     /// Bytes used, 0 to 8.
     pub len: u8,
@@ -18,7 +20,7 @@ impl Frame {
         let mut data = [0; 8];
         data[..len].copy_from_slice(&bytes[..len]);
         Frame {
-            id: id & 0x7FF,
+            id: id & cob::ID_MAX,
             len: len as u8,
             data,
         }

@@ -1,13 +1,15 @@
-//! The wire: frames, messages, protection, serial framing. Pure: bytes in, meaning out, no socket and no clock.
-//! `firmware-protocol.md` is the truth that this module follows; `tests/protocol` holds the two together.
+//! The wire: frames, messages, protection, serial framing. Pure functions on bytes: sockets and clocks are left to `link`,
+//! decisions to `control` and to the firmware.
+//!
+//! `firmware-protocol.md` is the specification that this module follows; `tests/protocol` compares the two.
 
-mod codec;
+mod bits;
+pub(crate) mod cob;
 mod dictionary;
 pub(crate) mod frame;
-mod layout;
 pub(crate) mod message;
 pub(crate) mod protection;
 pub(crate) mod serial_framing;
 mod state;
-
-pub(crate) use codec::cob;
+pub(crate) mod tick;
+mod wire_enum;

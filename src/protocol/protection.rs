@@ -1,18 +1,19 @@
-//! What guards a frame's meaning: CRC-8 with data id, the alternating counter, the CRC-32 of the configuration.
-//! Which frames carry what stands in `codec`; what to do about a bad one is up to firmware and control.
+//! Protection of the content of frames: CRC-8 with data id, the alternating counter, the CRC-32 of the limits. What to
+//! do about a bad frame is left to firmware and control.
 
+use super::cob;
 use super::message::{COUNTER_MODULO, Limits};
 
-/// CRC-8 0x2F (AUTOSAR CRC8H2F): distance 4 up to 119 protected bits, ours are 72 with the data id.
+/// CRC-8 0x2F (AUTOSAR CRC8H2F): Hamming distance 4 up to 119 protected bits; here 72 bits with the data id.
 static CRC8: crc::Crc<u8> = crc::Crc::<u8>::new(&crc::CRC_8_AUTOSAR);
 /// CRC-32 as in Ethernet and zip.
 static CRC32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 
-/// Kind of a protected message: the high byte of its data id. Another one in each direction, so that a frame that is
-/// looped back or sent under a wrong identifier does not pass.
+/// Kind of a protected message: the high byte of its data id. Each message has its own, so that a frame that is looped
+/// back or sent under a wrong identifier fails the CRC.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
-pub(crate) enum Kind {
+pub(crate) enum FrameKind {
     /// Rig to host, 0x180 + N.
     Sample = 0x51,
     /// Rig to host, 0x280 + N.
@@ -27,8 +28,22 @@ pub(crate) enum Kind {
     Request = 0xA3,
 }
 
+impl FrameKind {
+    /// Function of the message's identifier.
+    pub(super) fn function(self) -> u16 {
+        match self {
+            FrameKind::Sample => cob::SAMPLE,
+            FrameKind::Status => cob::STATUS,
+            FrameKind::Emergency => cob::EMERGENCY,
+            FrameKind::Command => cob::COMMAND,
+            FrameKind::Lease => cob::LEASE,
+            FrameKind::Request => cob::REQUEST,
+        }
+    }
+}
+
 /// Data id of a message: kind in the high byte, node in the low byte.
-pub(crate) fn data_id(kind: Kind, node: u8) -> u16 {
+pub(crate) fn data_id(kind: FrameKind, node: u8) -> u16 {
     u16::from_le_bytes([node, kind as u8])
 }
 
@@ -51,62 +66,51 @@ impl Limits {
     }
 }
 
-/// Most frames in a row that may be missing before a counter says "wrong sequence" instead of "some lost".
+/// Most frames in a row that may be missing without a wrong sequence.
 pub(crate) const MAX_LOST: u8 = 3;
 
 /// What a counter says about its frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Sequence {
-    /// First frame seen, or first after [`CounterCheck::reset`]. Use it.
-    First,
-    /// The next one. Use it.
-    Next,
-    /// Use it, but this many (1 to [`MAX_LOST`]) before it are missing.
-    Lost(u8),
-    /// The second of two frames in a row that fit each other, but not what came before: more than `MAX_LOST` are
-    /// missing or the sender restarted. Use it; only the tick can tell how many are missing.
-    Resynced,
-    /// The same counter again: drop it, count it.
+    /// Use the frame. At most [`MAX_LOST`] frames before it are missing; or it is the first one; or it follows a single frame
+    /// out of sequence by one, which means that the sender restarted or more frames are missing. Only the tick can tell
+    /// how many samples are missing.
+    Usable,
+    /// The same counter again: drop the frame and count it.
     Repeated,
-    /// Late, replayed or foreign: drop it, count it.
+    /// Late, replayed or foreign: drop the frame and count it.
     Wrong,
 }
 
-impl Sequence {
-    /// True where the frame is to be used.
-    pub(crate) fn is_usable(self) -> bool {
-        !matches!(self, Sequence::Repeated | Sequence::Wrong)
-    }
-}
-
-/// Follows the counter of one stream of frames. Frames with a bad CRC must not reach it.
+/// Follows the counter of one stream of frames. Only for frames with a good CRC.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(crate) struct CounterCheck {
+    /// Counter of the last frame used.
     last: Option<u8>,
+    /// Counter of the newest frame out of sequence since then.
     stray: Option<u8>,
 }
 
 impl CounterCheck {
-    /// Judges the next frame's `counter` (0 to 14, as every decoded frame has it).
+    /// Checks the next frame's `counter` (0 to 14).
     pub(crate) fn check(&mut self, counter: u8) -> Sequence {
         let Some(last) = self.last else {
             self.last = Some(counter);
-            return Sequence::First;
+            return Sequence::Usable;
         };
-        let verdict = match distance(last, counter) {
+        match distance(last, counter) {
             0 => return Sequence::Repeated,
-            1 => Sequence::Next,
-            d if d <= MAX_LOST + 1 => Sequence::Lost(d - 1),
-            _ if self.stray.is_some_and(|stray| distance(stray, counter) == 1) => Sequence::Resynced,
+            d if d <= MAX_LOST + 1 => {}
+            _ if self.stray.is_some_and(|stray| distance(stray, counter) == 1) => {}
             _ => {
-                // The stream keeps its place: a single late frame must not make the good ones after it look wrong.
+                // `last` stays: a single late frame must not make the good frames after it look wrong.
                 self.stray = Some(counter);
                 return Sequence::Wrong;
             }
-        };
+        }
         self.last = Some(counter);
         self.stray = None;
-        verdict
+        Sequence::Usable
     }
 
     /// Forgets the past: a new session, or a rig that booted.
@@ -135,16 +139,16 @@ mod tests {
     #[test]
     fn another_node_or_kind_changes_the_crc() {
         let bytes = [1, 2, 3, 4, 5, 6, 7];
-        let own = crc8(data_id(Kind::Sample, 5), &bytes);
+        let own = crc8(data_id(FrameKind::Sample, 5), &bytes);
         for node in (0..=127).filter(|&node| node != 5) {
-            assert_ne!(crc8(data_id(Kind::Sample, node), &bytes), own, "node {node}");
+            assert_ne!(crc8(data_id(FrameKind::Sample, node), &bytes), own, "node {node}");
         }
         for kind in [
-            Kind::Status,
-            Kind::Emergency,
-            Kind::Command,
-            Kind::Lease,
-            Kind::Request,
+            FrameKind::Status,
+            FrameKind::Emergency,
+            FrameKind::Command,
+            FrameKind::Lease,
+            FrameKind::Request,
         ] {
             assert_ne!(crc8(data_id(kind, 5), &bytes), own, "{kind:?}");
         }
@@ -153,23 +157,28 @@ mod tests {
     #[test]
     fn counter_in_order_lost_repeated() {
         let mut check = CounterCheck::default();
-        assert_eq!(check.check(13), Sequence::First);
-        assert_eq!(check.check(14), Sequence::Next);
-        assert_eq!(check.check(0), Sequence::Next);
-        assert_eq!(check.check(0), Sequence::Repeated);
-        assert_eq!(check.check(2), Sequence::Lost(1));
-        assert_eq!(check.check(6), Sequence::Lost(3));
-        assert_eq!(check.check(11), Sequence::Wrong);
-        assert_eq!(check.check(7), Sequence::Next);
+        for (counter, expected) in [
+            (13, Sequence::Usable),
+            (14, Sequence::Usable),
+            (0, Sequence::Usable),
+            (0, Sequence::Repeated),
+            // One frame lost, then three, then four.
+            (2, Sequence::Usable),
+            (6, Sequence::Usable),
+            (11, Sequence::Wrong),
+            (7, Sequence::Usable),
+        ] {
+            assert_eq!(check.check(counter), expected, "counter {counter}");
+        }
     }
 
     #[test]
     fn a_late_frame_does_not_disturb_the_stream() {
         let mut check = CounterCheck::default();
         check.check(4);
-        assert_eq!(check.check(6), Sequence::Lost(1));
+        assert_eq!(check.check(6), Sequence::Usable);
         assert_eq!(check.check(5), Sequence::Wrong);
-        assert_eq!(check.check(7), Sequence::Next);
+        assert_eq!(check.check(7), Sequence::Usable);
     }
 
     #[test]
@@ -181,11 +190,11 @@ mod tests {
                 let strange = (start + jump) % COUNTER_MODULO;
                 assert_eq!(check.check(strange), Sequence::Wrong, "{start} + {jump}");
                 let after = check.check(next_counter(strange));
-                // 14 steps on, the next one repeats the last good counter: one more frame is needed.
+                // After a jump of 14 the next one repeats the last good counter: one more frame is needed.
                 if jump == COUNTER_MODULO - 1 {
                     assert_eq!(after, Sequence::Repeated);
                 } else {
-                    assert_eq!(after, Sequence::Resynced, "{start} + {jump}");
+                    assert_eq!(after, Sequence::Usable, "{start} + {jump}");
                 }
             }
         }

@@ -1,22 +1,23 @@
-//! Frames over a byte stream: COBS packets with a CRC-16, each ended by a zero. Keeps its place whatever arrives: after
-//! any error it goes on at the next zero. Ports and time-outs are left to `link::serial`.
+//! Frames over a byte stream: COBS packets with a CRC-16, each ended by a zero. After any error the decoder goes on at the
+//! next zero. Ports and time-outs are left to `link::serial`.
 
+use super::cob;
 use super::frame::Frame;
 
-/// CRC-16/IBM-3740 (poly 0x1021, init 0xFFFF, often "CCITT-FALSE"): distance 4 over our 112 bits and far beyond.
+/// CRC-16/IBM-3740 (poly 0x1021, init 0xFFFF, often "CCITT-FALSE"): Hamming distance 4 over 112 bits.
 static CRC16: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
 
-/// Identifier and CRC around the payload.
+/// Bytes of identifier and CRC around the payload.
 const OVERHEAD_BYTES: usize = 4;
-/// Longest packet before COBS: identifier, 8 bytes, CRC.
+/// Longest packet before COBS in bytes: identifier, payload of 8 bytes, CRC.
 const RAW_MAX: usize = OVERHEAD_BYTES + 8;
-/// Longest packet on the line: COBS adds one byte, the zero another.
+/// Longest packet on the line in bytes: COBS adds one byte, the closing zero another.
 pub(crate) const PACKET_MAX: usize = RAW_MAX + 2;
-/// Bytes that the decoder holds at most. Longer packets may come one day; longer than this is noise.
-pub(crate) const BUFFER_BYTES: usize = 256;
+/// Bytes that the decoder holds at most. More bytes without a zero are noise.
+const BUFFER_BYTES: usize = 256;
 
 /// The CRC-16 of a packet's identifier and payload.
-pub(crate) fn crc16(bytes: &[u8]) -> u16 {
+fn crc16(bytes: &[u8]) -> u16 {
     CRC16.checksum(bytes)
 }
 
@@ -29,7 +30,7 @@ pub(crate) fn encode(frame: &Frame, packet: &mut [u8; PACKET_MAX]) -> usize {
     raw[2..end].copy_from_slice(payload);
     let crc = crc16(&raw[..end]);
     raw[end..end + 2].copy_from_slice(&crc.to_le_bytes());
-    // PACKET_MAX has room for the longest raw packet, so this cannot run short.
+    // PACKET_MAX has room for the longest raw packet.
     let len = cobs::encode(&raw[..end + 2], packet);
     packet[len] = 0;
     len + 1
@@ -41,7 +42,7 @@ pub(crate) struct Decoder {
     buffer: [u8; BUFFER_BYTES],
     len: usize,
     overlong: bool,
-    /// Nothing but the tail of a packet that began before we listened: no error yet.
+    /// No zero has come yet: the bytes may be the tail of a packet that began before the decoder did.
     fresh: bool,
     errors: u64,
 }
@@ -59,7 +60,7 @@ impl Default for Decoder {
 }
 
 impl Decoder {
-    /// Takes the next byte; the frame, where it was the last of a good packet.
+    /// Takes the next byte. Returns the frame if the byte ended a good packet.
     pub(crate) fn push(&mut self, byte: u8) -> Option<Frame> {
         if byte != 0 {
             match self.buffer.get_mut(self.len) {
@@ -71,7 +72,7 @@ impl Decoder {
             }
             return None;
         }
-        // Zeros in a row are an idle line, not packets.
+        // Several zeros in a row are an idle line, not packets.
         if self.len == 0 {
             return None;
         }
@@ -86,22 +87,22 @@ impl Decoder {
         frame
     }
 
-    /// Packets that were thrown away: COBS, length, CRC-16 or identifier wrong. The first chunk after the start is not
-    /// counted: a line is joined in the middle of a packet.
+    /// Packets dropped because COBS, length, CRC-16 or identifier was wrong. The first packet after the start is not
+    /// counted, because a receiver may start in the middle of a packet.
     pub(crate) fn errors(&self) -> u64 {
         self.errors
     }
 }
 
-/// The frame of one packet without its zero.
+/// The frame of one packet without its closing zero.
 fn decode(packet: &mut [u8]) -> Option<Frame> {
     let len = cobs::decode_in_place(packet).ok()?;
     let raw = packet.get(..len)?;
     let (body, crc) = raw.split_last_chunk::<2>()?;
     let (id, payload) = body.split_first_chunk::<2>()?;
     let id = u16::from_le_bytes(*id);
-    let sound = payload.len() <= 8 && id <= 0x7FF && crc16(body) == u16::from_le_bytes(*crc);
-    sound.then(|| Frame::new(id, payload))
+    let good = payload.len() <= 8 && id <= cob::ID_MAX && crc16(body) == u16::from_le_bytes(*crc);
+    good.then(|| Frame::new(id, payload))
 }
 
 #[cfg(test)]
@@ -140,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn joining_in_the_middle_is_no_error() {
+    fn starting_in_the_middle_of_a_packet_is_no_error() {
         let mut decoder = Decoder::default();
         let frame = Frame::new(0x185, &[1, 2, 3]);
         let bytes = packet(&frame);

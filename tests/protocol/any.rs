@@ -27,32 +27,36 @@ fn to_rig(node: u8) -> impl Strategy<Value = ToRig> {
             any::<bool>()
         )
             .prop_map(|(counter, session, tick, mode, counts, last)| {
-                ToRig::Command {
+                ToRig::Command(CommandMessage {
                     counter,
                     session,
                     tick,
                     mode,
                     counts,
                     last,
-                }
+                })
             }),
-        (counter(), 1..=u8::MAX, any::<u16>()).prop_map(|(counter, session, control_tick)| ToRig::Lease {
-            counter,
-            session,
-            control_tick
-        }),
+        (counter(), 1..=u8::MAX, any::<u16>()).prop_map(|(counter, session, control_tick)| ToRig::Lease(
+            LeaseMessage {
+                counter,
+                session,
+                control_tick
+            }
+        )),
         (
             counter(),
             1..=u8::MAX,
             select(&RequestCode::ALL[..]),
             any::<u32>()
         )
-            .prop_map(|(counter, session, code, argument)| ToRig::Request {
-                counter,
-                session,
-                code,
-                argument
-            }),
+            .prop_map(
+                |(counter, session, code, argument)| ToRig::Request(RequestMessage {
+                    counter,
+                    session,
+                    code,
+                    argument
+                })
+            ),
         (any::<u16>(), any::<u8>()).prop_map(|(index, sub)| ToRig::ConfigRead { index, sub }),
         (any::<u16>(), any::<u8>(), any::<u32>()).prop_map(|(index, sub, value)| ToRig::ConfigWrite {
             index,
@@ -69,13 +73,13 @@ fn from_rig() -> impl Strategy<Value = FromRig> {
     prop_oneof![
         select(&NmtState::ALL[..]).prop_map(|state| FromRig::Heartbeat { state }),
         (any::<u16>(), any::<u8>(), cause(), state(), any::<u16>()).prop_map(
-            |(code, register, cause, state, tick)| FromRig::Emergency {
+            |(code, register, cause, state, tick)| FromRig::Emergency(EmergencyMessage {
                 code,
                 register,
                 cause,
                 state,
                 tick
-            }
+            })
         ),
         (
             counter(),
@@ -84,12 +88,12 @@ fn from_rig() -> impl Strategy<Value = FromRig> {
             counts(COUNTS_INVALID)
         )
             .prop_map(|(counter, tick, force_counts, displacement_counts)| {
-                FromRig::Sample {
+                FromRig::Sample(SampleMessage {
                     counter,
                     tick,
                     force_counts,
                     displacement_counts,
-                }
+                })
             }),
         (
             (counter(), state(), cause(), any::<u8>(), any::<u8>()),
@@ -98,7 +102,7 @@ fn from_rig() -> impl Strategy<Value = FromRig> {
             .prop_map(|(first, second)| {
                 let (counter, state, cause, queue_ms, session) = first;
                 let (ack_counter, ack_result, boot, tick_high) = second;
-                FromRig::Status {
+                FromRig::Status(StatusMessage {
                     counter,
                     state,
                     cause,
@@ -108,7 +112,7 @@ fn from_rig() -> impl Strategy<Value = FromRig> {
                     ack_result,
                     boot,
                     tick_high,
-                }
+                })
             }),
         (any::<u16>(), any::<u8>(), any::<u32>()).prop_map(|(index, sub, value)| FromRig::ConfigValue {
             index,

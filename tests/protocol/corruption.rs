@@ -9,39 +9,39 @@ const NODE: u8 = 1;
 
 fn one_of_each_protected_kind() -> [Message; 6] {
     [
-        Message::ToRig(ToRig::Command {
+        Message::ToRig(ToRig::Command(CommandMessage {
             counter: 5,
             session: 77,
             tick: 0x1234,
             mode: WireMode::Force,
             counts: -12_345,
             last: false,
-        }),
-        Message::ToRig(ToRig::Lease {
+        })),
+        Message::ToRig(ToRig::Lease(LeaseMessage {
             counter: 14,
             session: 77,
             control_tick: 0xFFFF,
-        }),
-        Message::ToRig(ToRig::Request {
+        })),
+        Message::ToRig(ToRig::Request(RequestMessage {
             counter: 0,
             session: 1,
             code: RequestCode::Arm,
             argument: 0xDEAD_BEEF,
-        }),
-        Message::FromRig(FromRig::Emergency {
+        })),
+        Message::FromRig(FromRig::Emergency(EmergencyMessage {
             code: 0xFF10,
             register: 0x81,
             cause: Cause::ForceLimit,
             state: RigState::Unload,
             tick: 9,
-        }),
-        Message::FromRig(FromRig::Sample {
+        })),
+        Message::FromRig(FromRig::Sample(SampleMessage {
             counter: 3,
             tick: 0x00FF,
             force_counts: 20_000,
             displacement_counts: -12_000,
-        }),
-        Message::FromRig(FromRig::Status {
+        })),
+        Message::FromRig(FromRig::Status(StatusMessage {
             counter: 1,
             state: RigState::Running,
             cause: Cause::None,
@@ -51,7 +51,7 @@ fn one_of_each_protected_kind() -> [Message; 6] {
             ack_result: RequestResult::Done,
             boot: 0x5A,
             tick_high: 0,
-        }),
+        })),
     ]
 }
 

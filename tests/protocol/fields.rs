@@ -38,14 +38,14 @@ impl Message {
     pub fn name(&self) -> &'static str {
         match self {
             Message::ToRig(Nmt { .. }) => "NMT",
-            Message::ToRig(Command { .. }) => "COMMAND",
-            Message::ToRig(Lease { .. }) => "LEASE",
-            Message::ToRig(Request { .. }) => "REQUEST",
+            Message::ToRig(Command(_)) => "COMMAND",
+            Message::ToRig(Lease(_)) => "LEASE",
+            Message::ToRig(Request(_)) => "REQUEST",
             Message::ToRig(ConfigRead { .. } | ConfigWrite { .. }) => "CONFIG_REQUEST",
             Message::FromRig(Heartbeat { .. }) => "HEARTBEAT",
-            Message::FromRig(Emergency { .. }) => "EMERGENCY",
-            Message::FromRig(Sample { .. }) => "SAMPLE",
-            Message::FromRig(Status { .. }) => "STATUS",
+            Message::FromRig(Emergency(_)) => "EMERGENCY",
+            Message::FromRig(Sample(_)) => "SAMPLE",
+            Message::FromRig(Status(_)) => "STATUS",
             Message::FromRig(ConfigValue { .. } | ConfigWritten { .. } | ConfigRefused { .. }) => {
                 "CONFIG_ANSWER"
             }
@@ -56,14 +56,14 @@ impl Message {
     pub fn fields(&self) -> Fields {
         let list: Vec<(&str, i64)> = match *self {
             Message::ToRig(Nmt { command, node }) => vec![("command", command as i64), ("node", node.into())],
-            Message::ToRig(Command {
+            Message::ToRig(Command(CommandMessage {
                 counter,
                 session,
                 tick,
                 mode,
                 counts,
                 last,
-            }) => vec![
+            })) => vec![
                 ("counter", counter.into()),
                 ("mode", mode as i64),
                 ("last", last.into()),
@@ -71,21 +71,21 @@ impl Message {
                 ("counts", counts.into()),
                 ("tick", tick.into()),
             ],
-            Message::ToRig(Lease {
+            Message::ToRig(Lease(LeaseMessage {
                 counter,
                 session,
                 control_tick,
-            }) => vec![
+            })) => vec![
                 ("counter", counter.into()),
                 ("session", session.into()),
                 ("control_tick", control_tick.into()),
             ],
-            Message::ToRig(Request {
+            Message::ToRig(Request(RequestMessage {
                 counter,
                 session,
                 code,
                 argument,
-            }) => vec![
+            })) => vec![
                 ("counter", counter.into()),
                 ("session", session.into()),
                 ("code", code as i64),
@@ -94,31 +94,31 @@ impl Message {
             Message::ToRig(ConfigRead { index, sub }) => config(0x40, index, sub, 0),
             Message::ToRig(ConfigWrite { index, sub, value }) => config(0x23, index, sub, value),
             Message::FromRig(Heartbeat { state }) => vec![("state", state as i64)],
-            Message::FromRig(Emergency {
+            Message::FromRig(Emergency(EmergencyMessage {
                 code,
                 register,
                 cause,
                 state,
                 tick,
-            }) => vec![
+            })) => vec![
                 ("error_code", code.into()),
                 ("error_register", register.into()),
                 ("cause", cause as i64),
                 ("state", state as i64),
                 ("tick", tick.into()),
             ],
-            Message::FromRig(Sample {
+            Message::FromRig(Sample(SampleMessage {
                 counter,
                 tick,
                 force_counts,
                 displacement_counts,
-            }) => vec![
+            })) => vec![
                 ("counter", counter.into()),
                 ("force", force_counts.into()),
                 ("displacement", displacement_counts.into()),
                 ("tick", tick.into()),
             ],
-            Message::FromRig(Status {
+            Message::FromRig(Status(StatusMessage {
                 counter,
                 state,
                 cause,
@@ -128,7 +128,7 @@ impl Message {
                 ack_result,
                 boot,
                 tick_high,
-            }) => vec![
+            })) => vec![
                 ("counter", counter.into()),
                 ("state", state as i64),
                 ("cause", cause as i64),
@@ -165,25 +165,25 @@ impl Message {
                 command: NmtCommand::from_wire(u8("command")).expect("command"),
                 node: u8("node"),
             }),
-            "COMMAND" => Message::ToRig(Command {
+            "COMMAND" => Message::ToRig(Command(CommandMessage {
                 counter: u8("counter"),
                 session: u8("session"),
                 tick: u16("tick"),
                 mode: WireMode::from_wire(u8("mode")).expect("mode"),
                 counts: i32("counts"),
                 last: raw("last") == 1,
-            }),
-            "LEASE" => Message::ToRig(Lease {
+            })),
+            "LEASE" => Message::ToRig(Lease(LeaseMessage {
                 counter: u8("counter"),
                 session: u8("session"),
                 control_tick: u16("control_tick"),
-            }),
-            "REQUEST" => Message::ToRig(Request {
+            })),
+            "REQUEST" => Message::ToRig(Request(RequestMessage {
                 counter: u8("counter"),
                 session: u8("session"),
                 code: RequestCode::from_wire(u8("code")).expect("code"),
                 argument: u32("argument"),
-            }),
+            })),
             "CONFIG_REQUEST" if raw("command") == 0x40 => Message::ToRig(ConfigRead {
                 index: index(),
                 sub: sub(),
@@ -196,20 +196,20 @@ impl Message {
             "HEARTBEAT" => Message::FromRig(Heartbeat {
                 state: NmtState::from_wire(u8("state")).expect("state"),
             }),
-            "EMERGENCY" => Message::FromRig(Emergency {
+            "EMERGENCY" => Message::FromRig(Emergency(EmergencyMessage {
                 code: u16("error_code"),
                 register: u8("error_register"),
                 cause: Cause::from_wire(u8("cause")).expect("cause"),
                 state: RigState::from_wire(u8("state")).expect("state"),
                 tick: u16("tick"),
-            }),
-            "SAMPLE" => Message::FromRig(Sample {
+            })),
+            "SAMPLE" => Message::FromRig(Sample(SampleMessage {
                 counter: u8("counter"),
                 tick: u16("tick"),
                 force_counts: i32("force"),
                 displacement_counts: i32("displacement"),
-            }),
-            "STATUS" => Message::FromRig(Status {
+            })),
+            "STATUS" => Message::FromRig(Status(StatusMessage {
                 counter: u8("counter"),
                 state: RigState::from_wire(u8("state")).expect("state"),
                 cause: Cause::from_wire(u8("cause")).expect("cause"),
@@ -219,7 +219,7 @@ impl Message {
                 ack_result: RequestResult::from_wire(u8("ack_result")).expect("ack_result"),
                 boot: u8("boot"),
                 tick_high: u8("tick_high"),
-            }),
+            })),
             "CONFIG_ANSWER" => Message::FromRig(match raw("command") {
                 0x43 => ConfigValue {
                     index: index(),

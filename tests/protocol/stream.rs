@@ -1,7 +1,7 @@
 //! Serial: one damaged byte, wherever it is, costs at most two frames, and noise costs no memory.
 
 use crate::protocol::frame::Frame;
-use crate::protocol::message::FromRig;
+use crate::protocol::message::{FromRig, SampleMessage};
 use crate::protocol::serial_framing::{Decoder, PACKET_MAX, encode};
 use rand::{RngExt, SeedableRng};
 
@@ -9,11 +9,13 @@ const NODE: u8 = 1;
 const FRAMES: u16 = 40;
 
 fn frames() -> Vec<Frame> {
-    let sample = |tick: u16| FromRig::Sample {
-        counter: (tick % 15) as u8,
-        tick,
-        force_counts: i32::from(tick) * 257 - 3000,
-        displacement_counts: -i32::from(tick),
+    let sample = |tick: u16| {
+        FromRig::Sample(SampleMessage {
+            counter: (tick % 15) as u8,
+            tick,
+            force_counts: i32::from(tick) * 257 - 3000,
+            displacement_counts: -i32::from(tick),
+        })
     };
     (0..FRAMES).map(|tick| sample(tick).encode(NODE)).collect()
 }

@@ -1,4 +1,4 @@
-//! Faults of host, wire, sensors and hydraulics: what the firmware does alone, and how soon.
+//! Faults of host, wire, sensors and hydraulics: the reaction of the firmware alone, and its time.
 
 use super::*;
 
@@ -7,7 +7,7 @@ fn lapsed_lease_unloads_by_itself() {
     let mut bench = default_bench();
     bench.hold_at(15.0);
     assert!(bench.rig.force_n() > 1000.0);
-    // The last lease is in when the tick count is a multiple of ten; then silence.
+    // The last lease is sent at a multiple of ten ticks.
     while !bench.tick.is_multiple_of(10) {
         bench.step();
     }
@@ -23,7 +23,7 @@ fn lapsed_lease_unloads_by_itself() {
     // 15 mm at 5 mm/s take 3 s.
     assert!((2500..3600).contains(&ticks), "{ticks} ms");
     assert!(bench.rig.force_n() < 25.0, "{} N", bench.rig.force_n());
-    // Nothing moves again by itself, nor by a reset.
+    // Neither time nor a reset moves the rig again.
     bench.keeps_lease = true;
     assert_eq!(bench.request(RequestCode::Reset, 0), RequestResult::Busy);
     assert_eq!(bench.request(RequestCode::OpenSession, 0), RequestResult::Done);
@@ -41,11 +41,11 @@ fn lease_of_a_stuck_control_loop_lapses() {
     let (session, control_tick) = (bench.session, bench.tick as u16);
     for _ in 0..12 {
         let counter = bench.counter(0);
-        bench.send(ToRig::Lease {
+        bench.send(ToRig::Lease(LeaseMessage {
             counter,
             session,
             control_tick,
-        });
+        }));
         bench.run(10);
     }
     assert_eq!(bench.cause, Cause::LeaseLapsed);
@@ -66,7 +66,7 @@ fn force_limit_trips_within_two_milliseconds() {
     });
     bench.run(1);
     assert_eq!(bench.request(RequestCode::OpenSession, 0), RequestResult::Done);
-    let crc = bench.rig.firmware().limits.crc32();
+    let crc = bench.rig.limits_crc();
     assert_eq!(bench.request(RequestCode::Arm, crc), RequestResult::Done);
     bench.run(400);
     bench.sine(8.0, 6.0, 1.0);
@@ -79,7 +79,7 @@ fn force_limit_trips_within_two_milliseconds() {
         .map(|s| s.0)
         .collect();
     let trip = bench.tick;
-    // Two samples in a row over the limit: the second one trips, in the same tick.
+    // Two samples in a row over the limit: the second one trips in the same tick.
     let in_row = over.windows(2).find(|w| w[1] == w[0] + 1).expect("it was over");
     assert!(trip - in_row[0] < 2, "over at {}, tripped at {trip}", in_row[0]);
     bench.until(RigState::Tripped, 5000);
@@ -91,14 +91,14 @@ fn commands_of_a_foreign_session_trip() {
     for i in 0..6 {
         assert_eq!(bench.state, RigState::Armed);
         let tick = bench.tick as u16 + 50;
-        let message = ToRig::Command {
+        let message = ToRig::Command(CommandMessage {
             counter: i,
             session: 9,
             tick,
             mode: WireMode::Displacement,
             counts: 0,
             last: false,
-        };
+        });
         bench.send(message);
         bench.step();
     }
@@ -115,14 +115,14 @@ fn stale_commands_move_nothing() {
             bench.session,
             (bench.tick.wrapping_sub(back)) as u16,
         );
-        bench.send(ToRig::Command {
+        bench.send(ToRig::Command(CommandMessage {
             counter,
             session,
             tick,
             mode: WireMode::Displacement,
             counts: 9000,
             last: false,
-        });
+        }));
         bench.run(20);
         assert_eq!((bench.state, bench.queue_ms), (RigState::Armed, 0));
     }
@@ -136,14 +136,14 @@ fn commands_beyond_limits_or_in_another_mode_hold() {
         bench.hold_at(2.0);
         bench.motion = None;
         let (counter, session, tick) = (bench.counter(1), bench.session, bench.tick as u16 + 150);
-        bench.send(ToRig::Command {
+        bench.send(ToRig::Command(CommandMessage {
             counter,
             session,
             tick,
             mode,
             counts,
             last: false,
-        });
+        }));
         bench.until(RigState::Hold, 2);
         assert_eq!(bench.cause, Cause::BadCommand);
     }
@@ -155,11 +155,11 @@ fn three_corrupt_frames_unload_and_two_do_not() {
     for i in 0..3 {
         assert_eq!(bench.state, RigState::Armed, "after {i}");
         let (counter, session) = (bench.counter(0), bench.session);
-        let mut frame = ToRig::Lease {
+        let mut frame = ToRig::Lease(LeaseMessage {
             counter,
             session,
             control_tick: bench.tick as u16,
-        }
+        })
         .encode(1);
         frame.data[2] ^= 0x10;
         bench.host.send(frame);
@@ -168,75 +168,76 @@ fn three_corrupt_frames_unload_and_two_do_not() {
     assert_eq!(bench.cause, Cause::CorruptFrames);
 }
 
-/// What is injected, the cause it must give, where the rig must be next, and how soon (ms).
+/// What is injected, the cause and the next state that it must lead to, and the most ticks until then.
+type InjectedFault = (&'static str, fn(&mut Injection), Cause, RigState, u64);
+
+const FAULTS: [InjectedFault; 8] = [
+    (
+        "LVDT open",
+        |i| i.displacement_open = true,
+        Cause::DisplacementSensor,
+        RigState::Tripped,
+        2,
+    ),
+    (
+        "load cell open",
+        |i| i.force_open = true,
+        Cause::ForceSensor,
+        RigState::Unload,
+        2,
+    ),
+    (
+        "LVDT stuck",
+        |i| i.displacement_frozen = true,
+        Cause::SensorStuck,
+        RigState::Tripped,
+        50,
+    ),
+    (
+        "break",
+        |i| i.specimen_broken = true,
+        Cause::SpecimenBreak,
+        RigState::Tripped,
+        10,
+    ),
+    (
+        "supply",
+        |i| i.supply_lost = true,
+        Cause::SupplyPressure,
+        RigState::Tripped,
+        20,
+    ),
+    (
+        "e-stop",
+        |i| i.emergency_stop = true,
+        Cause::EmergencyStop,
+        RigState::Tripped,
+        1,
+    ),
+    (
+        "valve",
+        |i| i.valve_stuck = true,
+        Cause::FollowingError,
+        RigState::Unload,
+        250,
+    ),
+    (
+        "cell gain",
+        |i| i.force_gain_error = 10.0,
+        Cause::ForceLimit,
+        RigState::Unload,
+        4,
+    ),
+];
+
 #[test]
 fn faults_of_sensors_valve_and_supply() {
-    type Fault = (&'static str, fn(&mut Injection), Cause, RigState, u64);
-    let faults: [Fault; 8] = [
-        (
-            "LVDT open",
-            |i| i.displacement_open = true,
-            Cause::DisplacementSensor,
-            RigState::Tripped,
-            2,
-        ),
-        (
-            "load cell open",
-            |i| i.force_open = true,
-            Cause::ForceSensor,
-            RigState::Unload,
-            2,
-        ),
-        (
-            "LVDT stuck",
-            |i| i.displacement_frozen = true,
-            Cause::SensorStuck,
-            RigState::Tripped,
-            50,
-        ),
-        (
-            "break",
-            |i| i.specimen_broken = true,
-            Cause::SpecimenBreak,
-            RigState::Tripped,
-            10,
-        ),
-        (
-            "supply",
-            |i| i.supply_lost = true,
-            Cause::SupplyPressure,
-            RigState::Tripped,
-            20,
-        ),
-        (
-            "e-stop",
-            |i| i.emergency_stop = true,
-            Cause::EmergencyStop,
-            RigState::Tripped,
-            1,
-        ),
-        (
-            "valve",
-            |i| i.valve_stuck = true,
-            Cause::FollowingError,
-            RigState::Unload,
-            250,
-        ),
-        (
-            "cell gain",
-            |i| i.force_gain_error = 10.0,
-            Cause::ForceLimit,
-            RigState::Unload,
-            4,
-        ),
-    ];
-    for (name, inject, cause, state, within) in faults {
+    for (name, inject, cause, state, within) in FAULTS {
         let mut bench = default_bench();
         bench.sine(12.0, 6.0, 1.0);
         bench.run(3000);
         inject(&mut bench.rig.injection);
-        let ticks = bench.until(state, within);
-        eprintln!("{name}: {ticks} ms");
+        bench.until(state, within);
         assert_eq!(bench.cause, cause, "{name}");
         assert!(bench.emergencies().contains(&cause), "{name}");
         bench.motion = None;
@@ -259,7 +260,7 @@ fn unload_without_load_cell_ends_at_the_retract_displacement() {
 }
 
 #[test]
-fn hung_firmware_loses_pressure_and_says_so_afterwards() {
+fn hung_firmware_loses_pressure_and_reports_it_afterwards() {
     let mut bench = default_bench();
     bench.hold_at(5.0);
     bench.rig.injection.firmware_hangs = true;

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn boots_into_off_and_talks_once_started() {
+fn boots_into_off_and_sends_samples_after_nmt_start() {
     let mut bench = TestRig::new(&MockRigConfig::default());
     bench.run(250);
     let beats: Vec<_> = bench.received.clone();
@@ -33,7 +33,7 @@ fn arm_needs_a_session_and_the_right_configuration() {
         command: NmtCommand::Start,
         node: 0,
     });
-    let crc = bench.rig.firmware().limits.crc32();
+    let crc = bench.rig.limits_crc();
     assert_eq!(bench.request(RequestCode::Arm, crc), RequestResult::Busy);
     assert_eq!(bench.request(RequestCode::OpenSession, 0), RequestResult::Done);
     assert_eq!(
@@ -106,16 +106,16 @@ fn configuration_is_read_checked_and_guarded() {
 }
 
 #[test]
-fn dry_queue_slows_to_hold_and_resumes_only_when_asked() {
+fn an_empty_queue_holds_and_resumes_only_on_request() {
     let mut bench = default_bench();
     bench.sine(8.0, 6.0, 2.5);
     bench.run(2000);
     bench.motion = None;
     let ticks = bench.until(RigState::Hold, 120);
-    // 100 ms ahead less the low level of 30 ms.
+    // 100 ms ahead minus the low level of 30 ms.
     assert!((68..=74).contains(&ticks), "{ticks}");
     assert_eq!(bench.cause, Cause::QueueDry);
-    // The loop's integral part settles within some 0.4 s.
+    // The integral part of the servo loop settles within about 0.4 s.
     bench.run(400);
     let at = bench.rig.displacement_mm();
     bench.run(500);
@@ -127,7 +127,7 @@ fn dry_queue_slows_to_hold_and_resumes_only_when_asked() {
 }
 
 #[test]
-fn forgotten_hold_unloads() {
+fn a_hold_unloads_after_its_time_out() {
     let mut bench = default_bench();
     bench.hold_at(5.0);
     assert_eq!(bench.request(RequestCode::Hold, 0), RequestResult::Done);
@@ -154,7 +154,7 @@ fn last_slot_ends_a_motion_without_fault() {
     assert_eq!(bench.state, RigState::Running);
     bench.run(1500);
     assert_eq!((bench.state, bench.cause), (RigState::Armed, Cause::None));
-    // 2000 counts are 200 N; the value is kept, in force control.
+    // 2000 counts are 200 N; force control keeps the value.
     assert!(
         (bench.rig.force_n() - 200.0).abs() < 2.0,
         "{}",
@@ -172,27 +172,27 @@ fn second_session_is_refused_while_the_first_lives() {
     bench.hold_at(3.0);
     let first = bench.session;
     let counter = bench.counter(2);
-    bench.send(ToRig::Request {
+    bench.send(ToRig::Request(RequestMessage {
         counter,
         session: 9,
         code: RequestCode::OpenSession,
         argument: 0,
-    });
+    }));
     bench.run(2);
     assert_eq!(bench.ack, (counter, RequestResult::Busy));
     let counter = bench.counter(2);
-    bench.send(ToRig::Request {
+    bench.send(ToRig::Request(RequestMessage {
         counter,
         session: 9,
         code: RequestCode::Unload,
         argument: 0,
-    });
+    }));
     bench.run(2);
     assert_eq!(
         (bench.ack, bench.state),
         ((counter, RequestResult::Busy), RigState::Running)
     );
-    // The abort is open to all; so is the rig once the first session's lease is gone.
+    // Any host may abort, and open a session once the lease of the first one has lapsed.
     bench.send(ToRig::Nmt {
         command: NmtCommand::Stop,
         node: 1,
@@ -213,14 +213,14 @@ fn repeated_request_is_answered_but_not_done_again() {
     assert_eq!(bench.request(RequestCode::Resume, 0), RequestResult::Done);
     let (counter, session) = (bench.counters[2], bench.session);
     bench.hold_at(1.0);
-    bench.send(ToRig::Request {
+    bench.send(ToRig::Request(RequestMessage {
         counter,
         session,
         code: RequestCode::Resume,
         argument: 0,
-    });
+    }));
     bench.run(2);
-    // Done again it would be refused in Running.
+    // A second execution would be refused in Running.
     assert_eq!(
         (bench.ack, bench.state),
         ((counter, RequestResult::Done), RigState::Running)
@@ -228,15 +228,15 @@ fn repeated_request_is_answered_but_not_done_again() {
 }
 
 #[test]
-fn reboot_is_another_boot_without_motion() {
+fn a_reboot_has_another_boot_id_and_no_motion() {
     let mut bench = default_bench();
     bench.hold_at(5.0);
-    let before = bench.rig.firmware().identity.boot_id;
-    bench.rig.reboot();
+    let before = bench.rig.firmware.identity.boot_id;
+    bench.rig.firmware.reboot();
     (bench.tick, bench.motion) = (0, None);
     bench.run(200);
-    assert_eq!(bench.rig.firmware().state(), RigState::Off);
-    assert_ne!(bench.rig.firmware().identity.boot_id, before);
+    assert_eq!(bench.rig.state(), RigState::Off);
+    assert_ne!(bench.rig.firmware.identity.boot_id, before);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! The mock rig against a host of a few lines, in virtual time.
+//! The mock rig against a minimal host in virtual time.
 
 use std::f64::consts::TAU;
 
@@ -6,15 +6,37 @@ use super::*;
 use crate::link::loopback;
 use crate::model::equivalent::Equivalent;
 use crate::protocol::message::{
-    Cause, ConfigAbort, NmtCommand, NmtState, RequestCode, RequestResult, RigState, WireMode, next_counter,
-    object,
+    Cause, CommandMessage, ConfigAbort, LeaseMessage, NmtCommand, NmtState, RequestCode, RequestMessage,
+    RequestResult, RigState, WireMode, next_counter, object,
 };
+use crate::protocol::tick::TICK_S;
 
 mod faults;
 mod lifecycle;
 mod tracking;
 
-/// A bench with a host that keeps its lease and its queue, as long as it is told to.
+impl MockRig {
+    /// True displacement in mm.
+    fn displacement_mm(&self) -> f64 {
+        self.actuator.displacement_mm
+    }
+
+    /// True force of the specimen in N.
+    fn force_n(&self) -> f64 {
+        self.specimen_n
+    }
+
+    /// State of the firmware.
+    pub(crate) fn state(&self) -> RigState {
+        self.firmware.state
+    }
+
+    fn limits_crc(&self) -> u32 {
+        self.firmware.limits.crc32()
+    }
+}
+
+/// The rig and a host that renews its lease and fills the queue until a test stops it.
 struct TestRig {
     rig: MockRig,
     host: Link,
@@ -22,12 +44,12 @@ struct TestRig {
     tick: u64,
     session: u8,
     keeps_lease: bool,
+    /// Counters of lease, command and request.
     counters: [u8; 3],
-    /// Set point at a tick: counts, last.
-    #[allow(clippy::type_complexity)]
-    motion: Option<(WireMode, Box<dyn Fn(u64) -> Option<(i32, bool)>>)>,
+    motion: Option<(WireMode, Motion)>,
     sent_until: u64,
     received: Vec<FromRig>,
+    /// Tick, force in N and displacement in mm.
     samples: Vec<(u64, f64, f64)>,
     state: RigState,
     cause: Cause,
@@ -35,6 +57,10 @@ struct TestRig {
     queue_ms: u8,
 }
 
+/// Set point in counts at a tick, and whether it is the last; `None` after the end.
+type Motion = Box<dyn Fn(u64) -> Option<(i32, bool)>>;
+
+/// Commands are sent this many ticks ahead.
 const KEEP_AHEAD: u64 = 100;
 
 impl TestRig {
@@ -69,17 +95,25 @@ impl TestRig {
         self.counters[stream]
     }
 
-    /// One millisecond.
+    /// One tick of host and rig.
     fn step(&mut self) {
         if self.keeps_lease && self.tick.is_multiple_of(10) {
-            let counter = self.counter(0);
-            let (session, control_tick) = (self.session, self.tick as u16);
-            self.send(ToRig::Lease {
-                counter,
-                session,
-                control_tick,
-            });
+            let lease = LeaseMessage {
+                counter: self.counter(0),
+                session: self.session,
+                control_tick: self.tick as u16,
+            };
+            self.send(ToRig::Lease(lease));
         }
+        self.fill_queue();
+        self.rig.tick(&mut self.rig_link);
+        self.tick += 1;
+        while let Some(frame) = self.host.receive() {
+            self.take(FromRig::decode(&frame, 1).expect("the rig sends valid frames"));
+        }
+    }
+
+    fn fill_queue(&mut self) {
         while let Some((mode, motion)) = &self.motion {
             let (mode, tick) = (*mode, self.sent_until.max(self.tick + 1) + 1);
             if tick > self.tick + KEEP_AHEAD {
@@ -88,50 +122,34 @@ impl TestRig {
             let Some((counts, last)) = motion(tick) else {
                 break;
             };
-            let counter = self.counter(1);
-            let (session, due) = (self.session, tick as u16);
-            self.send(ToRig::Command {
-                counter,
-                session,
-                tick: due,
+            let command = CommandMessage {
+                counter: self.counter(1),
+                session: self.session,
+                tick: tick as u16,
                 mode,
                 counts,
                 last,
-            });
+            };
+            self.send(ToRig::Command(command));
             self.sent_until = tick;
         }
-        self.rig.tick(&mut self.rig_link);
-        self.tick += 1;
-        while let Some(arrival) = self.host.receive() {
-            let message = FromRig::decode(&arrival.frame, 1).expect("the rig sends what can be read");
-            match message {
-                FromRig::Sample {
-                    tick,
-                    force_counts,
-                    displacement_counts,
-                    ..
-                } => {
-                    assert_eq!(tick, self.tick as u16);
-                    let force_n = f64::from(force_counts) * FORCE_N_PER_COUNT;
-                    self.samples.push((
-                        self.tick,
-                        force_n,
-                        f64::from(displacement_counts) * DISPLACEMENT_MM_PER_COUNT,
-                    ));
-                }
-                FromRig::Status {
-                    state,
-                    cause,
-                    ack_counter,
-                    ack_result,
-                    queue_ms,
-                    ..
-                } => {
-                    (self.state, self.cause, self.queue_ms) = (state, cause, queue_ms);
-                    self.ack = (ack_counter, ack_result);
-                }
-                other => self.received.push(other),
+    }
+
+    fn take(&mut self, message: FromRig) {
+        match message {
+            FromRig::Sample(sample) => {
+                assert_eq!(sample.tick, self.tick as u16);
+                self.samples.push((
+                    self.tick,
+                    f64::from(sample.force_counts) * FORCE_N_PER_COUNT,
+                    f64::from(sample.displacement_counts) * DISPLACEMENT_MM_PER_COUNT,
+                ));
             }
+            FromRig::Status(status) => {
+                (self.state, self.cause, self.queue_ms) = (status.state, status.cause, status.queue_ms);
+                self.ack = (status.ack_counter, status.ack_result);
+            }
+            other => self.received.push(other),
         }
     }
 
@@ -141,7 +159,7 @@ impl TestRig {
         }
     }
 
-    /// Ticks until `state`, at most `most`.
+    /// Number of ticks until `state`, at most `most`.
     fn until(&mut self, state: RigState, most: u64) -> u64 {
         (1..=most)
             .find(|_| {
@@ -154,12 +172,12 @@ impl TestRig {
     fn request(&mut self, code: RequestCode, argument: u32) -> RequestResult {
         let counter = self.counter(2);
         let session = self.session;
-        self.send(ToRig::Request {
+        self.send(ToRig::Request(RequestMessage {
             counter,
             session,
             code,
             argument,
-        });
+        }));
         self.run(2);
         assert_eq!(self.ack.0, counter, "acknowledged");
         self.ack.1
@@ -173,7 +191,7 @@ impl TestRig {
             node: 0,
         });
         assert_eq!(bench.request(RequestCode::OpenSession, 0), RequestResult::Done);
-        let crc = bench.rig.firmware().limits.crc32();
+        let crc = bench.rig.limits_crc();
         assert_eq!(bench.request(RequestCode::Arm, crc), RequestResult::Done);
         bench.run(400);
         assert_eq!(bench.state, RigState::Armed);
@@ -186,7 +204,7 @@ impl TestRig {
         self.motion = Some((
             WireMode::Displacement,
             Box::new(move |tick| {
-                let t = (tick - start) as f64 * 1e-3;
+                let t = (tick - start) as f64 * TICK_S;
                 let taper = 0.5 - 0.5 * (TAU * 0.5 * t.min(1.0)).cos();
                 let x = taper * (mean_mm + amplitude_mm * (TAU * hz * (t - 1.0)).sin());
                 Some(((x / DISPLACEMENT_MM_PER_COUNT).round() as i32, false))
@@ -200,7 +218,7 @@ impl TestRig {
         self.motion = Some((
             WireMode::Displacement,
             Box::new(move |tick| {
-                let part = ((tick - start) as f64 * 1e-3).min(1.0);
+                let part = ((tick - start) as f64 * TICK_S).min(1.0);
                 let x = from + (mm - from) * (0.5 - 0.5 * (TAU * 0.5 * part).cos());
                 Some(((x / DISPLACEMENT_MM_PER_COUNT).round() as i32, false))
             }),
@@ -211,7 +229,7 @@ impl TestRig {
 
     fn emergencies(&self) -> Vec<Cause> {
         let cause = |message: &FromRig| match message {
-            FromRig::Emergency { cause, .. } => Some(*cause),
+            FromRig::Emergency(emergency) => Some(emergency.cause),
             _ => None,
         };
         self.received.iter().filter_map(cause).collect()

@@ -1,0 +1,93 @@
+//! Begin and end of a run: from the armed rig to the closed recording.
+
+use super::{Activity, Channels, Rig, Run, Turn};
+use crate::protocol::message::RequestCode;
+use crate::recording::{Ending, EventKind};
+use crate::units::Mode;
+
+impl Rig {
+    /// Begins the ordered run. Its time starts when the first command is due. It starts from the mean of the window if the rig
+    /// is still, else from the newest reading.
+    pub(super) fn begin_run(&mut self, tick: u64, turn: &mut Turn) {
+        let Activity::Arming(order) = std::mem::replace(&mut self.activity, Activity::Idle) else {
+            return;
+        };
+        let mut order = *order;
+        order.header.firmware = self.session.identity();
+        order.header.force_channel = self.channels.force;
+        order.header.displacement_channel = self.channels.displacement;
+        let level = self.start_level(order.profile.mode);
+        match Run::new(order, level, tick + self.lead_ticks) {
+            Ok(run) => {
+                turn.recorder.begin(&run.header);
+                let text = format!(
+                    "run {} of profile {} starts",
+                    run.header.run_id, run.header.profile_name
+                );
+                self.detectors.begin_run(turn.now_ns);
+                self.activity = Activity::Running(Box::new(run));
+                self.event(turn, EventKind::Start, text);
+            }
+            Err(error) => {
+                self.notice = error.to_string();
+                self.activity = Activity::Unloading;
+                self.next_request = Some(RequestCode::Unload);
+            }
+        }
+    }
+
+    fn start_level(&self, mode: Mode) -> f64 {
+        match (self.stillness.measure(), &self.reading, mode) {
+            (Some(still), _, Mode::Force) => still.force_n,
+            (Some(still), _, Mode::Displacement) => still.displacement_mm,
+            (None, Some(reading), _) => Channels::feedback(mode, reading),
+            (None, None, _) => 0.0,
+        }
+    }
+
+    /// Closes the run as completed if `tick` is the last one of its profile, and asks the rig to unload.
+    pub(super) fn finish_run_at(&mut self, tick: u64, turn: &mut Turn) {
+        let Activity::Running(run) = &self.activity else {
+            return;
+        };
+        if run.is_finished(tick) && !run.is_held() {
+            self.close_run(Ending::Completed, "", turn);
+            self.activity = Activity::Unloading;
+            self.next_request = Some(RequestCode::Unload);
+        }
+    }
+
+    /// Ends the profile; recording goes on until the rig is unloaded.
+    pub(super) fn stop_run(&mut self, ending: Ending, cause: String, now_ns: u64) {
+        if let Activity::Running(run) = std::mem::replace(&mut self.activity, Activity::Idle) {
+            self.notice.clone_from(&cause);
+            self.activity = Activity::Stopping {
+                run,
+                ending,
+                cause,
+                since_ns: now_ns,
+            };
+        }
+    }
+
+    /// Closes the recording of a run that was stopped.
+    pub(super) fn close_stopped_run(&mut self, turn: &mut Turn) {
+        if let Activity::Stopping { ending, cause, .. } = &mut self.activity {
+            let (ending, cause) = (*ending, std::mem::take(cause));
+            self.close_run(ending, &cause, turn);
+        }
+    }
+
+    /// Ends the recording of the run under way. An empty cause means that the run is completed.
+    pub(super) fn close_run(&mut self, ending: Ending, cause: &str, turn: &mut Turn) {
+        let text = if cause.is_empty() { "run completed" } else { cause };
+        self.event(turn, EventKind::End, text.to_owned());
+        if let Activity::Running(run) | Activity::Stopping { run, .. } = &self.activity {
+            turn.recorder.end(&run.outcome(ending, cause));
+        }
+        if !cause.is_empty() {
+            self.notice = cause.to_owned();
+        }
+        self.activity = Activity::Idle;
+    }
+}
