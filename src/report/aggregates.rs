@@ -198,6 +198,8 @@ fn plot(d: &AggregateDiagnosis) -> String {
         }
     }
     Plot {
+        title: "",
+        legend: false,
         x_label: &d.columns[0],
         y_label: &d.columns[1],
         curves: &curves,

@@ -93,6 +93,8 @@ fn loop_plot(curve: &Curve, model_n: &[f64], ink: Ink) -> String {
         line(points(model_n), ink),
     ];
     Plot {
+        title: "",
+        legend: false,
         x_label: "displacement in mm",
         y_label: "force in N",
         curves: &curves,
@@ -154,6 +156,8 @@ fn map_plot(map: &Map, d: &Diagnosis) -> String {
         .map(|l| (l.from, l.to))
         .collect();
     Plot {
+        title: "",
+        legend: false,
         x_label: axis_label(map.axis),
         y_label: "residual in N",
         curves: &curves,
