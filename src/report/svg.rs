@@ -1,6 +1,7 @@
 //! Plots as SVG text: curves over one pair of axes, with title and legend on request. The background is transparent and
 //! the colours are readable on white and on near black.
 
+use maud::html;
 use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
@@ -128,13 +129,10 @@ impl Plot<'_> {
     pub(crate) fn render(&self) -> String {
         let mut text = String::new();
         // Drawing into a string does not fail. If it ever does, the page shows the error and stays usable.
-        let failure = self.draw(&mut text).err().map(|error| format!("{error:?}"));
-        failure.map_or(text, |error| {
-            format!(
-                "<p>This plot could not be drawn: {}</p>",
-                super::html::escape(&error)
-            )
-        })
+        match self.draw(&mut text).map_err(|error| format!("{error:?}")) {
+            Ok(()) => text,
+            Err(error) => html! { p { "This plot could not be drawn: " (error) } }.into_string(),
+        }
     }
 
     fn draw<'t>(&self, text: &'t mut String) -> Drawn<'t, ()> {
