@@ -8,8 +8,7 @@ use super::html::legend;
 use super::svg::{HALF, Ink, Plot, PlotCurve};
 use crate::diagnose::diagnosis::{Axis, Curve, Diagnosis, Map};
 
-/// The first screen: the loop with the largest baseline error, and the residuals over the axis on which the difference was
-/// located.
+/// The first screen: the loop with the largest baseline error, and the residuals over the first axis with a located region.
 pub(super) fn at_a_glance(d: &Diagnosis) -> Markup {
     let worst = d
         .curves
