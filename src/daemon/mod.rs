@@ -7,7 +7,8 @@
 //! | file | subject |
 //! |---|---|
 //! | `client_types` | requests and answers |
-//! | `library`, `store`, `header`, `live`, `backlog` | profiles, run files, header of a recording, samples for viewers, speed of the recording thread |
+//! | `library`, `store`, `header` | profiles, run files, header of a recording |
+//! | `live`, `backlog` | samples for the live view, samples that wait for the recording thread |
 //! | `error` | why the daemon or a request fails |
 //! | `lock`, `plan`, `csv_download`, `guard` | one daemon per rig, check of a profile, export, protection from other web pages |
 //! | `newest_run`, `state` | what the handlers and the runs share |

@@ -160,8 +160,8 @@ fn errors(d: &Diagnosis) -> Markup {
                 th.n { "fitted" }
                 th.n { "held out" }
                 th.n { "held out / noise floor" }
-                th.n { "peak force" }
-                th.n { "loop energy" }
+                th.n { "peak force error" }
+                th.n { "loop energy error" }
             }
             @for rung in &d.fit.ladder {
                 tr {
@@ -189,7 +189,7 @@ fn candidates(d: &Diagnosis) -> Markup {
             table {
                 tr { th { "Added to the baseline" } th.n { "gain" } th.n { "held out" } th {} }
                 @for c in shown(&d.candidates) {
-                    tr.chosen[c.chosen] {
+                    tr class=[c.chosen.then_some("chosen")] {
                         td { (codes(c)) }
                         td.n { (format!("{:.0}", c.gain)) }
                         td.n { (format!("{:.0}", c.gain_heldout)) }

@@ -53,8 +53,8 @@ press("resume", () => ask("api/resume", {}));
 press("reset", () => ask("api/reset", {}));
 press("tare", async () => {
   const t = await ask("api/tare", {});
-  say(`Tare: zero of force ${t.force_old_n.toFixed(1)} \u2192 ${t.force_new_n.toFixed(1)} N, ` +
-    `zero of displacement ${t.displacement_old_mm.toFixed(3)} \u2192 ${t.displacement_new_mm.toFixed(3)} mm.`, true);
+  say(`New tare: force ${t.force_old_n.toFixed(1)} \u2192 ${t.force_new_n.toFixed(1)} N, ` +
+    `displacement ${t.displacement_old_mm.toFixed(3)} \u2192 ${t.displacement_new_mm.toFixed(3)} mm.`, true);
 });
 press("run", () => start({ profile: $("profile").value }));
 

@@ -5,8 +5,8 @@ const style = name => getComputedStyle(document.documentElement).getPropertyValu
 
 // The step of 1, 2 or 5 times a power of ten that divides `span` into about `count` parts.
 function roundStep(span, count) {
-  const rough = span / count, power = 10 ** Math.floor(Math.log10(rough)), share = rough / power;
-  return power * (share < 1.5 ? 1 : share < 3.5 ? 2 : share < 7.5 ? 5 : 10);
+  const rough = span / count, power = 10 ** Math.floor(Math.log10(rough)), mantissa = rough / power;
+  return power * (mantissa < 1.5 ? 1 : mantissa < 3.5 ? 2 : mantissa < 7.5 ? 5 : 10);
 }
 
 function rangeOf(columns, least) {
