@@ -314,11 +314,11 @@ fn a_doc_comment_says_more_than_two_words() {
             let text = read(&file);
             let lines: Vec<&str> = text.lines().map(str::trim_start).collect();
             for (i, line) in lines.iter().enumerate() {
-                let Some(words) = line.strip_prefix("///") else { continue };
-                let alone = |j: Option<usize>| {
-                    j.and_then(|j| lines.get(j))
-                        .is_none_or(|l| !l.starts_with("///"))
+                let Some(words) = line.strip_prefix("///") else {
+                    continue;
                 };
+                let alone =
+                    |j: Option<usize>| j.and_then(|j| lines.get(j)).is_none_or(|l| !l.starts_with("///"));
                 let count = words.split_whitespace().count();
                 if count > 0 && count < FEWEST_DOC_WORDS && alone(i.checked_sub(1)) && alone(Some(i + 1)) {
                     empty.push(format!("{}:{}: {line}", shown(&file), i + 1));
@@ -326,7 +326,11 @@ fn a_doc_comment_says_more_than_two_words() {
             }
         }
     }
-    assert!(empty.is_empty(), "say what it is, or remove:\n{}", empty.join("\n"));
+    assert!(
+        empty.is_empty(),
+        "say what it is, or remove:\n{}",
+        empty.join("\n")
+    );
 }
 
 /// Pages named in a text: `name.md`, with or without folders.
@@ -340,9 +344,9 @@ fn pages_cited(text: &str) -> Vec<String> {
                 .is_none_or(|c| !c.is_alphanumeric() && c != '_')
         })
         .map(|(at, _)| {
-            let start = text[..at].rfind(|c| !letter(c)).map_or(0, |i| {
-                i + text[i..].chars().next().map_or(1, char::len_utf8)
-            });
+            let start = text[..at]
+                .rfind(|c| !letter(c))
+                .map_or(0, |i| i + text[i..].chars().next().map_or(1, char::len_utf8));
             text[start..at + 3].to_owned()
         })
         .filter(|page| page.len() > 3 && !page.starts_with('.'))
@@ -355,7 +359,13 @@ fn readable_files() -> Vec<PathBuf> {
     for folder in ["src", "tests", "benches", "examples", "bench-configs", "docs"] {
         all.extend(files(folder, &["rs", "md", "toml", "py", "html", "js", "css"]));
     }
-    for name in ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "firmware-protocol.md", "Cargo.toml"] {
+    for name in [
+        "README.md",
+        "CONTRIBUTING.md",
+        "CHANGELOG.md",
+        "firmware-protocol.md",
+        "Cargo.toml",
+    ] {
         all.push(root().join(name));
     }
     // This file names what it forbids.
@@ -384,9 +394,9 @@ fn every_page_that_is_cited_is_there() {
             }
             for phrase in ["the card", "the issue"] {
                 let lower = line.to_lowercase();
-                let found = lower.match_indices(phrase).any(|(at, _)| {
-                    !lower[at + phrase.len()..].starts_with(|c: char| c.is_alphanumeric())
-                });
+                let found = lower
+                    .match_indices(phrase)
+                    .any(|(at, _)| !lower[at + phrase.len()..].starts_with(|c: char| c.is_alphanumeric()));
                 if found {
                     missing.push(format!("{} cites \"{phrase}\", which no reader has", place()));
                 }

@@ -296,7 +296,7 @@ fn a_stop_unloads_and_keeps_the_data() {
     assert_eq!(outcome.samples as usize, m.samples.len());
     let last = m.samples.last().expect("there are samples");
     assert!(
-        last.force_n.abs() < 30.0 && last.flags.has(Flags::NOT_PROFILE),
+        last.force_n.abs() < 30.0 && last.flags.contains(Flags::NOT_PROFILE),
         "{last:?}"
     );
     // A ramp, not a step: never faster than the sine itself (63 mm/s) by more than half.
@@ -331,7 +331,7 @@ fn hold_and_resume_finish_all_cycles() {
         let counted = m
             .samples
             .iter()
-            .filter(|s| s.cycle == cycle && !s.flags.has(Flags::NOT_PROFILE))
+            .filter(|s| s.cycle == cycle && !s.flags.contains(Flags::NOT_PROFILE))
             .count();
         assert!(counted >= 1000, "cycle {cycle} has {counted} samples");
     }
@@ -365,7 +365,7 @@ fn lost_samples_are_a_gap_in_the_record_and_close_the_account() {
     let gap = m
         .samples
         .iter()
-        .position(|s| s.flags.has(Flags::AFTER_GAP))
+        .position(|s| s.flags.contains(Flags::AFTER_GAP))
         .expect("a sample is flagged");
     assert_eq!(m.samples[gap].tick - m.samples[gap - 1].tick, 2);
     bench

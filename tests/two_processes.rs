@@ -75,7 +75,7 @@ fn run_profile(daemon: &Daemon, profile: &str, cycles: u32, samples_at_least: us
             samples.windows(2).all(|w| w[1].tick == w[0].tick + 1),
             "no tick is missing"
         );
-        assert!(samples.iter().all(|s| !s.flags.has(Flags::AFTER_GAP)));
+        assert!(samples.iter().all(|s| !s.flags.contains(Flags::AFTER_GAP)));
         let with_twin = samples.iter().filter(|s| s.twin_force_n.is_some()).count();
         println!("{profile}: twin beside {with_twin} of {} samples", samples.len());
         assert!(with_twin > 0, "the twin ran beside");

@@ -10,8 +10,8 @@ use clap::{Arg, ArgMatches};
 use super::client::{data_argument, named_data_folder};
 use super::{CliError, Command, Done, Output, local};
 use crate::config::Bench;
-use crate::daemon::claim::Claim;
 use crate::daemon::client_types::Endpoint;
+use crate::daemon::lock::DaemonLock;
 use crate::daemon::{self, DaemonSettings};
 use crate::link::priority::raise_this_thread;
 use crate::link::{self, Link, Side, loopback};
@@ -61,9 +61,9 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
             .unwrap_or(&bench.daemon.listen),
         bench: Arc::clone(&bench),
     };
-    let claim = Claim::take(&settings.data_folder, &settings.link_address)?;
+    let lock = DaemonLock::take(&settings.data_folder, &settings.link_address)?;
     let link = open_link(&settings.link_address, &bench)?;
-    daemon::serve(settings, claim, link, |endpoint| announce(endpoint, output))?;
+    daemon::serve(settings, lock, link, |endpoint| announce(endpoint, output))?;
     Ok(Done::Well)
 }
 

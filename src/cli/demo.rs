@@ -18,7 +18,7 @@ use crate::recording::export::{self, Selection};
 use crate::recording::metrics::{NrmseMeter, Range, loop_energy_j, secant_rate_n_per_mm};
 use crate::recording::run_file::{EXTENSION, RunFile, RunFileWriter};
 use crate::recording::{Ending, Sample};
-use crate::report::html::{LoopPage, Section};
+use crate::report::loops::{LoopPage, Section};
 use crate::report::svg::{PlotCurve, xy_plot};
 use crate::twin::Twin;
 

@@ -136,7 +136,7 @@ pub fn main() -> ExitCode {
 
 /// The whole chain of causes, outermost first.
 fn report(error: &CliError, output: Output) {
-    let text = crate::daemon::api::chain(error);
+    let text = crate::daemon::chain(error);
     let mut stderr = std::io::stderr().lock();
     let _ = match output.json {
         true => writeln!(stderr, "{}", serde_json::json!({ "error": text })),

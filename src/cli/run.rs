@@ -9,7 +9,6 @@ use clap::{Arg, ArgMatches};
 use super::client::{Client, data_argument};
 use super::progress::{Progress, ProgressMark};
 use super::{CliError, Command, Done, Output};
-use crate::daemon::api::is_over;
 use crate::daemon::client_types::{Accepted, RunProgress, RunState, StartRun, Started, Status, StopRequest};
 
 /// The daemon is asked this often.
@@ -132,7 +131,7 @@ pub(super) fn wait(
                 "the daemon has gone on from run {run_id}: see `leafbench runs`"
             )));
         };
-        if is_over(&run) {
+        if run.is_over() {
             if let Some(progress) = progress {
                 progress.finish();
             }

@@ -2,7 +2,6 @@
 
 use super::client::{data_argument, data_folder};
 use super::{Command, Done};
-use crate::daemon::api::summary;
 use crate::daemon::client_types::RunSummary;
 use crate::daemon::store::Store;
 
@@ -14,7 +13,11 @@ pub(super) const COMMAND: Command = Command {
     run: |matches, output| {
         let folder = data_folder(matches);
         let runs: Vec<RunSummary> = match folder.is_dir() {
-            true => Store::new(&folder).list()?.into_iter().map(summary).collect(),
+            true => Store::new(&folder)
+                .list()?
+                .into_iter()
+                .map(RunSummary::from)
+                .collect(),
             false => Vec::new(),
         };
         output.result(&runs, || text(&runs))?;

@@ -161,7 +161,7 @@ mod tests {
     #[test]
     fn an_open_sensor_is_flagged_and_a_command_out_of_range_is_limited() {
         let r = channels().reading(COUNTS_INVALID, 5);
-        assert!(r.flags.has(Flags::FORCE_INVALID) && !r.flags.has(Flags::DISPLACEMENT_INVALID));
+        assert!(r.flags.contains(Flags::FORCE_INVALID) && !r.flags.contains(Flags::DISPLACEMENT_INVALID));
         assert_eq!(channels().command_counts(Command::Force(1e9)), COUNTS_MAX);
     }
 

@@ -87,10 +87,10 @@ impl Rig {
             _ => return Err(Refusal::Busy(self.status().run_id.unwrap_or_default())),
         }
         let reading = self.reading.ok_or_else(|| self.not_connected())?;
-        if reading.flags.has(Flags::FORCE_INVALID) {
+        if reading.flags.contains(Flags::FORCE_INVALID) {
             return Err(Refusal::Sensor("the load cell"));
         }
-        if reading.flags.has(Flags::DISPLACEMENT_INVALID) {
+        if reading.flags.contains(Flags::DISPLACEMENT_INVALID) {
             return Err(Refusal::Sensor("the LVDT"));
         }
         self.notice.clear();

@@ -1,14 +1,16 @@
-//! Counts what control records and what the recording thread has taken up: a twin that is behind leaves its column empty.
+//! Counts the samples that control has recorded and those that the recording thread has taken. The difference is the
+//! backlog. While it is long the twin is skipped and its column stays empty.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::recording::{Event, Header, Outcome, Recorder, Sample};
 
-/// Samples that may wait before the twin is left out: half a second, of the minute that the ring holds.
-const BEHIND_SAMPLES: u64 = 500;
+/// A backlog longer than this skips the twin: half a second of samples. The ring holds more than a minute.
+const LONG_SAMPLES: u64 = SAMPLE_RATE_HZ as u64 / 2;
 
-/// Both counts.
+/// Samples that wait between control and the recording thread. Clones share the counts.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Backlog {
     recorded: Arc<AtomicU64>,
@@ -16,30 +18,30 @@ pub(super) struct Backlog {
 }
 
 impl Backlog {
-    /// To stand before the ring, in control.
-    pub(super) fn before<R: Recorder>(&self, next: R) -> Counted<R> {
+    /// Counts the samples that control puts into `next`, the ring.
+    pub(super) fn count_recorded<R: Recorder>(&self, next: R) -> Counted<R> {
         Counted {
             next,
             count: Arc::clone(&self.recorded),
         }
     }
 
-    /// To stand behind the ring, in the recording thread.
-    pub(super) fn behind<R: Recorder>(&self, next: R) -> Counted<R> {
+    /// Counts the samples that the recording thread takes from the ring and gives to `next`.
+    pub(super) fn count_taken<R: Recorder>(&self, next: R) -> Counted<R> {
         Counted {
             next,
             count: Arc::clone(&self.taken),
         }
     }
 
-    /// Samples pile up.
+    /// More than half a second of samples waits.
     pub(super) fn is_long(&self) -> bool {
         let taken = self.taken.load(Ordering::Relaxed);
-        self.recorded.load(Ordering::Relaxed).saturating_sub(taken) > BEHIND_SAMPLES
+        self.recorded.load(Ordering::Relaxed).saturating_sub(taken) > LONG_SAMPLES
     }
 }
 
-/// Counts the samples that pass.
+/// A recorder that counts the samples it passes on to `next`.
 pub(super) struct Counted<R> {
     next: R,
     count: Arc<AtomicU64>,

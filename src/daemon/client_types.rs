@@ -1,26 +1,28 @@
-//! What travels over the HTTP interface, for the daemon, the command line and the API description alike.
+//! The requests and answers of the HTTP interface, for the daemon, the command line and the API description.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::control::RigStatus;
 use crate::control::realtime::LoopHealth;
+use crate::recording::Ending;
+use crate::recording::run_file::RunListing;
 
-/// Where a daemon listens; the content of `daemon.json`.
+/// Where a daemon listens: the content of `daemon.json`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Endpoint {
-    /// `http://127.0.0.1:PORT`.
+    /// Address of the page and the interface, such as `http://127.0.0.1:8000`.
     pub url: String,
-    /// Its process.
+    /// Process id of the daemon.
     pub pid: u32,
 }
 
 /// Why a request failed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct Failure {
-    /// What is wrong, and where.
+    /// What is wrong and where.
     pub error: String,
-    /// What to do, where it is not in `error`.
+    /// What to do, if `error` does not say it.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub what_to_do: String,
 }
@@ -30,23 +32,23 @@ pub(crate) struct Failure {
 pub(crate) struct Status {
     /// Version of leafbench.
     pub version: String,
-    /// Bench config's name.
+    /// Name of the bench config.
     pub bench: String,
     /// Address of the link.
     pub link: String,
-    /// The link is open.
+    /// Whether the link is open.
     pub link_open: bool,
     /// Folder of the run files.
     pub data_folder: String,
-    /// Model of the twin; empty where it is off.
+    /// Model of the twin; empty if the twin is off.
     pub twin: String,
-    /// What keeps control from its full precision, one sentence each.
+    /// What makes the timing of the control loop worse than specified, one sentence each.
     pub degraded: Vec<String>,
-    /// Rig and control.
+    /// State of the rig and of the run under way.
     pub rig: RigStatus,
-    /// The control loop.
+    /// Timing of the control loop.
     pub control_loop: LoopHealth,
-    /// The run under way, or the newest of this daemon.
+    /// The run under way, or the newest run of this daemon.
     pub run: Option<RunProgress>,
 }
 
@@ -58,52 +60,75 @@ pub(crate) enum RunState {
     Arming,
     /// Samples are being recorded.
     Running,
-    /// It is over and its file closed.
+    /// The run is over and its file is closed.
     Ended,
-    /// The rig did not arm: nothing was recorded.
+    /// The rig did not arm, so nothing was recorded.
     NeverStarted,
 }
 
 /// A run of this daemon.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct RunProgress {
-    /// Id.
+    /// Id of the run.
     pub run_id: String,
-    /// Profile's name.
+    /// Name of the profile.
     pub profile: String,
-    /// How far.
+    /// How far the run is.
     pub state: RunState,
     /// `completed`, `stopped` or `aborted`, once it is over.
     pub ending: Option<String>,
-    /// Why it ended; empty where completed.
+    /// Why the run ended; empty if it completed.
     pub cause: String,
-    /// Samples recorded, once it is over.
+    /// Number of recorded samples, once it is over.
     pub samples: u64,
-    /// Samples missing, once it is over.
+    /// Number of missing samples, once it is over.
     pub lost: u64,
-    /// Counted cycles completed, once it is over.
+    /// Number of completed counted cycles, once it is over.
     pub cycles_completed: u32,
-    /// Why the run file could not be written; empty where all is well.
+    /// Why the run file could not be written; empty if it was written.
     pub disk_problem: String,
-    /// Where twin and measurement part, as last told; empty where they agree.
+    /// The last report of where twin and measurement differ; empty if they agree.
     #[serde(default)]
     pub model_mismatch: String,
+}
+
+impl RunProgress {
+    /// A run that is about to start.
+    pub(super) fn arming(run_id: String, profile: String) -> RunProgress {
+        RunProgress {
+            run_id,
+            profile,
+            state: RunState::Arming,
+            ending: None,
+            cause: String::new(),
+            samples: 0,
+            lost: 0,
+            cycles_completed: 0,
+            disk_problem: String::new(),
+            model_mismatch: String::new(),
+        }
+    }
+
+    /// The run has ended, or did not start at all.
+    pub(crate) fn is_over(&self) -> bool {
+        matches!(self.state, RunState::Ended | RunState::NeverStarted)
+    }
 }
 
 /// What to run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct StartRun {
-    /// Name of a profile, or a profile file's text. May be left out where a run is resumed.
+    /// Name of a profile, or the text of a profile file. May be left out if a run is resumed.
     #[serde(default)]
     pub profile: Option<String>,
-    /// Specimen; the bench's where left out.
+    /// Name of the specimen. Without it, the specimen of the bench config.
     #[serde(default)]
     pub specimen: Option<String>,
-    /// Operator.
+    /// Name of the operator, for the header of the recording.
     #[serde(default)]
     pub operator: Option<String>,
-    /// Run to go on with at the cycle after its last complete one.
+    /// Id of a run to resume. The new run begins at the cycle after the last complete one.
     #[serde(default)]
     pub resume_run: Option<String>,
 }
@@ -112,21 +137,21 @@ pub(crate) struct StartRun {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PlanRequest {
-    /// Name of a profile, or a profile file's text.
+    /// Name of a profile, or the text of a profile file.
     pub profile: String,
 }
 
 /// A run that was started.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct Started {
-    /// Its id.
+    /// Id of the new run.
     pub run_id: String,
 }
 
-/// A request was taken.
+/// The answer to a request that was accepted.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct Accepted {
-    /// What happens now.
+    /// What happens next.
     pub message: String,
 }
 
@@ -134,12 +159,12 @@ pub(crate) struct Accepted {
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct StopRequest {
-    /// Who or what asks; goes into the run's cause.
+    /// Why the run is stopped: becomes the cause of the run's end.
     #[serde(default)]
     pub reason: Option<String>,
 }
 
-/// No particulars: `{}`.
+/// A request without content: `{}`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Nothing {}
@@ -147,37 +172,67 @@ pub(crate) struct Nothing {}
 /// A recorded run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct RunSummary {
-    /// Id.
+    /// Id of the run.
     pub run_id: String,
-    /// Start, UTC, RFC 3339.
+    /// Start in UTC, RFC 3339.
     pub started_utc: String,
-    /// Profile's name.
+    /// Name of the profile.
     pub profile: String,
-    /// Specimen's name.
+    /// Name of the specimen.
     pub specimen: String,
-    /// Samples in the file.
+    /// Number of samples in the file.
     pub samples: u64,
-    /// Samples missing.
+    /// Number of missing samples.
     pub lost: u64,
-    /// Counted cycles completed.
+    /// Number of completed counted cycles.
     pub cycles_completed: u32,
-    /// `completed`, `stopped`, `aborted`, or `open` while it lasts.
+    /// `completed`, `stopped`, `aborted`, or `open` while the run lasts.
     pub ending: String,
-    /// Why it ended; empty where completed.
+    /// Why the run ended; empty if it completed.
     pub cause: String,
-    /// Why the file cannot be read; empty where it can.
+    /// Why the file cannot be read; empty if it can be read.
     pub problem: String,
 }
 
-/// A recorded run with its particulars.
+impl From<RunListing> for RunSummary {
+    fn from(run: RunListing) -> RunSummary {
+        let (ending, cause) = match &run.outcome {
+            Some(outcome) => (ending_word(outcome.ending), outcome.cause.clone()),
+            None => ("open", String::new()),
+        };
+        RunSummary {
+            ending: ending.to_owned(),
+            cause,
+            run_id: run.run_id,
+            started_utc: run.started_utc,
+            profile: run.profile_name,
+            specimen: run.specimen,
+            samples: run.samples,
+            lost: run.lost,
+            cycles_completed: run.cycles_completed,
+            problem: run.problem,
+        }
+    }
+}
+
+/// The word for an ending in all answers.
+pub(super) fn ending_word(ending: Ending) -> &'static str {
+    match ending {
+        Ending::Completed => "completed",
+        Ending::Stopped => "stopped",
+        Ending::Aborted => "aborted",
+    }
+}
+
+/// A recorded run with its header and events.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct RunDetail {
-    /// As in the list.
+    /// The same as in the list of runs.
     pub summary: RunSummary,
-    /// Head of the recording.
+    /// Header of the recording.
     #[schema(value_type = Object)]
     pub header: serde_json::Value,
-    /// Events in order.
+    /// Events in the order of time.
     #[schema(value_type = Vec<Object>)]
     pub events: Vec<serde_json::Value>,
 }
@@ -185,14 +240,14 @@ pub(crate) struct RunDetail {
 /// A profile that can be started by name.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct ProfileSummary {
-    /// Name.
+    /// Name of the profile.
     pub name: String,
-    /// One sentence.
+    /// The description from the profile file.
     pub description: String,
-    /// Length in s.
+    /// Duration in s.
     pub duration_s: f64,
-    /// Counted cycles.
+    /// Number of counted cycles.
     pub cycles: u32,
-    /// Why it cannot be used; empty where it can.
+    /// Why the profile cannot be used; empty if it can be used.
     pub problem: String,
 }

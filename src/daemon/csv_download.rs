@@ -1,4 +1,4 @@
-//! A run as CSV over HTTP: exported whole into a file of its own first, so that what arrives is complete or fails visibly.
+//! A run as CSV over HTTP. The run is first exported to a temporary file, so that the download is complete or fails.
 
 use std::fs::File;
 use std::io::Read;
@@ -7,30 +7,30 @@ use axum::body::Body;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
-use super::api::ApiError;
+use super::error::ApiError;
 use super::store::Store;
 use crate::recording::export::{self, Selection};
 use crate::recording::run_file::RunFile;
 
-/// Bytes read and sent at a time.
-const CHUNK: usize = 64 * 1024;
+/// Size of the blocks that are read and sent.
+const BLOCK_BYTES: usize = 64 * 1024;
 
-/// Which part of the run; at most one of the three.
+/// The part of the run to export: at most one of the three.
 #[derive(Debug, Clone, Copy, Default, serde::Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-pub(super) struct Chunk {
-    /// One counted cycle.
+pub(super) struct CsvPart {
+    /// Number of one counted cycle.
     cycle: Option<u32>,
     /// The mean over the complete counted cycles.
     #[serde(default)]
     mean_loop: bool,
-    /// Every n-th tick.
+    /// Every n-th sample.
     every: Option<u64>,
 }
 
-impl Chunk {
-    /// The selection, and what to add to the file's name.
+impl CsvPart {
+    /// The selection, and the addition to the file name.
     fn selection(self) -> Option<(Selection, String)> {
         match (self.cycle, self.mean_loop, self.every) {
             (None, false, None) => Some((Selection::Whole, String::new())),
@@ -42,20 +42,20 @@ impl Chunk {
     }
 }
 
-/// A CSV that waits to be sent.
+/// A CSV that is ready to be sent.
 pub(super) struct Download {
     file: File,
     bytes: u64,
     name: String,
 }
 
-/// Exports the part into a file that has no name any more by the time it is sent.
-pub(super) fn prepare(store: &Store, run_id: &str, part: &Chunk) -> Result<Download, ApiError> {
+/// Exports the part to a temporary file. The file is deleted from its folder before it is sent, so that it cannot remain.
+pub(super) fn prepare(store: &Store, run_id: &str, part: &CsvPart) -> Result<Download, ApiError> {
     let (selection, suffix) = part.selection().ok_or_else(|| {
         ApiError::new(
             StatusCode::BAD_REQUEST,
-            "more than one part was asked for".to_owned(),
-            "give one of cycle, mean_loop and every".to_owned(),
+            "the request names more than one part of the run".to_owned(),
+            "give only one of cycle, mean_loop and every".to_owned(),
         )
     })?;
     let listing = store
@@ -75,12 +75,12 @@ pub(super) fn prepare(store: &Store, run_id: &str, part: &Chunk) -> Result<Downl
 fn scratch_failed(error: std::io::Error) -> ApiError {
     ApiError::new(
         StatusCode::INSUFFICIENT_STORAGE,
-        format!("the CSV cannot be made in the data folder: {error}"),
-        "check the disk's space".to_owned(),
+        format!("the CSV cannot be written to the data folder: {error}"),
+        "free space on the disk".to_owned(),
     )
 }
 
-/// A folder for one export; gone with this.
+/// The temporary folder of one export. Dropping it deletes the folder.
 struct Scratch(std::path::PathBuf);
 
 impl Scratch {
@@ -98,23 +98,23 @@ impl Scratch {
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        // What stays behind costs space and nothing else.
+        // A folder that cannot be deleted only takes space.
         let _ = std::fs::remove_dir_all(&self.0);
     }
 }
 
-/// Sends it in chunks, read on a thread that may wait for the disk.
+/// Sends the CSV in blocks. They are read on a thread that may wait for the disk.
 pub(super) fn stream(download: Download) -> Response {
     let (sender, receiver) = tokio::sync::mpsc::channel(4);
     let mut file = download.file;
     tokio::task::spawn_blocking(move || {
         let mut next = || -> std::io::Result<Option<Vec<u8>>> {
-            let mut chunk = vec![0; CHUNK];
-            let read = file.read(&mut chunk)?;
-            chunk.truncate(read);
-            Ok((read > 0).then_some(chunk))
+            let mut block = vec![0; BLOCK_BYTES];
+            let read = file.read(&mut block)?;
+            block.truncate(read);
+            Ok((read > 0).then_some(block))
         };
-        // Ends with the file, with a failure that the receiver hears of, or where whoever downloads has gone.
+        // Ends with the file, with a read error (the receiver gets it), or when the client disconnects.
         while let Some(item) = next().transpose() {
             let failed = item.is_err();
             if sender.blocking_send(item).is_err() || failed {
@@ -122,7 +122,7 @@ pub(super) fn stream(download: Download) -> Response {
             }
         }
     });
-    let chunks = futures_util::stream::unfold(receiver, |mut receiver| async move {
+    let blocks = futures_util::stream::unfold(receiver, |mut receiver| async move {
         receiver.recv().await.map(|item| (item, receiver))
     });
     let headers = [
@@ -133,7 +133,7 @@ pub(super) fn stream(download: Download) -> Response {
             format!("attachment; filename=\"{}\"", download.name),
         ),
     ];
-    (headers, Body::from_stream(chunks)).into_response()
+    (headers, Body::from_stream(blocks)).into_response()
 }
 
 #[cfg(test)]
@@ -141,9 +141,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn at_most_one_part_can_be_asked_for() {
+    fn at_most_one_part_can_be_selected() {
         let part = |cycle, mean_loop, every| {
-            Chunk {
+            CsvPart {
                 cycle,
                 mean_loop,
                 every,

@@ -1,5 +1,5 @@
-//! Keeps foreign web pages away from the rig: the daemon listens on loopback only, and a browser on the same machine
-//! would carry any page's request there. Requests must name us as host, come from our own page, and be JSON.
+//! Protects the rig from requests of other web pages. The daemon listens on loopback only, but a browser on the same
+//! computer sends requests of any page there. A request must have our address as host, come from our page, and be JSON.
 
 use std::net::SocketAddr;
 
@@ -8,17 +8,18 @@ use axum::http::{HeaderMap, HeaderName, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-use super::api::ApiError;
+use super::error::ApiError;
 
-/// Names under which this daemon answers.
+/// Checks the headers of every request.
 #[derive(Debug, Clone)]
-pub(crate) struct RequestGuard {
+pub(super) struct RequestGuard {
+    /// Host names with port under which this daemon answers.
     hosts: [String; 3],
 }
 
 impl RequestGuard {
-    /// For a daemon that listens at `address`.
-    pub(crate) fn new(address: SocketAddr) -> Self {
+    /// The guard of a daemon that listens on `address`.
+    pub(super) fn new(address: SocketAddr) -> Self {
         let port = address.port();
         RequestGuard {
             hosts: [
@@ -29,27 +30,27 @@ impl RequestGuard {
         }
     }
 
-    /// Why this request is not for us, if it is not.
+    /// The refusal of this request; `None` if it is allowed.
     fn refusal(&self, method: &Method, headers: &HeaderMap) -> Option<ApiError> {
         let forbidden = |what: &str| {
             Some(ApiError::new(
                 StatusCode::FORBIDDEN,
-                format!("this request {what}"),
-                format!("open http://{}/ itself on the bench's computer", self.hosts[0]),
+                what.to_owned(),
+                format!("open http://{}/ on the bench computer", self.hosts[0]),
             ))
         };
-        // A name that an attacker's DNS points at 127.0.0.1 shows here.
+        // DNS rebinding: an attacker's host name that resolves to 127.0.0.1 is refused here.
         if !text(headers, header::HOST).is_some_and(|host| self.hosts.iter().any(|h| h == host)) {
-            return forbidden("names another host than this daemon");
+            return forbidden("the request has another host than this daemon");
         }
-        // Programs send no origin; browsers do with every POST and every WebSocket.
+        // Browsers send the origin with every POST and every WebSocket; other programs send none.
         let origin = headers
             .get(header::ORIGIN)
             .map(|o| o.to_str().unwrap_or_default());
         if origin.is_some_and(|o| !self.hosts.iter().any(|h| o == format!("http://{h}"))) {
-            return forbidden("comes from another web page");
+            return forbidden("the request comes from another web page");
         }
-        // A form of a foreign page cannot send this type without asking first.
+        // A form of another page cannot send this type without a preflight request.
         let json = text(headers, header::CONTENT_TYPE).is_some_and(|t| {
             t.split(';')
                 .next()
@@ -70,7 +71,7 @@ impl RequestGuard {
 fn text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
     let mut values = headers.get_all(name).iter();
     let only = values.next()?;
-    // Two of one name: whoever sits in between may have read the other one.
+    // A header that occurs twice is refused: a proxy may have checked the other value.
     if values.next().is_some() {
         None
     } else {
@@ -78,8 +79,8 @@ fn text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
     }
 }
 
-/// The middleware: in front of everything, routing included.
-pub(crate) async fn check(State(guard): State<RequestGuard>, request: Request, next: Next) -> Response {
+/// Middleware in front of all routes: refuses a request, or adds the security headers to its answer.
+pub(super) async fn check(State(guard): State<RequestGuard>, request: Request, next: Next) -> Response {
     match guard.refusal(request.method(), request.headers()) {
         Some(refusal) => refusal.into_response(),
         None => {
@@ -117,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn hosts_and_origins_of_others_are_forbidden() {
+    fn other_hosts_and_origins_are_forbidden() {
         let host = (header::HOST, "127.0.0.1:8000");
         assert_eq!(refused(Method::GET, std::slice::from_ref(&host)), None);
         assert_eq!(refused(Method::GET, &[(header::HOST, "localhost:8000")]), None);

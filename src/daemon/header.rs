@@ -1,4 +1,4 @@
-//! The head of a recording, from bench and profile.
+//! Makes the header of a recording from bench and profile.
 
 use crate::config::Bench;
 use crate::profile::Profile;
@@ -8,13 +8,12 @@ use crate::recording::{FirmwareIdentity, Header};
 /// Length of a profile as it was planned.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Planned {
-    /// Counted cycles.
+    /// Number of counted cycles.
     pub cycles: u32,
-    /// Seconds.
     pub duration_s: f64,
 }
 
-/// A header for a run that begins at `now`. Control fills in the firmware and the scalings of the moment.
+/// The header of a run that begins at `now`. Control later adds the firmware and the channel scalings that are in use.
 pub(crate) fn new(
     run_id: String,
     now: jiff::Timestamp,

@@ -1,4 +1,4 @@
-//! The profiles that can be started by name: the files of one folder, looked up by name and never by path.
+//! The profiles that can be started by name: the files of one folder, found by name and never by path.
 
 use std::path::{Path, PathBuf};
 
@@ -6,26 +6,20 @@ use super::client_types::ProfileSummary;
 use crate::profile::{Player, Profile, ProfileError};
 use crate::protocol::message::SAMPLE_RATE_HZ;
 
-/// Why a profile cannot be had.
+/// Why a profile cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum LibraryError {
-    /// The folder of the profiles.
-    #[error("profiles folder {path} cannot be read: check --profiles")]
-    Folder {
-        /// Which.
-        path: PathBuf,
-        /// The system's own words.
-        source: std::io::Error,
-    },
-    /// No profile of this name.
-    #[error("no profile is called \"{name}\": there are {known}")]
+    #[error("the profiles folder {path} cannot be read: give the right folder with --profiles")]
+    Folder { path: PathBuf, source: std::io::Error },
+    #[error("profile {path} cannot be read: check the name and the permissions of the file")]
+    File { path: PathBuf, source: std::io::Error },
+    /// The folder has no profile with this name.
+    #[error("there is no profile \"{name}\": choose one of {known}")]
     Unknown {
-        /// As asked for.
         name: String,
-        /// What there is.
+        /// Names of the profiles in the folder, with commas between them.
         known: String,
     },
-    /// The file is there but cannot be used.
     #[error(transparent)]
     Profile(#[from] ProfileError),
 }
@@ -37,7 +31,8 @@ pub(crate) struct Library {
 }
 
 impl Library {
-    /// The files of `folder`, read anew whenever they are asked for: a technician edits one and starts it.
+    /// The library of the profile files in `folder`. Each request reads the files again, so that an edited profile can be
+    /// started without a restart of the daemon.
     pub(crate) fn open(folder: &Path) -> Result<Library, LibraryError> {
         let library = Library {
             folder: folder.to_owned(),
@@ -46,7 +41,7 @@ impl Library {
         Ok(library)
     }
 
-    /// A profile by name, or read from `text` where that is a whole file's.
+    /// A profile and the text of its file. `text` is the name of a profile, or the whole text of a profile file.
     pub(crate) fn find(&self, text: &str) -> Result<(Profile, String), LibraryError> {
         if text.contains(['\n', '=']) {
             return Ok((Profile::from_toml(text, "profile")?, text.to_owned()));
@@ -66,7 +61,7 @@ impl Library {
         read(path)
     }
 
-    /// All profiles with what they do.
+    /// All profiles of the folder, sorted by file name.
     pub(crate) fn list(&self) -> Result<Vec<ProfileSummary>, LibraryError> {
         Ok(self.files()?.iter().map(|path| summary(path)).collect())
     }
@@ -94,9 +89,9 @@ fn name_of(path: &Path) -> &str {
         .unwrap_or_default()
 }
 
-/// Reads one profile file; the text beside it is as it stands.
+/// Reads one profile file. Returns the profile and the text of the file.
 pub(crate) fn read(path: &Path) -> Result<(Profile, String), LibraryError> {
-    let text = std::fs::read_to_string(path).map_err(|source| LibraryError::Folder {
+    let text = std::fs::read_to_string(path).map_err(|source| LibraryError::File {
         path: path.to_owned(),
         source,
     })?;

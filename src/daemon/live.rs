@@ -1,6 +1,6 @@
-//! The live view of a run: a recorder at the end of the chain that thins the samples out and hands them to whoever
-//! watches. Each watcher has its own place in one bounded ring; one that is too slow loses the oldest, alone. A new one
-//! gets what the last seconds had, so that a page that is opened in mid-run shows a loop at once.
+//! The live view of a run: a recorder at the end of the chain thins out the samples and sends them to all viewers. Each
+//! viewer has its own position in one bounded ring: a slow viewer loses its oldest samples and does not affect the others.
+//! A new viewer first gets the samples of the last seconds, so that a page opened during a run shows a loop at once.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,42 +10,40 @@ use tokio::sync::broadcast;
 use crate::recording::{Event, Header, Outcome, Recorder, Sample};
 use crate::units::Mode;
 
-/// Points a second that a watcher gets: 80 on a loop at 2.5 Hz.
+/// Samples per second that a viewer gets: 80 for each loop at 2.5 Hz.
 const POINTS_PER_S: f64 = 200.0;
-/// Points that travel together: 25 messages a second.
+/// Samples in one message: 25 messages per second.
 const POINTS_A_BATCH: usize = 8;
-/// Batches that a watcher may lag behind: about 2.5 s.
+/// Batches that a viewer may lag behind: about 2.5 s.
 const RING_BATCHES: usize = 64;
-
-/// Batches that a new watcher gets: the last 20 s.
+/// Batches that a new viewer gets: the last 20 s.
 const RECENT_BATCHES: usize = 500;
 
-/// Thinned samples, columns of equal length.
+/// Thinned samples of one run, as columns of equal length.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
-pub(crate) struct Batch {
-    /// The run.
+pub(super) struct LiveBatch {
     pub run_id: String,
-    /// Seconds in the run.
+    /// Time in s since the start of the run.
     pub time_s: Vec<f64>,
     /// Displacement in mm.
     pub displacement_mm: Vec<f64>,
     /// Force in N.
     pub force_n: Vec<f64>,
-    /// Command in the run's unit; `null` where there was none.
+    /// Command in mm or N, see `control`; `null` while there is none.
     pub command: Vec<Option<f64>>,
-    /// What the newest command controls.
+    /// Quantity that the newest command controls.
     pub control: Option<Mode>,
-    /// Twin's force in N; `null` where it was off or behind.
+    /// Force of the twin in N; `null` while the twin is off or skipped.
     pub twin_force_n: Vec<Option<f64>>,
-    /// Counted cycle of the newest point; 0 outside.
+    /// Counted cycle of the newest sample; 0 outside counted cycles.
     pub cycle: u32,
 }
 
-/// Where watchers come to.
+/// Distributes the batches to the viewers.
 #[derive(Debug, Clone)]
-pub(crate) struct Live {
-    batches: broadcast::Sender<Arc<Batch>>,
-    recent: Arc<Mutex<VecDeque<Arc<Batch>>>>,
+pub(super) struct Live {
+    batches: broadcast::Sender<Arc<LiveBatch>>,
+    recent: Arc<Mutex<VecDeque<Arc<LiveBatch>>>>,
 }
 
 impl Default for Live {
@@ -58,14 +56,14 @@ impl Default for Live {
 }
 
 impl Live {
-    /// What the last seconds had, and what comes from now on. A receiver that lags is told by how many batches.
-    pub(crate) fn watch(&self) -> (Vec<Arc<Batch>>, broadcast::Receiver<Arc<Batch>>) {
+    /// The batches of the last seconds, and a receiver for those to come. A receiver that lags is told how many it lost.
+    pub(super) fn subscribe(&self) -> (Vec<Arc<LiveBatch>>, broadcast::Receiver<Arc<LiveBatch>>) {
         let recent = self.recent.lock().unwrap_or_else(PoisonError::into_inner);
         (recent.iter().cloned().collect(), self.batches.subscribe())
     }
 
-    /// The recording thread hands a batch on. The lock is held for as long as a copy of pointers takes.
-    fn send(&self, batch: Arc<Batch>) {
+    /// Called by the recording thread. The lock is held only while pointers are copied.
+    fn send(&self, batch: Arc<LiveBatch>) {
         let mut recent = self.recent.lock().unwrap_or_else(PoisonError::into_inner);
         if recent.back().is_some_and(|last| last.run_id != batch.run_id) {
             recent.clear();
@@ -74,49 +72,50 @@ impl Live {
             recent.pop_front();
         }
         recent.push_back(Arc::clone(&batch));
-        // Fails where nobody watches.
+        // Fails if there is no viewer.
         let _ = self.batches.send(batch);
     }
 
-    /// The recorder that feeds the watchers of one run.
-    pub(crate) fn tap(&self) -> LiveTap {
-        LiveTap {
+    /// The recorder that sends one run to the viewers.
+    pub(super) fn recorder(&self) -> LiveRecorder {
+        LiveRecorder {
             live: self.clone(),
             every: 1,
             seen: 0,
-            batch: Batch::default(),
+            batch: LiveBatch::default(),
         }
     }
 }
 
-/// Points that `batches` lost batches had.
-pub(crate) fn points_in(batches: u64) -> u64 {
+/// Number of samples in `batches` batches.
+pub(super) fn points_in(batches: u64) -> u64 {
     batches * POINTS_A_BATCH as u64
 }
 
-/// Feeds one run to the watchers.
-pub(crate) struct LiveTap {
+/// Sends one run to the viewers.
+pub(super) struct LiveRecorder {
     live: Live,
+    /// One of so many samples is sent.
     every: u64,
     seen: u64,
-    batch: Batch,
+    batch: LiveBatch,
 }
 
-impl LiveTap {
+impl LiveRecorder {
     fn send(&mut self) {
         if self.batch.time_s.is_empty() {
             return;
         }
-        let next = Batch {
+        let next = LiveBatch {
             run_id: self.batch.run_id.clone(),
             control: self.batch.control,
-            ..Batch::default()
+            ..LiveBatch::default()
         };
         self.live.send(Arc::new(std::mem::replace(&mut self.batch, next)));
     }
 }
 
-impl Recorder for LiveTap {
+impl Recorder for LiveRecorder {
     fn begin(&mut self, header: &Header) {
         self.every = ((header.sample_rate_hz / POINTS_PER_S) as u64).max(1);
         self.batch.run_id = header.run_id.clone();
@@ -150,13 +149,14 @@ impl Recorder for LiveTap {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::protocol::message::SAMPLE_RATE_HZ;
     use crate::recording::Flags;
     use tokio::sync::broadcast::error::TryRecvError;
 
     fn sample(tick: u64) -> Sample {
         Sample {
             tick,
-            time_s: tick as f64 / 1000.0,
+            time_s: tick as f64 / f64::from(SAMPLE_RATE_HZ),
             force_n: 1.0,
             displacement_mm: 2.0,
             force_counts: 0,
@@ -169,30 +169,30 @@ mod tests {
         }
     }
 
-    fn tap(live: &Live) -> LiveTap {
-        let mut tap = live.tap();
-        tap.every = 5;
-        tap
+    fn recorder(live: &Live) -> LiveRecorder {
+        let mut recorder = live.recorder();
+        recorder.every = 5;
+        recorder
     }
 
     #[test]
-    fn a_watcher_gets_every_fifth_sample_of_a_kilohertz() {
+    fn a_viewer_gets_every_fifth_sample_of_a_kilohertz() {
         let live = Live::default();
-        let (_, mut watcher) = live.watch();
-        let mut tap = tap(&live);
-        (0..40).for_each(|tick| tap.sample(&sample(tick)));
-        let batch = watcher.try_recv().expect("a batch");
+        let (_, mut viewer) = live.subscribe();
+        let mut recorder = recorder(&live);
+        (0..40).for_each(|tick| recorder.sample(&sample(tick)));
+        let batch = viewer.try_recv().expect("a batch");
         assert_eq!(batch.time_s, [0.0, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03, 0.035]);
     }
 
     #[test]
-    fn a_watcher_that_never_reads_loses_the_oldest_and_nobody_else_does() {
+    fn a_viewer_that_never_reads_loses_its_oldest_batches_and_the_others_lose_none() {
         let live = Live::default();
-        let ((_, mut slow), (_, mut quick)) = (live.watch(), live.watch());
-        let mut tap = tap(&live);
+        let ((_, mut slow), (_, mut quick)) = (live.subscribe(), live.subscribe());
+        let mut recorder = recorder(&live);
         let mut got = 0;
         for tick in 0..40_000 {
-            tap.sample(&sample(tick));
+            recorder.sample(&sample(tick));
             while quick.try_recv().is_ok() {
                 got += 1;
             }
@@ -204,9 +204,9 @@ mod tests {
         );
         assert!(slow.try_recv().is_ok());
         assert_eq!(
-            live.watch().0.len(),
+            live.subscribe().0.len(),
             RECENT_BATCHES,
-            "a new watcher gets the last seconds and no more"
+            "a new viewer gets the last seconds and no more"
         );
     }
 }

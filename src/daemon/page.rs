@@ -1,4 +1,4 @@
-//! The technician's page: one HTML file with its script and style, all from this binary, nothing from the network.
+//! Serves the technician's page: HTML, scripts and style are part of this binary, and nothing is loaded from elsewhere.
 
 use std::sync::Arc;
 
@@ -6,10 +6,10 @@ use axum::Router;
 use axum::http::header;
 use axum::routing::get;
 
-use super::Shared;
+use super::state::DaemonState;
 
-/// The page's three files.
-pub(super) fn router() -> Router<Arc<Shared>> {
+/// The routes of the page's files.
+pub(super) fn router() -> Router<Arc<DaemonState>> {
     let file = |kind: &'static str, text: &'static str| {
         get(move || async move { ([(header::CONTENT_TYPE, kind)], text) })
     };
@@ -36,7 +36,7 @@ pub(super) fn router() -> Router<Arc<Shared>> {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn the_page_asks_nobody_else_for_anything() {
+    fn the_page_loads_nothing_from_elsewhere() {
         let files = [
             include_str!("page/index.html"),
             include_str!("page/page.css"),

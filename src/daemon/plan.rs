@@ -1,23 +1,23 @@
-//! Checks a profile before anything moves: against the bench's limits, and dry-run on the bench's model.
+//! Checks a profile before anything moves: it runs on the bench's model and is compared with the bench's limits.
 
 use axum::http::StatusCode;
 use serde::{Deserialize, Serialize};
 
-use super::api::ApiError;
+use super::error::ApiError;
 use crate::config::Bench;
 use crate::model::BuildError;
 use crate::profile::{Profile, ProfileError};
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::twin::{self, dry_run};
 
-/// What a profile will do, as the model has it.
+/// What a profile will do, predicted with the model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub(crate) struct Plan {
-    /// Profile's name.
+    /// Name of the profile.
     pub profile: String,
     /// Length in s.
     pub duration_s: f64,
-    /// Counted cycles.
+    /// Number of counted cycles.
     pub cycles: u32,
     /// Lowest force in N.
     pub force_min_n: f64,
@@ -29,41 +29,39 @@ pub(crate) struct Plan {
     pub displacement_max_mm: f64,
     /// Highest speed in mm/s.
     pub velocity_max_mm_s: f64,
-    /// Work done on the specimen and not given back, in J.
+    /// Energy that the specimen dissipates, in J.
     pub energy_j: f64,
-    /// How far each limit is away.
+    /// Distance to each limit.
     pub margins: Vec<PlanMargin>,
-    /// What would trip, one sentence each; empty where the profile may run.
+    /// Limits that the profile would exceed, one sentence each; empty if the profile may run.
     pub trips: Vec<String>,
 }
 
-/// How far a limit is away.
+/// Distance between a predicted extreme and its limit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub(crate) struct PlanMargin {
-    /// The limit's key in the bench config; its ending is the unit.
+    /// Key of the limit in the bench config; its ending is the unit.
     pub limit: String,
-    /// Predicted extreme.
+    /// Predicted extreme, in the unit of the limit.
     pub predicted: f64,
-    /// The limit.
+    /// Value of the limit.
     pub allowed: f64,
-    /// When, in s of the profile.
+    /// Time of the extreme in s, from the start of the profile.
     pub at_s: f64,
-    /// What is left, in percent of the limit; negative beyond it.
+    /// Remaining distance in percent of the limit; negative beyond the limit.
     pub margin_percent: f64,
 }
 
-/// Why a profile could not be dry-run.
+/// Why a profile cannot be simulated.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum PlanError {
-    /// The bench's model.
     #[error("the bench's model cannot be built")]
     Model(#[from] BuildError),
-    /// The profile.
     #[error(transparent)]
     Profile(#[from] ProfileError),
 }
 
-/// What `profile` will do on the bench's model, and what would trip.
+/// Predicts what `profile` does on the bench's model, and which limits it would exceed.
 pub(crate) fn check(bench: &Bench, profile: &Profile) -> Result<Plan, PlanError> {
     let plant = bench.model.plant()?;
     let run = dry_run(
@@ -94,7 +92,7 @@ pub(crate) fn check(bench: &Bench, profile: &Profile) -> Result<Plan, PlanError>
     })
 }
 
-/// Refuses a plan that would trip: 422 with the numbers.
+/// Refuses a plan that exceeds a limit, with status 422 and the values.
 pub(crate) fn refuse_predicted_trip(plan: &Plan) -> Result<(), ApiError> {
     if plan.trips.is_empty() {
         return Ok(());
@@ -106,6 +104,6 @@ pub(crate) fn refuse_predicted_trip(plan: &Plan) -> Result<(), ApiError> {
             plan.profile,
             plan.trips.join("; ")
         ),
-        "lower its levels or speed, or check the bench's limits and model".to_owned(),
+        "lower its levels or its speed, or correct the limits or the model of the bench".to_owned(),
     ))
 }

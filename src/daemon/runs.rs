@@ -1,113 +1,59 @@
-//! Starts a run and follows it to its closed file: profile, plan check, space, run file, recording thread, control.
+//! Starts a run and follows it until its file is closed: profile, plan check, disk space, run file, recording thread,
+//! control.
 
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 use axum::http::StatusCode;
 
-use super::api::ApiError;
 use super::backlog::{Backlog, Counted};
-use super::client_types::{RunProgress, RunState, StartRun, Started};
-use super::{Shared, header, plan, store};
+use super::client_types::{RunState, StartRun, Started, ending_word};
+use super::error::ApiError;
+use super::newest_run::NewestRun;
+use super::state::DaemonState;
+use super::{header, plan, store};
 use crate::config::MismatchAction;
-use crate::control::Phase;
 use crate::control::realtime::{ControlHandle, Request};
 use crate::control::run::RunOrder;
+use crate::control::{Phase, RigStatus};
 use crate::profile::{Player, Profile};
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::recording::recorder::{self, FanOut, RecorderInput, RecorderThread};
 use crate::recording::run_file::{RunFile, RunFileStatus, RunFileWriter, check_space};
-use crate::recording::{Ending, Event, EventKind, Header, Outcome, Recorder, Sample};
+use crate::recording::{Event, EventKind, Header, Outcome, Recorder, Sample};
 use crate::twin::Twin;
 
-/// The run under way, or the newest.
-#[derive(Default)]
-pub(crate) struct Runs {
-    /// One start at a time: the second finds the rig busy.
-    starting: tokio::sync::Mutex<()>,
-    newest: Arc<Mutex<Option<Newest>>>,
+/// Starts a run. A refused run causes no motion.
+pub(super) async fn start(state: &Arc<DaemonState>, request: StartRun) -> Result<Started, ApiError> {
+    let _one_at_a_time = state.starting.lock().await;
+    if let Some(refusal) = busy(&state.control.status().0) {
+        return Err(refusal);
+    }
+    let blocking = Arc::clone(state);
+    // Files, SQLite and the dry run may take seconds, so they do not run on the threads that serve the interface.
+    let prepared = tokio::task::spawn_blocking(move || prepare(&blocking, request))
+        .await
+        .map_err(|_| ApiError::internal("preparing the run failed"))??;
+    let run_id = prepared.order.header.run_id.clone();
+    state.newest_run.begin(
+        run_id.clone(),
+        prepared.order.profile.name.clone(),
+        prepared.path.clone(),
+        prepared.disk,
+    );
+    let input = Box::new(prepared.input);
+    let asked = state
+        .control
+        .ask(Request::Start(Box::new(prepared.order), input))
+        .await;
+    follow(state, prepared.thread, prepared.path);
+    asked?;
+    tracing::info!("run {run_id} starts");
+    Ok(Started { run_id })
 }
 
-struct Newest {
-    progress: RunProgress,
-    path: PathBuf,
-    disk: Arc<RunFileStatus>,
-    /// The recording thread has ended and the file is as it stays.
-    closed: bool,
-}
-
-impl Runs {
-    fn lock(&self) -> MutexGuard<'_, Option<Newest>> {
-        self.newest.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// How far the newest run is.
-    pub(crate) fn newest(&self) -> Option<RunProgress> {
-        self.lock().as_ref().map(|newest| RunProgress {
-            disk_problem: newest.disk.problem().unwrap_or_default(),
-            ..newest.progress.clone()
-        })
-    }
-
-    /// No recording thread is at work.
-    pub(crate) fn all_closed(&self) -> bool {
-        self.lock().as_ref().is_none_or(|newest| newest.closed)
-    }
-
-    /// At the daemon's end: closes a file that its recording thread left open.
-    pub(crate) fn close_unfinished(&self, cause: &str) -> Vec<String> {
-        let newest = self.lock();
-        let open = newest
-            .iter()
-            .filter(|n| n.progress.state == RunState::Running || !n.closed);
-        open.map(|n| store::close_as_aborted(&n.path, &n.progress.run_id, cause))
-            .collect()
-    }
-
-    /// Starts a run; refused without any motion where anything speaks against it.
-    pub(crate) async fn start(&self, shared: &Arc<Shared>, order: StartRun) -> Result<Started, ApiError> {
-        let _one_at_a_time = self.starting.lock().await;
-        let (status, _) = shared.control.status();
-        if let Some(refusal) = busy(&status) {
-            return Err(refusal);
-        }
-        let blocking = Arc::clone(shared);
-        // Files, SQLite and the dry run take their time: not on the threads that serve the interface.
-        let prepared = tokio::task::spawn_blocking(move || prepare(&blocking, order))
-            .await
-            .map_err(|_| ApiError::internal("preparing the run failed"))??;
-        let run_id = prepared.order.header.run_id.clone();
-        *self.lock() = Some(Newest {
-            progress: RunProgress {
-                run_id: run_id.clone(),
-                profile: prepared.order.profile.name.clone(),
-                state: RunState::Arming,
-                ending: None,
-                cause: String::new(),
-                samples: 0,
-                lost: 0,
-                cycles_completed: 0,
-                disk_problem: String::new(),
-                model_mismatch: String::new(),
-            },
-            path: prepared.path.clone(),
-            disk: prepared.disk,
-            closed: false,
-        });
-        let input = Box::new(prepared.input);
-        let asked = shared
-            .control
-            .ask(Request::Start(Box::new(prepared.order), input))
-            .await;
-        follow(shared, prepared.thread, prepared.path);
-        asked?;
-        tracing::info!("run {run_id} starts");
-        Ok(Started { run_id })
-    }
-}
-
-/// A start that control would refuse anyway; said before anything is written.
-fn busy(status: &crate::control::RigStatus) -> Option<ApiError> {
+/// The refusal that control would give in this phase, so that no file is created for a run that cannot start.
+fn busy(status: &RigStatus) -> Option<ApiError> {
     let text = match status.phase {
         Phase::Ready => return None,
         Phase::Connecting if status.notice.is_empty() => {
@@ -128,76 +74,39 @@ fn busy(status: &crate::control::RigStatus) -> Option<ApiError> {
     Some(ApiError::new(StatusCode::CONFLICT, text, String::new()))
 }
 
-struct Prepared {
+/// A run that is ready to start: its file is open and its recording thread waits for samples.
+struct PreparedRun {
     order: RunOrder,
     path: PathBuf,
     disk: Arc<RunFileStatus>,
     input: Counted<RecorderInput>,
-    thread: Recording,
+    thread: RunRecording,
 }
 
-/// The chain of one run: backlog, twin, then run file, live view and watcher side by side.
-type Recording = RecorderThread<Counted<Twin>>;
+/// The recording thread of a run. Its chain is: count of recorded samples, twin, then run file, live view and progress
+/// side by side.
+type RunRecording = RecorderThread<Counted<Twin>>;
 
-fn prepare(shared: &Arc<Shared>, request: StartRun) -> Result<Prepared, ApiError> {
-    let (profile, profile_toml, first_cycle) = profile_of(shared, &request)?;
-    let bench = &shared.settings.bench;
-    let plan = plan::check(bench, &profile).map_err(|e| ApiError::invalid(&e))?;
+fn prepare(state: &Arc<DaemonState>, request: StartRun) -> Result<PreparedRun, ApiError> {
+    let chosen = chosen_profile(state, &request)?;
+    let bench = &state.settings.bench;
+    let plan = plan::check(bench, &chosen.profile).map_err(|e| ApiError::invalid(&e))?;
     plan::refuse_predicted_trip(&plan)?;
-    check_space(shared.store.folder(), plan.duration_s, f64::from(SAMPLE_RATE_HZ)).map_err(ApiError::disk)?;
-    let now = jiff::Timestamp::now();
+    check_space(state.store.folder(), plan.duration_s, f64::from(SAMPLE_RATE_HZ)).map_err(ApiError::disk)?;
     let planned = header::Planned {
         cycles: plan.cycles,
         duration_s: plan.duration_s,
     };
-    let mut header = header::new(
-        store::new_run_id(now),
-        now,
-        bench,
-        &profile,
-        profile_toml,
-        planned,
-    );
-    if let Some(specimen) = request.specimen.filter(|s| !s.trim().is_empty()) {
-        header.specimen = specimen;
-    }
-    header.operator = request.operator.unwrap_or_default();
-    header.first_cycle = first_cycle;
-    header.resumes_run = request.resume_run.unwrap_or_default();
-    header.remarks = shared.control.degraded().to_vec();
-    let path = shared.store.path_for_new(&header.run_id);
+    let header = run_header(state, &chosen, request, planned);
+    let path = state.store.path_for_new(&header.run_id);
     let writer = RunFileWriter::create(&path, &header).map_err(ApiError::disk)?;
     let disk = writer.status();
-    let watcher = Watcher {
-        newest: Arc::clone(&shared.runs.newest),
-        control: shared.control.clone(),
-        on_mismatch: bench.daemon.model_mismatch,
-        asks: tokio::runtime::Handle::current(),
-    };
-    let fan_out = FanOut(vec![
-        Box::new(writer),
-        Box::new(shared.live.tap()),
-        Box::new(watcher),
-    ]);
-    let plant = bench.model.plant().map_err(|e| ApiError::invalid(&e))?;
-    // The twin is a stage of the recording thread: where it is slow the ring fills, control never waits.
-    let backlog = Backlog::default();
-    let asked = backlog.clone();
-    let twin = Twin::new(
-        plant,
-        bench.displacement_channel.noise_mm,
-        Box::new(fan_out),
-        move || asked.is_long(),
-    )
-    .watching(bench.noise());
-    let (input, thread) =
-        recorder::spawn(backlog.behind(twin)).map_err(|e| ApiError::internal(&e.to_string()))?;
-    let input = backlog.before(input);
-    Ok(Prepared {
+    let (input, thread) = recording_chain(state, writer)?;
+    Ok(PreparedRun {
         order: RunOrder {
             header,
-            profile,
-            first_cycle,
+            profile: chosen.profile,
+            first_cycle: chosen.first_cycle,
         },
         path,
         disk,
@@ -206,28 +115,99 @@ fn prepare(shared: &Arc<Shared>, request: StartRun) -> Result<Prepared, ApiError
     })
 }
 
-/// The profile asked for, or that of the run to go on with, and the cycle to begin at.
-fn profile_of(shared: &Shared, request: &StartRun) -> Result<(Profile, String, u32), ApiError> {
+fn run_header(
+    state: &DaemonState,
+    chosen: &ChosenProfile,
+    request: StartRun,
+    planned: header::Planned,
+) -> Header {
+    let now = jiff::Timestamp::now();
+    let mut header = header::new(
+        store::new_run_id(now),
+        now,
+        &state.settings.bench,
+        &chosen.profile,
+        chosen.toml.clone(),
+        planned,
+    );
+    if let Some(specimen) = request.specimen.filter(|s| !s.trim().is_empty()) {
+        header.specimen = specimen;
+    }
+    header.operator = request.operator.unwrap_or_default();
+    header.first_cycle = chosen.first_cycle;
+    header.resumes_run = request.resume_run.unwrap_or_default();
+    header.remarks = state.control.degraded().to_vec();
+    header
+}
+
+/// Starts the recording thread of a run and returns its input, which control feeds. The twin runs in the recording thread:
+/// if it is slow, the ring in front of it fills, and control does not wait.
+fn recording_chain(
+    state: &DaemonState,
+    writer: RunFileWriter,
+) -> Result<(Counted<RecorderInput>, RunRecording), ApiError> {
+    let bench = &state.settings.bench;
+    let progress = ProgressRecorder {
+        newest_run: state.newest_run.clone(),
+        control: state.control.clone(),
+        on_mismatch: bench.daemon.model_mismatch,
+        runtime: tokio::runtime::Handle::current(),
+    };
+    let fan_out = FanOut(vec![
+        Box::new(writer),
+        Box::new(state.live.recorder()),
+        Box::new(progress),
+    ]);
+    let plant = bench.model.plant().map_err(|e| ApiError::invalid(&e))?;
+    let backlog = Backlog::default();
+    let waiting = backlog.clone();
+    let twin = Twin::new(
+        plant,
+        bench.displacement_channel.noise_mm,
+        Box::new(fan_out),
+        move || waiting.is_long(),
+    )
+    .watching(bench.noise());
+    let (input, thread) =
+        recorder::spawn(backlog.count_taken(twin)).map_err(|e| ApiError::internal(&e.to_string()))?;
+    Ok((backlog.count_recorded(input), thread))
+}
+
+/// The profile of a run and the cycle at which the run begins.
+struct ChosenProfile {
+    profile: Profile,
+    /// Text of the profile file.
+    toml: String,
+    /// Counted cycles begin at 1.
+    first_cycle: u32,
+}
+
+/// The requested profile, or the profile of the run to resume.
+fn chosen_profile(state: &DaemonState, request: &StartRun) -> Result<ChosenProfile, ApiError> {
     let Some(resumed) = &request.resume_run else {
         let name = request.profile.as_deref().unwrap_or_default();
-        let (profile, text) = shared.library.find(name).map_err(|e| ApiError::invalid(&e))?;
-        return Ok((profile, text, 1));
+        let (profile, toml) = state.library.find(name).map_err(|e| ApiError::invalid(&e))?;
+        return Ok(ChosenProfile {
+            profile,
+            toml,
+            first_cycle: 1,
+        });
     };
-    let listing = shared.store.find(resumed).map_err(ApiError::disk)?;
+    let listing = state.store.find(resumed).map_err(ApiError::disk)?;
     let listing = listing.ok_or_else(|| ApiError::no_run(resumed))?;
     let run = RunFile::open(&listing.path).map_err(ApiError::disk)?;
-    let text = run.header().profile_toml.clone();
-    let profile = Profile::from_toml(&text, resumed).map_err(|e| ApiError::invalid(&e))?;
+    let toml = run.header().profile_toml.clone();
+    let profile = Profile::from_toml(&toml, resumed).map_err(|e| ApiError::invalid(&e))?;
     if let Some(name) = request.profile.as_deref() {
-        let (asked, _) = shared.library.find(name).map_err(|e| ApiError::invalid(&e))?;
-        if asked != profile {
+        let (requested, _) = state.library.find(name).map_err(|e| ApiError::invalid(&e))?;
+        if requested != profile {
             return Err(ApiError::new(
                 StatusCode::CONFLICT,
                 format!(
-                    "run {resumed} was another profile ({}) than {}",
-                    profile.name, asked.name
+                    "run {resumed} used profile {}, not {}",
+                    profile.name, requested.name
                 ),
-                "leave the profile out, or start a fresh run".to_owned(),
+                "leave the profile out to resume that run, or start a new run".to_owned(),
             ));
         }
     }
@@ -239,59 +219,40 @@ fn profile_of(shared: &Shared, request: &StartRun) -> Result<(Profile, String, u
         return Err(ApiError::new(
             StatusCode::CONFLICT,
             format!(
-                "run {resumed} has no cycle left to do: {done} of {} are complete",
+                "run {resumed} has no cycles left: {done} of {} are complete",
                 player.total_cycles()
             ),
-            "start a fresh run".to_owned(),
+            "start a new run".to_owned(),
         ));
     }
-    Ok((profile, text, done + 1))
+    Ok(ChosenProfile {
+        profile,
+        toml,
+        first_cycle: done + 1,
+    })
 }
 
-/// Waits for the recording thread and settles what became of the run.
-fn follow(shared: &Arc<Shared>, thread: Recording, path: PathBuf) {
-    let shared = Arc::clone(shared);
+/// Waits for the end of the recording thread, then closes the run.
+fn follow(state: &Arc<DaemonState>, thread: RunRecording, path: PathBuf) {
+    let state = Arc::clone(state);
     tokio::task::spawn_blocking(move || {
-        // Dropping the chain closes the file's handles.
+        // Dropping the chain closes the handles of the file.
         drop(thread.join());
-        let mut newest = shared.runs.lock();
-        let Some(newest) = newest.as_mut().filter(|n| n.path == path) else {
-            return;
-        };
-        if newest.progress.state == RunState::Arming {
-            newest.progress.state = RunState::NeverStarted;
-            newest.progress.cause = shared.control.status().0.notice;
-            // Nothing was recorded: no run, no file.
-            for ending in ["", "-wal", "-shm"] {
-                let _ = std::fs::remove_file(format!("{}{ending}", path.display()));
-            }
-        } else if newest.progress.state == RunState::Running {
-            tracing::error!(
-                "the recording of run {} ended before the run",
-                newest.progress.run_id
-            );
-        }
-        newest.closed = true;
+        state.newest_run.close(&path, || state.control.status().0.notice);
     });
 }
 
-/// Last in the chain: when it hears of the end the file is closed already.
-struct Watcher {
-    newest: Arc<Mutex<Option<Newest>>>,
+/// Keeps the progress of the run up to date and acts on a model mismatch. It is the last recorder of the chain: when it
+/// receives the end of the run, the run file is complete.
+struct ProgressRecorder {
+    newest_run: NewestRun,
     control: ControlHandle,
     on_mismatch: MismatchAction,
-    asks: tokio::runtime::Handle,
+    runtime: tokio::runtime::Handle,
 }
 
-impl Watcher {
-    fn update(&self, change: impl FnOnce(&mut RunProgress)) {
-        let mut newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(newest) = newest.as_mut() {
-            change(&mut newest.progress);
-        }
-    }
-
-    /// Asks control as an operator would, from a task of its own: neither the recording nor control waits for the other.
+impl ProgressRecorder {
+    /// Sends the request as an operator would, from its own task, so that recording and control do not wait for each other.
     fn act_on_mismatch(&self, text: &str) {
         let request = match self.on_mismatch {
             MismatchAction::Tell => return,
@@ -299,7 +260,7 @@ impl Watcher {
             MismatchAction::Stop => Request::Stop(text.to_owned()),
         };
         let control = self.control.clone();
-        self.asks.spawn(async move {
+        self.runtime.spawn(async move {
             if let Err(error) = control.ask(request).await {
                 tracing::warn!("model mismatch: control did not act on it: {error}");
             }
@@ -307,9 +268,9 @@ impl Watcher {
     }
 }
 
-impl Recorder for Watcher {
+impl Recorder for ProgressRecorder {
     fn begin(&mut self, _: &Header) {
-        self.update(|p| p.state = RunState::Running);
+        self.newest_run.update(|p| p.state = RunState::Running);
     }
 
     fn sample(&mut self, _: &Sample) {}
@@ -317,13 +278,14 @@ impl Recorder for Watcher {
     fn event(&mut self, event: &Event) {
         tracing::info!("{:.3} s {:?}: {}", event.time_s, event.kind, event.text);
         if event.kind == EventKind::ModelMismatch {
-            self.update(|p| p.model_mismatch = format!("{:.1} s: {}", event.time_s, event.text));
+            self.newest_run
+                .update(|p| p.model_mismatch = format!("{:.1} s: {}", event.time_s, event.text));
             self.act_on_mismatch(&event.text);
         }
     }
 
     fn end(&mut self, outcome: &Outcome) {
-        self.update(|p| {
+        self.newest_run.update(|p| {
             p.state = RunState::Ended;
             p.ending = Some(ending_word(outcome.ending).to_owned());
             p.cause.clone_from(&outcome.cause);
@@ -331,14 +293,5 @@ impl Recorder for Watcher {
             p.lost = outcome.lost;
             p.cycles_completed = outcome.cycles_completed;
         });
-    }
-}
-
-/// The stable word of an ending.
-pub(crate) fn ending_word(ending: Ending) -> &'static str {
-    match ending {
-        Ending::Completed => "completed",
-        Ending::Stopped => "stopped",
-        Ending::Aborted => "aborted",
     }
 }

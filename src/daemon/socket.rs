@@ -1,5 +1,5 @@
-//! `/api/live`: what a run does, as it does it, over a WebSocket. Thinned samples 25 times a second, the status 10 times;
-//! a watcher that reads too slowly is told how many points it missed and delays nobody.
+//! `/api/live`: a WebSocket that sends thinned samples 25 times per second and the status 10 times per second. A viewer
+//! that reads too slowly is told how many samples it missed, and does not delay the others.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -9,53 +9,47 @@ use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::response::Response;
 use tokio::sync::broadcast::error::RecvError;
 
-use super::Shared;
-use super::api::{App, status_of};
 use super::client_types::Status;
-use super::live::{Batch, points_in};
+use super::live::{LiveBatch, points_in};
+use super::state::{App, DaemonState};
 
-/// The status is sent this often.
+/// Time between two status messages.
 const STATUS_PERIOD: Duration = Duration::from_millis(100);
-/// A watcher that takes longer over one message is let go.
+/// A viewer that takes longer to receive one message is disconnected.
 const SEND_TIMEOUT: Duration = Duration::from_secs(10);
-/// Watchers have nothing to say: longer messages end the connection.
+/// Longest message from a viewer, bytes. Viewers send nothing; a longer message ends the connection.
 const LARGEST_MESSAGE: usize = 1024;
 
-/// One message to a watcher.
+/// One message to a viewer.
 #[derive(serde::Serialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
-enum Telegram<'a> {
-    /// Thinned samples; `skipped` points before them did not get through to this watcher.
+enum LiveMessage<'a> {
+    /// Thinned samples. This viewer did not get the `skipped` samples before them.
     Samples {
         skipped: u64,
         #[serde(flatten)]
-        batch: &'a Batch,
+        batch: &'a LiveBatch,
     },
-    /// As GET /api/status.
+    /// The same as the answer to GET /api/status.
     Status { status: Box<Status> },
 }
 
 /// Live samples and status over a WebSocket: messages `{"type":"samples"}` and `{"type":"status"}`.
 #[utoipa::path(get, path = "/api/live", responses((status = 101, description = "WebSocket of JSON messages")))]
-pub(crate) async fn live(State(shared): App, upgrade: WebSocketUpgrade) -> Response {
+pub(super) async fn live(State(state): App, upgrade: WebSocketUpgrade) -> Response {
     upgrade
         .max_message_size(LARGEST_MESSAGE)
-        .on_upgrade(move |socket| serve(socket, shared))
+        .on_upgrade(move |socket| serve(socket, state))
 }
 
-async fn serve(mut socket: WebSocket, shared: Arc<Shared>) {
-    let (recent, mut batches) = shared.live.watch();
+async fn serve(mut socket: WebSocket, state: Arc<DaemonState>) {
+    let (recent, mut batches) = state.live.subscribe();
     for batch in recent {
-        if send(
-            &mut socket,
-            text(&Telegram::Samples {
-                skipped: 0,
-                batch: &batch,
-            }),
-        )
-        .await
-        .is_none()
-        {
+        let message = text(&LiveMessage::Samples {
+            skipped: 0,
+            batch: &batch,
+        });
+        if send(&mut socket, message).await.is_none() {
             return;
         }
     }
@@ -65,16 +59,16 @@ async fn serve(mut socket: WebSocket, shared: Arc<Shared>) {
     loop {
         let message = tokio::select! {
             batch = batches.recv() => match batch {
-                Ok(batch) => text(&Telegram::Samples { skipped: std::mem::take(&mut skipped), batch: &batch }),
+                Ok(batch) => text(&LiveMessage::Samples { skipped: std::mem::take(&mut skipped), batch: &batch }),
                 Err(RecvError::Lagged(lost)) => {
                     skipped += points_in(lost);
                     continue;
                 }
                 Err(RecvError::Closed) => return,
             },
-            _ = status_due.tick() => text(&Telegram::Status { status: Box::new(status_of(&shared)) }),
+            _ = status_due.tick() => text(&LiveMessage::Status { status: Box::new(state.status()) }),
             incoming = socket.recv() => match incoming {
-                // Pings are answered by the socket itself.
+                // The library answers pings.
                 Some(Ok(Message::Close(_)) | Err(_)) | None => return,
                 Some(Ok(_)) => continue,
             },
@@ -85,7 +79,7 @@ async fn serve(mut socket: WebSocket, shared: Arc<Shared>) {
     }
 }
 
-/// `None` where the watcher has gone or takes too long.
+/// `None` if the viewer has disconnected or takes too long.
 async fn send(socket: &mut WebSocket, message: Option<Message>) -> Option<()> {
     tokio::time::timeout(SEND_TIMEOUT, socket.send(message?))
         .await
@@ -93,6 +87,6 @@ async fn send(socket: &mut WebSocket, message: Option<Message>) -> Option<()> {
         .ok()
 }
 
-fn text(telegram: &Telegram) -> Option<Message> {
+fn text(telegram: &LiveMessage) -> Option<Message> {
     Some(Message::Text(serde_json::to_string(telegram).ok()?.into()))
 }

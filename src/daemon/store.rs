@@ -1,14 +1,14 @@
-//! The data folder: run files, looked up by run id and never by path. At the daemon's start runs that an earlier daemon
-//! left open are closed as aborted.
+//! The data folder: run files, found by run id and never by path. Runs that an earlier daemon left open are closed as
+//! aborted.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::path::{Path, PathBuf};
 
 use crate::recording::run_file::{self, EXTENSION, RunFile, RunFileError, RunListing};
 
-/// Why runs end that nobody ended.
+/// The cause of a run that was closed by the next daemon.
 const DAEMON_DIED: &str = "the daemon ended while the run was under way (killed, crashed or power lost); the rig unloaded \
-                           by itself when the lease lapsed";
+                           by itself when the lease expired";
 
 /// The folder of run files.
 #[derive(Debug, Clone)]
@@ -17,24 +17,23 @@ pub(crate) struct Store {
 }
 
 impl Store {
-    /// Run files in `folder`.
+    /// The store of the run files in `folder`.
     pub(crate) fn new(folder: &Path) -> Self {
         Store {
             folder: folder.to_owned(),
         }
     }
 
-    /// Where the files are.
     pub(crate) fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// Where the run file of a freshly generated id goes. Not for ids from outside: those are looked up.
+    /// Path of the run file for an id that [`new_run_id`] has just made. Ids from requests go through [`Store::find`].
     pub(crate) fn path_for_new(&self, run_id: &str) -> PathBuf {
         self.folder.join(format!("{run_id}.{EXTENSION}"))
     }
 
-    /// Closes what an earlier daemon left open; returns what was done, one sentence a run.
+    /// Closes the runs that an earlier daemon left open. Returns one sentence for each run, for the log.
     pub(crate) fn close_left_open(&self) -> Result<Vec<String>, RunFileError> {
         let open = self
             .list()?
@@ -50,7 +49,7 @@ impl Store {
         run_file::list(&self.folder)
     }
 
-    /// The run with this id, or the newest one for `latest`.
+    /// The run with this id. The id `latest` means the newest run.
     pub(crate) fn find(&self, run_id: &str) -> Result<Option<RunListing>, RunFileError> {
         let mut runs = self.list()?;
         if run_id == "latest" {
@@ -60,7 +59,7 @@ impl Store {
     }
 }
 
-/// Closes one file; the sentence says what came of it.
+/// Closes one run file as aborted. Returns a sentence about the result, for the log.
 pub(crate) fn close_as_aborted(path: &Path, run_id: &str, cause: &str) -> String {
     match RunFile::open(path).and_then(|run| run.close_as_aborted(cause)) {
         Ok(outcome) => format!(
@@ -71,10 +70,10 @@ pub(crate) fn close_as_aborted(path: &Path, run_id: &str, cause: &str) -> String
     }
 }
 
-/// A new run id: UTC time to the second and four random characters, so that ids sort by time and never repeat.
+/// A new run id: UTC time in s and four random characters, so that ids sort by time and differ.
 pub(crate) fn new_run_id(now: jiff::Timestamp) -> String {
     const LETTERS: &[u8; 32] = b"abcdefghijkmnpqrstuvwxyz23456789";
-    // Std keys every such state at random.
+    // The standard library gives every RandomState a random key.
     let random = RandomState::new().build_hasher().finish();
     let tail: String = (0..4)
         .map(|i| char::from(LETTERS[(random >> (5 * i)) as usize % LETTERS.len()]))
@@ -88,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ids_sort_by_time_differ_and_hold_nothing_but_letters_digits_and_a_dash() {
+    fn ids_sort_by_time_differ_and_have_only_letters_digits_and_a_dash() {
         let at = |s| jiff::Timestamp::from_second(s).expect("a time");
         let (a, b, later) = (new_run_id(at(0)), new_run_id(at(0)), new_run_id(at(86_400)));
         assert_ne!(a, b);
@@ -101,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn ids_from_outside_are_looked_up_and_never_become_paths() {
+    fn ids_from_requests_are_looked_up_and_never_become_paths() {
         let folder = tempfile::tempdir().expect("a folder");
         std::fs::write(folder.path().join("secret.leafrun"), "x").expect("written");
         std::fs::create_dir(folder.path().join("runs")).expect("made");

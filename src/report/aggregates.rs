@@ -1,171 +1,141 @@
-//! The report of a diagnosis from aggregates: verdict, findings with their figures, row by row, what two numbers hide.
+//! The report of a diagnosis from a table of peak forces and loop energies (no recordings): verdict, findings with their
+//! figures, measured and model row by row, and what such a table cannot show.
 
-use std::fmt::Write;
+use maud::{Markup, html};
 
-use super::diagnosis::{STYLE, figure, spaced, verdict_word};
-use super::html::escape;
-use super::svg::{HALF, Ink, Plot, PlotCurve};
+use super::diagnosis::{STYLE, verdict_word};
+use super::diagnosis_plots::{line, plot};
+use super::figures::{figure, interval, percent, spaced, unbroken};
+use super::html::{document, legend};
+use super::svg::Ink;
 use crate::diagnose::aggregates::{AggregateDiagnosis, Compared};
 use crate::diagnose::diagnosis::{Finding, Value};
 
-/// The page.
+/// The report as HTML text.
 pub(crate) fn page(diagnosis: &AggregateDiagnosis) -> String {
-    let mut page = String::new();
-    // Writing into a string cannot fail.
-    let _ = write_page(&mut page, diagnosis);
-    page
-}
-
-fn write_page(page: &mut String, d: &AggregateDiagnosis) -> std::fmt::Result {
-    write!(
-        page,
-        "<!doctype html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\">\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <title>Diagnosis from a table</title>\n<style>{STYLE}</style></head>\n<body>\n\
-         <div class=\"verdict {}\"><h1>{}</h1>\n<p class=\"quiet\">From {} rows of {} and {}; no recordings.</p></div>\n",
-        verdict_word(d.verdict),
-        escape(&d.summary).replace(" %", "&nbsp;%"),
-        d.rows.len(),
-        escape(&d.columns[0]),
-        escape(&d.columns[1])
-    )?;
-    at_a_glance(page, d)?;
-    if !d.alarms.is_empty() {
-        writeln!(page, "<h2>To be looked at first</h2>\n<ul>")?;
-        for alarm in &d.alarms {
-            writeln!(page, "<li>{}</li>", escape(alarm))?;
+    let d = diagnosis;
+    let body = html! {
+        div class={ "verdict " (verdict_word(d.verdict)) } {
+            h1 { (unbroken(&d.summary)) }
+            p.quiet { "From " (d.rows.len()) " rows of " (d.columns[0]) " and " (d.columns[1]) "; no recordings." }
         }
-        writeln!(page, "</ul>")?;
-    }
-    for (heading, findings) in [
-        ("What is missing", &d.effects),
-        ("What is not missing", &d.excluded),
-    ] {
-        if !findings.is_empty() {
-            writeln!(page, "<h2>{heading}</h2>")?;
-            findings.iter().try_for_each(|f| finding(page, f))?;
+        (at_a_glance(d))
+        (alarms(&d.alarms))
+        (findings("Missing physics", &d.effects))
+        (findings("Physics that is not missing", &d.excluded))
+        @for a in &d.alternatives {
+            p { (spaced(&a.code)) " instead of " (spaced(&a.instead_of)) ": " (a.why) "; " (a.test) "." }
         }
-    }
-    for a in &d.alternatives {
-        writeln!(
-            page,
-            "<p>{} instead of {}: {}; {}.</p>",
-            spaced(&a.code),
-            spaced(&a.instead_of),
-            escape(&a.why),
-            escape(&a.test)
-        )?;
-    }
-    rows(page, d)?;
-    if !d.parameters.is_empty() {
-        writeln!(page, "<h2>One set of parameters for all rows</h2>")?;
-        values(page, &d.parameters)?;
-    }
-    writeln!(
-        page,
-        "<h2>Not testable with these figures</h2>\n<table><tr><th>Physics</th><th>Why</th></tr>"
-    )?;
-    for n in &d.not_testable {
-        writeln!(
-            page,
-            "<tr><td>{}</td><td>{}</td></tr>",
-            spaced(&n.code),
-            escape(&n.why)
-        )?;
-    }
-    writeln!(page, "</table>")?;
-    for remark in &d.remarks {
-        writeln!(page, "<p class=\"quiet\">{}</p>", escape(remark))?;
-    }
-    writeln!(page, "</body>\n</html>")
+        (rows(d))
+        @if !d.parameters.is_empty() {
+            h2 { "One set of parameters for all rows" }
+            (values(&d.parameters))
+        }
+        (not_testable(d))
+        @for remark in &d.remarks {
+            p.quiet { (remark) }
+        }
+    };
+    document("Diagnosis from a table", STYLE, &body)
 }
 
-fn finding(page: &mut String, f: &Finding) -> std::fmt::Result {
-    writeln!(
-        page,
-        "<div class=\"block\"><h3>{}, {:.1} % sure</h3>",
-        spaced(&f.code),
-        100.0 * f.confidence
-    )?;
-    values(page, &f.parameters)?;
-    writeln!(page, "</div>")
-}
-
-fn values(page: &mut String, values: &[Value]) -> std::fmt::Result {
-    writeln!(
-        page,
-        "<table><tr><th>Figure</th><th class=\"n\">Value</th><th>Unit</th><th>95 % interval</th></tr>"
-    )?;
-    for v in values {
-        let interval = v.ci95.map_or("not given by these data".to_owned(), |[a, b]| {
-            format!("{} to {}", figure(a), figure(b))
-        });
-        writeln!(
-            page,
-            "<tr><td>{}</td><td class=\"n\">{}</td><td>{}</td><td>{interval}</td></tr>",
-            escape(&v.name),
-            figure(v.value),
-            escape(&v.unit)
-        )?;
-    }
-    writeln!(page, "</table>")
-}
-
-/// What was found in a sentence each, beside the plot.
-fn at_a_glance(page: &mut String, d: &AggregateDiagnosis) -> std::fmt::Result {
-    writeln!(page, "<div class=\"pair block\"><div><ul>")?;
-    for f in d.effects.iter().chain(&d.excluded) {
-        writeln!(page, "<li>{}</li>", escape(&f.statement))?;
-    }
+/// The findings in one sentence each, beside the plot.
+fn at_a_glance(d: &AggregateDiagnosis) -> Markup {
     let entries = [
         ("measured", Ink::Measured),
         (&d.models[0], Ink::Twin),
         (&d.models[2], Ink::Improved),
     ];
-    writeln!(page, "</ul></div><div>{}<p class=\"legend\">", plot(d))?;
-    for (name, ink) in entries {
-        write!(
-            page,
-            "<span><i style=\"background:{}\"></i>{}</span>",
-            ink.css(),
-            escape(name)
-        )?;
+    html! {
+        div.pair.block {
+            div {
+                ul {
+                    @for f in d.effects.iter().chain(&d.excluded) { li { (f.statement) } }
+                }
+            }
+            div { (rows_plot(d)) (legend(&entries, "")) }
+        }
     }
-    writeln!(page, "</p></div></div>")
 }
 
-fn rows(page: &mut String, d: &AggregateDiagnosis) -> std::fmt::Result {
-    writeln!(
-        page,
-        "<h2>Row by row</h2>\n<p>Each pair: {}, {}.</p>\n<table><tr><th></th><th class=\"n\">measured</th><th class=\"n\">{}</th>\
-         <th class=\"n\">{}</th><th class=\"n\">{}</th></tr>",
-        escape(&d.columns[0]),
-        escape(&d.columns[1]),
-        escape(&d.models[0]),
-        escape(&d.models[1]),
-        escape(&d.models[2])
-    )?;
+fn alarms(alarms: &[String]) -> Markup {
+    html! {
+        @if !alarms.is_empty() {
+            h2 { "Please check first" }
+            ul {
+                @for alarm in alarms { li { (alarm) } }
+            }
+        }
+    }
+}
+
+fn findings(heading: &str, findings: &[Finding]) -> Markup {
+    html! {
+        @if !findings.is_empty() {
+            h2 { (heading) }
+            @for f in findings {
+                div.block {
+                    h3 { (spaced(&f.code)) ", confidence " (percent(f.confidence, 1)) }
+                    (values(&f.parameters))
+                }
+            }
+        }
+    }
+}
+
+fn values(values: &[Value]) -> Markup {
+    html! {
+        table {
+            tr { th { "Figure" } th.n { "Value" } th { "Unit" } th { "95 % interval" } }
+            @for v in values {
+                tr { td { (v.name) } td.n { (figure(v.value)) } td { (v.unit) } td { (interval(v)) } }
+            }
+        }
+    }
+}
+
+fn rows(d: &AggregateDiagnosis) -> Markup {
     let pair = |p: Option<[f64; 2]>| {
         p.map_or("\u{2013}".to_owned(), |[a, b]| {
             format!("{}, {}", figure(a), figure(b))
         })
     };
-    for row in &d.rows {
-        writeln!(
-            page,
-            "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>",
-            escape(&row.name),
-            pair(Some(row.measured)),
-            pair(row.model),
-            pair(row.optimum),
-            pair(row.ours)
-        )?;
+    html! {
+        h2 { "Row by row" }
+        p { "Each cell: " (d.columns[0]) ", " (d.columns[1]) "." }
+        table {
+            tr {
+                th {} th.n { "measured" }
+                @for model in &d.models { th.n { (model) } }
+            }
+            @for row in &d.rows {
+                tr {
+                    td { (row.name) }
+                    @for value in [Some(row.measured), row.model, row.optimum, row.ours] { td.n { (pair(value)) } }
+                }
+            }
+        }
     }
-    writeln!(page, "</table>")
 }
 
-/// Points of one loop in their order; tests by mounting, in the order of their peak force.
-fn plot(d: &AggregateDiagnosis) -> String {
+fn not_testable(d: &AggregateDiagnosis) -> Markup {
+    html! {
+        h2 { "What this table cannot show" }
+        table {
+            tr { th { "Physics" } th { "Why" } }
+            @for n in &d.not_testable {
+                tr { td { (spaced(&n.code)) } td { (n.why) } }
+            }
+        }
+    }
+}
+
+/// One value pair of a row.
+type Pick = fn(&Compared) -> Option<[f64; 2]>;
+
+/// The rows as points. The points of one loop are connected in their order. Tests are connected for each mounting, in the
+/// order of their peak force.
+fn rows_plot(d: &AggregateDiagnosis) -> Markup {
     let tests = d.columns[0].starts_with("peak force");
     let group = |r: &Compared| {
         if tests {
@@ -176,13 +146,12 @@ fn plot(d: &AggregateDiagnosis) -> String {
     };
     let mut groups: Vec<String> = d.rows.iter().map(group).collect();
     groups.dedup();
-    let mut curves = Vec::new();
-    type Pick = fn(&Compared) -> Option<[f64; 2]>;
     let picks: [(Ink, Pick); 3] = [
         (Ink::Measured, |r| Some(r.measured)),
         (Ink::Twin, |r| r.model),
         (Ink::Improved, |r| r.ours),
     ];
+    let mut curves = Vec::new();
     for (ink, pick) in picks {
         for name in &groups {
             let rows = d.rows.iter().filter(|r| group(r) == *name);
@@ -190,19 +159,8 @@ fn plot(d: &AggregateDiagnosis) -> String {
             if tests {
                 points.sort_by(|a, b| a.0.total_cmp(&b.0));
             }
-            curves.push(PlotCurve {
-                name: String::new(),
-                points,
-                ink,
-            });
+            curves.push(line(points, ink));
         }
     }
-    Plot {
-        x_label: &d.columns[0],
-        y_label: &d.columns[1],
-        curves: &curves,
-        bands: &[],
-        size: HALF,
-    }
-    .render()
+    plot(&d.columns[0], &d.columns[1], &curves, &[])
 }

@@ -1,14 +1,15 @@
-//! The plots of a diagnosis' report: loops measured against model before and after, residual maps with the located region marked.
+//! The plots of a diagnosis report: loops measured against model, before and after, and residuals with the located regions
+//! marked.
 
-use std::fmt::Write;
+use maud::{Markup, PreEscaped, html};
 
-use super::diagnosis::file_name;
-use super::html::escape;
+use super::figures::percent;
+use super::html::legend;
 use super::svg::{HALF, Ink, Plot, PlotCurve};
 use crate::diagnose::diagnosis::{Axis, Curve, Diagnosis, Map};
 
-/// For the first screen: the loop that the baseline misses most, and the map on which the difference was located.
-pub(super) fn at_a_glance(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
+/// The first screen: the loop with the largest baseline error, and the residuals over the first axis with a located region.
+pub(super) fn at_a_glance(d: &Diagnosis) -> Markup {
     let worst = d
         .curves
         .iter()
@@ -17,69 +18,86 @@ pub(super) fn at_a_glance(page: &mut String, d: &Diagnosis) -> std::fmt::Result 
         .location
         .iter()
         .find_map(|l| d.maps.iter().find(|m| m.axis == l.axis));
-    let (Some(curve), Some(map)) = (worst, located.or(d.maps.first())) else {
-        return Ok(());
-    };
-    writeln!(
-        page,
-        "<div class=\"pair block\"><div>{}<p class=\"legend\">{}{} <span class=\"quiet\">{}</span></p></div>\
-         <div>{}<p class=\"legend\">{}{}{}</p></div></div>",
-        loop_plot(curve, &curve.baseline_n, Ink::Twin),
-        entry("measured", Ink::Measured),
-        entry("baseline, refitted", Ink::Twin),
-        escape(file_name(&curve.name)),
-        map_plot(map, d),
-        entry("measured minus baseline, loading", Ink::Loading),
-        entry("unloading", Ink::Unloading),
-        entry("improved", Ink::Improved),
-    )
-}
-
-fn entry(name: &str, ink: Ink) -> String {
-    format!("<span><i style=\"background:{}\"></i>{name}</span>", ink.css())
-}
-
-pub(super) fn legend(page: &mut String, entries: &[(&str, Ink)]) -> std::fmt::Result {
-    write!(page, "<p class=\"legend\">")?;
-    for (name, ink) in entries {
-        page.push_str(&entry(name, *ink));
-    }
-    writeln!(page, "</p>")
-}
-
-pub(super) fn loops(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
-    writeln!(page, "<h2>Loops</h2>")?;
-    legend(
-        page,
-        &[
-            ("measured", Ink::Measured),
-            ("baseline, refitted", Ink::Twin),
-            ("improved model", Ink::Improved),
-        ],
-    )?;
-    for curve in &d.curves {
-        writeln!(
-            page,
-            "<div class=\"block\"><h3>{}: error {:.3} % before, {:.3} % after</h3>",
-            escape(file_name(&curve.name)),
-            100.0 * curve.nrmse_baseline,
-            100.0 * curve.nrmse_improved
-        )?;
-        writeln!(
-            page,
-            "<div class=\"pair\"><div>{}</div><div>{}</div></div>",
-            loop_plot(curve, &curve.baseline_n, Ink::Twin),
-            loop_plot(curve, &curve.improved_n, Ink::Improved)
-        )?;
-        for remark in &curve.remarks {
-            writeln!(page, "<p class=\"quiet\">{}</p>", escape(remark))?;
+    html! {
+        @if let (Some(curve), Some(map)) = (worst, located.or(d.maps.first())) {
+            div.pair.block {
+                div {
+                    (loop_plot(curve, &curve.baseline_n, Ink::Twin))
+                    (legend(&[("measured", Ink::Measured), ("baseline, refitted", Ink::Twin)], file_name(&curve.name)))
+                }
+                div {
+                    (map_plot(map, d))
+                    (legend(
+                        &[
+                            ("measured minus baseline, loading", Ink::Loading),
+                            ("unloading", Ink::Unloading),
+                            ("improved", Ink::Improved),
+                        ],
+                        "",
+                    ))
+                }
+            }
         }
-        writeln!(page, "</div>")?;
     }
-    Ok(())
 }
 
-fn loop_plot(curve: &Curve, model_n: &[f64], ink: Ink) -> String {
+pub(super) fn loops(d: &Diagnosis) -> Markup {
+    html! {
+        h2 { "Loops" }
+        (legend(
+            &[
+                ("measured", Ink::Measured),
+                ("baseline, refitted", Ink::Twin),
+                ("improved model", Ink::Improved),
+            ],
+            "",
+        ))
+        @for curve in &d.curves {
+            div.block {
+                h3 {
+                    (file_name(&curve.name)) ": error " (percent(curve.nrmse_baseline, 3)) " before, "
+                    (percent(curve.nrmse_improved, 3)) " after"
+                }
+                div.pair {
+                    div { (loop_plot(curve, &curve.baseline_n, Ink::Twin)) }
+                    div { (loop_plot(curve, &curve.improved_n, Ink::Improved)) }
+                }
+                @for remark in &curve.remarks {
+                    p.quiet { (remark) }
+                }
+            }
+        }
+    }
+}
+
+pub(super) fn maps(d: &Diagnosis) -> Markup {
+    html! {
+        @if !d.maps.is_empty() {
+            h2 { "Residuals" }
+            p { "Mean of measured minus model force. Marked regions: where the diagnosis locates the difference." }
+            (legend(
+                &[
+                    ("baseline, loading", Ink::Loading),
+                    ("baseline, unloading", Ink::Unloading),
+                    ("improved model, both", Ink::Improved),
+                ],
+                "",
+            ))
+            div.pair {
+                @for map in &d.maps {
+                    div.block { (map_plot(map, d)) }
+                }
+            }
+        }
+    }
+}
+
+/// The last part of a path.
+fn file_name(name: &str) -> &str {
+    name.rsplit(['/', '\\']).next().unwrap_or(name)
+}
+
+fn loop_plot(curve: &Curve, model_n: &[f64], ink: Ink) -> Markup {
     let points = |force: &[f64]| -> Vec<(f64, f64)> {
         curve
             .displacement_mm
@@ -92,48 +110,10 @@ fn loop_plot(curve: &Curve, model_n: &[f64], ink: Ink) -> String {
         line(points(&curve.measured_n), Ink::Measured),
         line(points(model_n), ink),
     ];
-    Plot {
-        x_label: "displacement in mm",
-        y_label: "force in N",
-        curves: &curves,
-        bands: &[],
-        size: HALF,
-    }
-    .render()
+    plot("displacement in mm", "force in N", &curves, &[])
 }
 
-fn line(points: Vec<(f64, f64)>, ink: Ink) -> PlotCurve {
-    PlotCurve {
-        name: String::new(),
-        points,
-        ink,
-    }
-}
-
-pub(super) fn maps(page: &mut String, d: &Diagnosis) -> std::fmt::Result {
-    if d.maps.is_empty() {
-        return Ok(());
-    }
-    writeln!(
-        page,
-        "<h2>Residuals</h2>\n<p>Mean of measured minus model. Marked: where the diagnosis locates the difference.</p>"
-    )?;
-    legend(
-        page,
-        &[
-            ("baseline, loading", Ink::Loading),
-            ("baseline, unloading", Ink::Unloading),
-            ("improved model, both", Ink::Improved),
-        ],
-    )?;
-    writeln!(page, "<div class=\"pair\">")?;
-    for map in &d.maps {
-        writeln!(page, "<div class=\"block\">{}</div>", map_plot(map, d))?;
-    }
-    writeln!(page, "</div>")
-}
-
-fn map_plot(map: &Map, d: &Diagnosis) -> String {
+fn map_plot(map: &Map, d: &Diagnosis) -> Markup {
     let points = |values: &[Option<f64>]| -> Vec<(f64, f64)> {
         map.edges
             .windows(2)
@@ -153,14 +133,30 @@ fn map_plot(map: &Map, d: &Diagnosis) -> String {
         .filter(|l| l.axis == map.axis)
         .map(|l| (l.from, l.to))
         .collect();
-    Plot {
-        x_label: axis_label(map.axis),
-        y_label: "residual in N",
-        curves: &curves,
-        bands: &bands,
+    plot(axis_label(map.axis), "residual in N", &curves, &bands)
+}
+
+/// One of two plots side by side. The page has the legend, so the plot has none.
+pub(super) fn plot(x_label: &str, y_label: &str, curves: &[PlotCurve], bands: &[(f64, f64)]) -> Markup {
+    let plot = Plot {
+        title: "",
+        legend: false,
+        x_label,
+        y_label,
+        curves,
+        bands,
         size: HALF,
+    };
+    PreEscaped(plot.render())
+}
+
+/// A curve without a name of its own.
+pub(super) fn line(points: Vec<(f64, f64)>, ink: Ink) -> PlotCurve {
+    PlotCurve {
+        name: String::new(),
+        points,
+        ink,
     }
-    .render()
 }
 
 fn axis_label(axis: Axis) -> &'static str {

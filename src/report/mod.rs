@@ -1,9 +1,11 @@
-//! Reports that are read without a network: plots as SVG, pages that hold everything themselves. What is in them is
-//! decided elsewhere.
+//! Writes the reports: HTML pages that hold everything themselves and are read without a network, and plots as SVG. What
+//! they say is decided by the callers.
 
 pub(crate) mod aggregates;
 pub(crate) mod diagnosis;
 mod diagnosis_plots;
-pub(crate) mod html;
+mod figures;
+mod html;
+pub(crate) mod loops;
 pub(crate) mod pack;
 pub(crate) mod svg;

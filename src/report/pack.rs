@@ -1,19 +1,19 @@
-//! A leaf pack as it stands: leaves, contact forces and slip as one SVG picture, or as an SVG that moves by itself.
+//! Draws a leaf pack: leaves, contact forces and slip as one SVG picture, or as an SVG animation.
 //!
-//! The picture is to scale; force arrows and slip bars have scales of their own, said in the legend. Which states are drawn
-//! is decided elsewhere.
+//! The picture is to scale. Force arrows and slip bars have their own scales, which the legend gives. The caller decides
+//! which states are drawn.
 
 use std::fmt::Write;
 
 use crate::model::leaf_pack::{ContactShape, LeafShape, PackShape, SlipState};
 
-/// Length of an arrow, mm of the picture a newton.
+/// Length of a force arrow, in mm of the picture per N.
 const ARROW_MM_PER_N: f64 = 0.05;
-/// Slip is drawn this much larger.
+/// Magnification of the slip bars.
 const SLIP_SCALE: f64 = 40.0;
 /// Free space around the pack, mm.
 const ROOM_MM: f64 = 45.0;
-/// Room for the legend under it, mm.
+/// Height of the legend below the pack, mm.
 const LEGEND_MM: f64 = 62.0;
 
 const STYLE: &str = "text{font:15px system-ui,sans-serif;fill:#3b4248}.leaf{fill:#9fb0bd;stroke:#46535d;stroke-width:.8}\
@@ -24,12 +24,12 @@ const STYLE: &str = "text{font:15px system-ui,sans-serif;fill:#3b4248}.leaf{fill
 @media(prefers-color-scheme:dark){text{fill:#d5dbdf}.leaf{fill:#60717e;stroke:#c3ced6}.clamp,.eye,.link{stroke:#c3ced6}\
 .eye{fill:#14171a}.ground{fill:#c3ced6}}";
 
-/// One state.
+/// One state of the pack as SVG text.
 pub(crate) fn picture(shape: &PackShape) -> String {
     draw(std::slice::from_ref(shape), 0.0)
 }
 
-/// States shown one after the other, `duration_s` for all, again and again. All of one pack; empty text where there is none.
+/// An animation that repeats every `duration_s` seconds. All states belong to one pack. Without states the text is empty.
 pub(crate) fn animation(shapes: &[PackShape], duration_s: f64) -> String {
     draw(shapes, duration_s)
 }
@@ -87,7 +87,7 @@ fn write(svg: &mut String, shapes: &[PackShape], duration_s: f64) -> std::fmt::R
     Ok(())
 }
 
-/// Elements that move with the states.
+/// Writes the elements that change from state to state.
 struct Moving<'a> {
     svg: &'a mut String,
     shapes: &'a [PackShape],
@@ -99,7 +99,7 @@ impl Moving<'_> {
         self.coloured(class, d, None::<fn(&PackShape) -> &'static str>)
     }
 
-    /// The normal force across a joint of two leaves, green where it grips and orange where it slips.
+    /// The normal force between two leaves: green where the contact sticks, orange where it slips.
     fn contact(&mut self, i: usize) -> std::fmt::Result {
         let class = |s: &PackShape| match s.contacts[i].state {
             SlipState::SlipUp | SlipState::SlipDown | SlipState::Smooth => "force slips",
@@ -149,7 +149,7 @@ impl Moving<'_> {
     }
 }
 
-/// Left, top, width and height that hold every state and the legend.
+/// Left, top, width and height of the picture, mm: it holds every state and the legend.
 fn frame(shapes: &[PackShape]) -> [f64; 4] {
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     let mut hold = |x: f64, y: f64| {
@@ -170,7 +170,7 @@ fn frame(shapes: &[PackShape]) -> [f64; 4] {
     [low[0] - ROOM_MM, low[1] - ROOM_MM, size[0], size[1] + LEGEND_MM]
 }
 
-/// The leaf's two faces.
+/// The outline of a leaf: its upper and its lower face.
 fn outline(leaf: &LeafShape) -> String {
     let half = 0.5 * leaf.thickness_mm;
     let face = |sense: f64| {
@@ -187,7 +187,7 @@ fn outline(leaf: &LeafShape) -> String {
     d
 }
 
-/// Upper and lower face of the clamped leaves: leaf 1 lies lowest.
+/// Height of the upper and the lower face of the clamped leaves. Leaf 1 is the lowest leaf.
 fn faces(shape: &PackShape) -> (f64, f64) {
     let first = shape.leaves.first().map_or(0.0, |l| l.thickness_mm);
     let total: f64 = shape.leaves.iter().map(|l| l.thickness_mm).sum();
@@ -209,7 +209,7 @@ fn clamp(shape: &PackShape) -> String {
     )
 }
 
-/// From the pin to the end of leaf 1.
+/// The line from the eye's pin to the end of leaf 1.
 fn eye_arm(shape: &PackShape, eye: usize) -> String {
     let [x, y] = shape.eyes_mm[eye];
     let stations = shape.leaves.first().map_or(&[][..], |l| &l.stations);
@@ -285,9 +285,9 @@ fn legend(svg: &mut String, shapes: &[PackShape], [left, top, width, height]: [f
     let entries = [
         (
             "push",
-            format!("pusher's force, {:.0} N a cm", 10.0 / ARROW_MM_PER_N),
+            format!("pusher force, {:.0} N per cm", 10.0 / ARROW_MM_PER_N),
         ),
-        ("force grips", "contact force, gripping".to_owned()),
+        ("force grips", "contact force, sticking".to_owned()),
         ("force slips", "slipping".to_owned()),
         ("slip", format!("slip since assembly, x {SLIP_SCALE:.0}")),
     ];
@@ -330,11 +330,11 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_has_every_leaf_and_contact_and_stands_still() {
+    fn a_picture_has_every_leaf_and_contact_and_no_animation() {
         let shapes = shapes(Mounting::Rail);
         let svg = picture(&shapes[3]);
         assert_eq!(svg.matches("class=\"leaf\"").count(), 4);
-        // The legend has one more of each.
+        // The legend has one more slip bar.
         assert_eq!(
             svg.matches("class=\"slip\"").count(),
             shapes[3].contacts.len() + 1
@@ -343,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn an_animation_moves_every_leaf_through_every_state_without_help() {
+    fn an_animation_moves_every_leaf_through_every_state_without_script() {
         let svg = animation(&shapes(Mounting::Shackle), 2.0);
         let leaf = svg
             .lines()

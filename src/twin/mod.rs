@@ -53,7 +53,8 @@ impl Twin {
     }
 
     fn force_n(&mut self, sample: &Sample) -> Option<f64> {
-        let usable = sample.displacement_mm.is_finite() && !sample.flags.has(Flags::DISPLACEMENT_INVALID);
+        let usable =
+            sample.displacement_mm.is_finite() && !sample.flags.contains(Flags::DISPLACEMENT_INVALID);
         if !usable || (self.behind)() {
             return None;
         }
@@ -66,7 +67,7 @@ impl Twin {
         let force_n = self
             .plant
             .step(displacement_mm, ticks as f64 / self.sample_rate_hz);
-        if sample.force_n.is_finite() && !sample.flags.has(Flags::FORCE_INVALID) {
+        if sample.force_n.is_finite() && !sample.flags.contains(Flags::FORCE_INVALID) {
             // Samples outside the profile, such as the unloading after the run, are no test of the model.
             let watch = self.watch.as_mut().filter(|_| sample.segment > 0);
             self.mismatch = watch.and_then(|w| w.sample(displacement_mm, sample.force_n, force_n));

@@ -12,7 +12,6 @@ use crate::model::{Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "fixture_stiffness",
     stage: Stage::Frame,
-    what: "fixture that carries a part of the load",
     parameters: &[Parameter {
         name: "fixture_rate_n_per_mm",
         unit: "N/mm",
@@ -67,6 +66,6 @@ mod tests {
 
     #[test]
     fn parameters_come_back_from_clean_data() {
-        comes_back(&EFFECT, &[3.0]);
+        parameters_are_recovered(&EFFECT, &[3.0]);
     }
 }

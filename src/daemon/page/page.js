@@ -1,16 +1,16 @@
-// The technician's page: status and samples over one WebSocket, requests over HTTP. No state is kept here that the daemon
-// does not have: the page can be closed and opened at any time.
+// The technician's page: status and samples come over one WebSocket, requests go over HTTP. The daemon has the whole state,
+// so the page can be closed and opened at any time.
 "use strict";
 
 const $ = id => document.getElementById(id);
 const PHASES = {
-  connecting: ["No rig", "The rig is not heard. Check its power and the link."],
-  ready: ["Ready", "Unloaded. A run may start."],
-  arming: ["Arming", "Pressure is being switched on. Keep clear."],
+  connecting: ["No rig", "The rig does not answer. Check its power and the link."],
+  ready: ["Ready", "The rig is unloaded. You can start a run."],
+  arming: ["Arming", "The pressure is being switched on. Keep clear."],
   running: ["Running", "The rig moves. Keep clear."],
-  held: ["On hold", "Position is kept, pressure is on. Resume or stop."],
-  unloading: ["Unloading", "The rig goes back by itself. Keep clear."],
-  interlocked: ["Interlocked", "Remove the cause, then press Reset. Reset moves nothing."],
+  held: ["On hold", "The rig keeps its position. The pressure is on. Press Resume or Stop."],
+  unloading: ["Unloading", "The rig unloads by itself. Keep clear."],
+  interlocked: ["Interlocked", "Remove the cause, then press Reset. Reset does not move the rig."],
 };
 let status = null;
 
@@ -23,7 +23,7 @@ async function ask(path, body) {
       { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) };
     answer = await fetch(path, options);
   } catch {
-    throw new Error("The daemon does not answer. Is it running on this computer?");
+    throw new Error("The daemon does not answer. Check that it runs on this computer.");
   }
   const reply = await answer.json().catch(() => ({}));
   if (!answer.ok) throw new Error([reply.error || `HTTP ${answer.status}`, reply.what_to_do].filter(Boolean).join(". "));
@@ -53,15 +53,15 @@ press("resume", () => ask("api/resume", {}));
 press("reset", () => ask("api/reset", {}));
 press("tare", async () => {
   const t = await ask("api/tare", {});
-  say(`Tare taken: force ${t.force_old_n.toFixed(1)} \u2192 ${t.force_new_n.toFixed(1)} N, ` +
+  say(`New tare: force ${t.force_old_n.toFixed(1)} \u2192 ${t.force_new_n.toFixed(1)} N, ` +
     `displacement ${t.displacement_old_mm.toFixed(3)} \u2192 ${t.displacement_new_mm.toFixed(3)} mm.`, true);
 });
 press("run", () => start({ profile: $("profile").value }));
 
-async function start(order) {
+async function start(request) {
   $("run").disabled = true;
   try {
-    await ask("api/run", { ...order, specimen: $("specimen").value || null, operator: $("operator").value || null });
+    await ask("api/run", { ...request, specimen: $("specimen").value || null, operator: $("operator").value || null });
   } finally {
     show();
   }
@@ -125,8 +125,8 @@ function show() {
   const rig = status && status.rig, phase = rig ? rig.phase : "offline";
   $("lamp").dataset.phase = phase;
   const [state, detail] = PHASES[phase] || (everConnected
-    ? ["No daemon", "The connection to the daemon is lost. The rig unloads by itself if it has ended."]
-    : ["Connecting", "Waiting for the daemon's first word."]);
+    ? ["No daemon", "The connection to the daemon is lost. If the daemon has ended, the rig unloads by itself."]
+    : ["Connecting", "Waiting for the daemon."]);
   $("state").textContent = state;
   $("state-detail").textContent = rig && rig.notice && phase !== "running" ? rig.notice : detail;
   $("force").textContent = number(rig && rig.force_n, 1);
@@ -143,7 +143,7 @@ function show() {
     `leafbench ${status.version}, bench ${status.bench}, link ${status.link}${status.link_open ? "" : " (closed)"}, ` +
     `runs in ${status.data_folder}`,
     `${rig.counters.samples} samples, ${rig.counters.lost} lost, ${rig.counters.frames_refused} frames refused, ` +
-    `worst lateness of control ${(status.control_loop.worst_lateness_us / 1000).toFixed(1)} ms`,
+    `largest delay of the control loop ${(status.control_loop.worst_lateness_us / 1000).toFixed(1)} ms`,
     ...status.degraded].join(" \u00b7 ");
 }
 
@@ -164,7 +164,7 @@ function showRun(rig) {
   const mismatch = (run && run.model_mismatch) || "";
   $("mismatch").textContent = mismatch;
   $("mismatch").hidden = !mismatch;
-  if (run && run.disk_problem) say(`The run file cannot be written: ${run.disk_problem}. Stop and make room.`);
+  if (run && run.disk_problem) say(`The run file cannot be written: ${run.disk_problem}. Stop the run and free space on the disk.`);
 }
 
 // ---- recorded runs
@@ -202,8 +202,8 @@ function row(run) {
   }
   const again = cell("");
   if (run.cycles_completed > 0 && (run.ending === "stopped" || run.ending === "aborted")) {
-    const button = Object.assign(document.createElement("button"), { textContent: "Go on" });
-    button.title = `Start a run that goes on after cycle ${run.cycles_completed}`;
+    const button = Object.assign(document.createElement("button"), { textContent: "Continue" });
+    button.title = `Start a new run that begins after cycle ${run.cycles_completed} of this run`;
     button.addEventListener("click", async () => {
       say("");
       try { await start({ profile: null, resume_run: run.run_id }); } catch (error) { say(error.message); }
@@ -228,12 +228,12 @@ function take(batch) {
   points.twin.push(...batch.twin_force_n);
   points.command.push(...batch.command);
   controlled = batch.control;
-  // The older half is thinned, so that a whole ramp stays in view and the newest cycles stay fine.
+  // Every second point of the older half is dropped: a whole ramp stays in view and the newest cycles keep all their points.
   if (points.t.length > MOST_POINTS) {
     const half = MOST_POINTS / 2;
     for (const key of Object.keys(points)) points[key] = points[key].filter((_, i) => i >= half || i % 2 === 0);
   }
-  $("skipped").textContent = batch.skipped ? `${batch.skipped} points were left out of this view; the recording has them all.` : "";
+  $("skipped").textContent = batch.skipped ? `This view skipped ${batch.skipped} points. They are in the recording.` : "";
   dirty = true;
 }
 

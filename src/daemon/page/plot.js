@@ -1,12 +1,12 @@
-// Plots on a canvas: axes with round steps, lines with gaps, colours from the page's style.
+// Draws plots on a canvas: axes with round steps, lines with gaps, colours from the page's style.
 "use strict";
 
 const style = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
-// Steps of 1, 2 or 5 times a power of ten, about `count` of them.
+// The step of 1, 2 or 5 times a power of ten that divides `span` into about `count` parts.
 function roundStep(span, count) {
-  const rough = span / count, power = 10 ** Math.floor(Math.log10(rough)), share = rough / power;
-  return power * (share < 1.5 ? 1 : share < 3.5 ? 2 : share < 7.5 ? 5 : 10);
+  const rough = span / count, power = 10 ** Math.floor(Math.log10(rough)), mantissa = rough / power;
+  return power * (mantissa < 1.5 ? 1 : mantissa < 3.5 ? 2 : mantissa < 7.5 ? 5 : 10);
 }
 
 function rangeOf(columns, least) {
@@ -25,7 +25,7 @@ class Plot {
     Object.assign(this, { canvas, xLabel, yLabel, xLeast, yLeast });
   }
 
-  // lines: [{x, y, colour, width, alpha, dash}]; xRange may be given.
+  // lines: [{x, y, colour, width, alpha, dash}]. Without xRange the abscissa holds all points.
   draw(lines, xRange) {
     const { canvas } = this, ratio = window.devicePixelRatio || 1;
     const width = canvas.clientWidth, height = canvas.clientHeight;

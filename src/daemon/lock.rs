@@ -1,23 +1,24 @@
-//! One daemon a rig and one daemon a data folder: advisory locks that the kernel drops with the process, however it ends.
+//! Advisory locks: one daemon for each rig, and one for each data folder. The kernel releases them when the process ends,
+//! also after a crash.
 
 use std::fs::{File, TryLockError};
 use std::io::{Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
-use super::DaemonError;
+use super::error::DaemonError;
 use crate::link;
 
-/// Both locks; they are held as long as this lives.
+/// The locks of the data folder and of the link. Dropping it releases both.
 #[derive(Debug)]
-pub(crate) struct Claim {
+pub(crate) struct DaemonLock {
     _data_folder: File,
     _link: File,
 }
 
-impl Claim {
-    /// Claims the data folder (made where it is missing) and the link. Take it before the link is opened: a second
-    /// daemon must not put one frame on the bus.
-    pub(crate) fn take(data_folder: &Path, link_address: &str) -> Result<Claim, DaemonError> {
+impl DaemonLock {
+    /// Locks the data folder, which is created if it does not exist, and the link. Call it before the link is opened: a
+    /// second daemon must not send a single frame.
+    pub(crate) fn take(data_folder: &Path, link_address: &str) -> Result<DaemonLock, DaemonError> {
         std::fs::create_dir_all(data_folder).map_err(|source| DaemonError::Folder {
             path: data_folder.to_owned(),
             source,
@@ -27,17 +28,17 @@ impl Claim {
             &data_folder.display().to_string(),
         )?;
         let _link = lock(&link_lock(link_address), link_address)?;
-        Ok(Claim { _data_folder, _link })
+        Ok(DaemonLock { _data_folder, _link })
     }
 }
 
-/// The same for every user and data folder of this machine, so that it is the rig that is claimed.
+/// The lock file of a link: the same for every user and every data folder of this computer.
 fn link_lock(link_address: &str) -> PathBuf {
     let name: String = link_address
         .chars()
         .map(|c| if c.is_ascii_alphanumeric() { c } else { '-' })
         .collect();
-    // A rig in memory belongs to its process: nobody else can reach it.
+    // Each process has its own mock rig in memory.
     let own = if link::is_in_process(link_address) {
         format!("-{}", std::process::id())
     } else {
@@ -62,9 +63,9 @@ fn lock(path: &Path, what: &str) -> Result<File, DaemonError> {
         Ok(()) => {}
         Err(TryLockError::WouldBlock) => {
             let mut owner = String::new();
-            // Only for the message: an unreadable owner is no reason to fail otherwise.
+            // The owner is only for the message, so a failed read leaves it empty.
             let _ = file.read_to_string(&mut owner);
-            return Err(DaemonError::Claimed {
+            return Err(DaemonError::Locked {
                 what: what.to_owned(),
                 owner: owner.trim().to_owned(),
             });
@@ -82,20 +83,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_second_claim_is_refused_with_the_owner_and_granted_after_the_first_has_gone() {
+    fn a_second_lock_is_refused_with_the_owner_and_granted_after_the_first_is_released() {
         let folder = tempfile::tempdir().expect("a folder");
         let address = format!("can:test{}", std::process::id());
-        let first = Claim::take(folder.path(), &address).expect("free");
-        let Err(DaemonError::Claimed { owner, .. }) = Claim::take(folder.path(), &address) else {
-            panic!("a second claim must be refused");
+        let first = DaemonLock::take(folder.path(), &address).expect("free");
+        let Err(DaemonError::Locked { owner, .. }) = DaemonLock::take(folder.path(), &address) else {
+            panic!("a second lock must be refused");
         };
         assert_eq!(owner, std::process::id().to_string());
         let elsewhere = tempfile::tempdir().expect("a folder");
         assert!(matches!(
-            Claim::take(elsewhere.path(), &address),
-            Err(DaemonError::Claimed { what, .. }) if what == address
+            DaemonLock::take(elsewhere.path(), &address),
+            Err(DaemonError::Locked { what, .. }) if what == address
         ));
         drop(first);
-        Claim::take(folder.path(), &address).expect("free again");
+        DaemonLock::take(folder.path(), &address).expect("free again");
     }
 }

@@ -1,0 +1,96 @@
+//! The state that the HTTP handlers, the runs and the daemon's main task share.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::client_types::Status;
+use super::library::Library;
+use super::live::Live;
+use super::newest_run::NewestRun;
+use super::store::Store;
+use crate::config::Bench;
+use crate::control::realtime::ControlHandle;
+use crate::link::LinkHealth;
+
+/// What a daemon is started with.
+#[derive(Debug, Clone)]
+pub(crate) struct DaemonSettings {
+    pub bench: Arc<Bench>,
+    /// `can:vcan0`, `serial:/dev/ttyUSB0`, or `mock:` for a mock rig in memory.
+    pub link_address: String,
+    /// Folder of the run files, the lock file and the endpoint file.
+    pub data_folder: PathBuf,
+    /// Folder of the profiles that can be started by name.
+    pub profiles_folder: PathBuf,
+    /// Address of the HTTP interface. Port 0 takes a free port.
+    pub listen: SocketAddr,
+}
+
+/// The state of the daemon.
+pub(super) struct DaemonState {
+    pub settings: DaemonSettings,
+    /// The way to the control thread.
+    pub control: ControlHandle,
+    pub store: Store,
+    pub library: Library,
+    /// The live view of samples, for the technician's page.
+    pub live: Live,
+    pub newest_run: NewestRun,
+    /// Taken while a run is being started, so that two requests cannot start one each.
+    pub starting: tokio::sync::Mutex<()>,
+    link_health: Mutex<Arc<LinkHealth>>,
+}
+
+/// The state as an argument of every HTTP handler.
+pub(super) type App = axum::extract::State<Arc<DaemonState>>;
+
+impl DaemonState {
+    /// `link_health` belongs to the link that `control` was started with.
+    pub(super) fn new(
+        settings: DaemonSettings,
+        control: ControlHandle,
+        store: Store,
+        library: Library,
+        link_health: Arc<LinkHealth>,
+    ) -> Self {
+        DaemonState {
+            settings,
+            control,
+            store,
+            library,
+            live: Live::default(),
+            newest_run: NewestRun::default(),
+            starting: tokio::sync::Mutex::default(),
+            link_health: Mutex::new(link_health),
+        }
+    }
+
+    /// Health of the link in use.
+    pub(super) fn link_health(&self) -> Arc<LinkHealth> {
+        Arc::clone(&self.link_health.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Replaces the health after the link was opened again.
+    pub(super) fn set_link_health(&self, health: &Arc<LinkHealth>) {
+        *self.link_health.lock().unwrap_or_else(PoisonError::into_inner) = Arc::clone(health);
+    }
+
+    /// Bench, rig and newest run as they are now.
+    pub(super) fn status(&self) -> Status {
+        let (rig, control_loop) = self.control.status();
+        let settings = &self.settings;
+        Status {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            bench: settings.bench.name.clone(),
+            link: settings.link_address.clone(),
+            link_open: self.link_health().is_open(),
+            data_folder: settings.data_folder.display().to_string(),
+            twin: settings.bench.model.name.clone(),
+            degraded: self.control.degraded().to_vec(),
+            rig,
+            control_loop,
+            run: self.newest_run.progress(),
+        }
+    }
+}
