@@ -41,6 +41,8 @@ fn check_rounds(rounds: &[serde_json::Value], out: &Path) {
                 "{name} of round {number}"
             );
         }
+        let next_test = out.join(format!("round-{number}/next-test.toml"));
+        assert!(next_test.is_file() || number + 1 == rounds.len(), "{round}");
         let recording = round["recording"].as_str();
         assert_eq!(recording.is_some(), number + 1 < rounds.len(), "{round}");
         assert!(recording.is_none_or(|path| Path::new(path).is_file()));
@@ -74,6 +76,9 @@ fn virtual_rounds(folder: &Path, bench: &Path, csv: &Path) -> (serde_json::Value
     assert!(!rounds.is_empty() && rounds.len() <= 3);
     assert!(ended["why"].as_str().is_some_and(|w| !w.is_empty()));
     check_rounds(&rounds, &out);
+    // The profile of an earlier round does not stay where the last diagnosis has no next test.
+    let has_next_test = !ended["diagnosis"]["next_test"].is_null();
+    assert_eq!(out.join("next-test.toml").exists(), has_next_test);
     (ended, rounds)
 }
 

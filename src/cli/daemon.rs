@@ -5,10 +5,11 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use clap::{Arg, ArgMatches};
+use clap::Args;
 
-use super::client::{data_argument, named_data_folder};
-use super::{CliError, Command, Done, Output, local};
+use super::shared::client::DATA_VARIABLE;
+use super::shared::local::{self, BenchArg, ProfilesArg};
+use super::{CliCommand, CliError, Done, Output};
 use crate::config::Bench;
 use crate::daemon::client_types::Endpoint;
 use crate::daemon::lock::DaemonLock;
@@ -16,66 +17,64 @@ use crate::daemon::{self, DaemonSettings};
 use crate::link::priority::raise_this_thread;
 use crate::link::{self, Link, Side, loopback};
 
-/// See [`super::COMMANDS`].
-pub(super) const COMMAND: Command = Command {
-    name: "daemon",
-    what: "Own the rig: connect, serve the technician's page and the other commands, record runs",
-    arguments,
-    run,
-};
-
-fn arguments(command: clap::Command) -> clap::Command {
-    command
-        .arg(local::bench_argument())
-        .arg(local::profiles_argument())
-        .arg(data_argument())
-        .arg(
-            Arg::new("link")
-                .long("link")
-                .value_name("ADDRESS")
-                .help(format!("Instead of the bench's link: {}", link::address_forms())),
-        )
-        .arg(
-            Arg::new("listen")
-                .long("listen")
-                .value_name("ADDRESS")
-                .value_parser(clap::value_parser!(SocketAddr))
-                .help("Instead of the bench's address for page and commands; port 0 takes a free one"),
-        )
-        .after_help("Ends with SIGTERM or Ctrl-C: unloads the rig first, closes the run's file, within 5 s.")
+/// Own the rig: connect, serve the technician's page and the other commands, record runs
+#[derive(Debug, Args)]
+#[command(
+    after_help = "SIGTERM or Ctrl-C ends the daemon: within 5 s it unloads the rig and closes the run's file."
+)]
+pub(super) struct DaemonArgs {
+    #[command(flatten)]
+    bench: BenchArg,
+    #[command(flatten)]
+    profiles: ProfilesArg,
+    /// Folder of the run files; the other commands find the daemon through it [default: the bench's]
+    #[arg(long, value_name = "DIR", env = DATA_VARIABLE)]
+    data: Option<PathBuf>,
+    #[arg(
+        long,
+        value_name = "ADDRESS",
+        help = format!("Address of the link: {} [default: the bench's]", link::address_forms())
+    )]
+    link: Option<String>,
+    /// Address and port of the page and of the commands; port 0 takes a free one [default: the bench's]
+    #[arg(long, value_name = "ADDRESS")]
+    listen: Option<SocketAddr>,
 }
 
-fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
-    log_to_stderr();
-    end_with_the_first_panic();
-    let bench = Arc::new(local::bench(matches)?);
-    let settings = DaemonSettings {
-        link_address: matches
-            .get_one::<String>("link")
-            .unwrap_or(&bench.link.address)
-            .clone(),
-        data_folder: named_data_folder(matches).unwrap_or_else(|| bench.daemon.data_folder.clone()),
-        profiles_folder: local::profiles_folder(matches)?,
-        listen: *matches
-            .get_one::<SocketAddr>("listen")
-            .unwrap_or(&bench.daemon.listen),
-        bench: Arc::clone(&bench),
-    };
-    let lock = DaemonLock::take(&settings.data_folder, &settings.link_address)?;
-    let link = open_link(&settings.link_address, &bench)?;
-    daemon::serve(settings, lock, link, |endpoint| announce(endpoint, output))?;
-    Ok(Done::Well)
+impl CliCommand for DaemonArgs {
+    const NAME: &'static str = "daemon";
+    const EXAMPLES: &'static [&'static str] = &[
+        "leafbench daemon --bench bench-configs/benches/mock.toml",
+        "leafbench daemon --bench bench-configs/benches/mock-vcan.toml --link can:vcan0 --listen 127.0.0.1:0",
+    ];
+
+    fn run(self, output: &Output) -> Result<Done, CliError> {
+        log_to_stderr();
+        end_with_the_first_panic();
+        let bench = Arc::new(self.bench.load()?);
+        let settings = DaemonSettings {
+            link_address: self.link.unwrap_or_else(|| bench.link.address.clone()),
+            data_folder: self.data.unwrap_or_else(|| bench.daemon.data_folder.clone()),
+            profiles_folder: self.profiles.folder()?,
+            listen: self.listen.unwrap_or(bench.daemon.listen),
+            bench: Arc::clone(&bench),
+        };
+        let lock = DaemonLock::take(&settings.data_folder, &settings.link_address)?;
+        let link = open_link(&settings.link_address, &bench)?;
+        daemon::serve(settings, lock, link, |endpoint| announce(endpoint, output))?;
+        Ok(Done::Success)
+    }
 }
 
-/// One line that people and scripts read.
+/// Prints the daemon's address.
 fn announce(endpoint: &Endpoint, output: &Output) {
-    // A stdout that nobody reads is no reason to stop.
+    // The daemon runs on where stdout is closed.
     let _ = output.result(endpoint, || {
         format!("leafbench daemon: open {}/ in a browser", endpoint.url)
     });
 }
 
-/// The daemon cannot tell a mock rig from a rig; only this function can.
+/// Opens the link to the rig, or to a mock rig in a thread of this process; the daemon itself does not know which.
 fn open_link(address: &str, bench: &Bench) -> Result<Link, CliError> {
     if !link::is_in_process(address) {
         return Ok(link::open(
@@ -90,7 +89,7 @@ fn open_link(address: &str, bench: &Bench) -> Result<Link, CliError> {
     std::thread::Builder::new()
         .name("mock-rig".to_owned())
         .spawn(move || {
-            // A firmware has its own processor. Control says what is missing where this is not allowed.
+            // A firmware has its own processor, so its thread gets real-time priority. Control reports where that is not allowed.
             let _ = raise_this_thread();
             static NEVER: AtomicBool = AtomicBool::new(false);
             if let Err(error) = rig.run_realtime(rig_end, &NEVER) {
@@ -104,7 +103,7 @@ fn open_link(address: &str, bench: &Bench) -> Result<Link, CliError> {
 fn log_to_stderr() {
     let filter = tracing_subscriber::EnvFilter::try_from_env("LEAFBENCH_LOG")
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("info"));
-    // Fails only where a log is set up already.
+    // Fails only if a log was set up before.
     let _ = tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
@@ -112,7 +111,7 @@ fn log_to_stderr() {
         .try_init();
 }
 
-/// A daemon that limps on after a panic would keep the lease alive: end at once, so that the rig unloads by itself.
+/// Ends the process at the first panic: a daemon that went on would renew the rig's lease. Without a lease the rig unloads by itself.
 fn end_with_the_first_panic() {
     let report = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {

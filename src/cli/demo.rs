@@ -3,52 +3,38 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use clap::{Arg, ArgMatches};
+use clap::Args;
 
-use super::progress::{Progress, ProgressMark};
-use super::virtual_bench::VirtualBench;
-use super::{CliError, Command, Done, Output, local};
+use super::shared::local;
+use super::virtual_bench::record_run;
+use super::{CliCommand, CliError, Done, Output};
 use crate::config::Bench;
-use crate::control::run::RunOrder;
-use crate::daemon::{header, library};
+use crate::daemon::library;
 use crate::profile::{Player, Profile};
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::recording::cycles::CycleSummary;
 use crate::recording::export::{self, Selection};
 use crate::recording::metrics::{NrmseMeter, Range, loop_energy_j, secant_rate_n_per_mm};
-use crate::recording::run_file::{EXTENSION, RunFile, RunFileWriter};
+use crate::recording::run_file::{EXTENSION, RunFile};
 use crate::recording::{Ending, Sample};
 use crate::report::loops::{LoopPage, Section};
 use crate::report::svg::{PlotCurve, xy_plot};
-use crate::twin::Twin;
 
-/// What is shown: a force-controlled ramp and a displacement-controlled sine.
+/// Shipped profiles that are run: a force-controlled ramp and a displacement-controlled sine.
 const PROFILES: [&str; 2] = ["static-ramp", "sine-6mm-1hz"];
-/// Points of a curve in the page: more than a screen has.
+/// Points of a curve in the page: finer than a screen shows.
 const CURVE_POINTS: usize = 2000;
-/// By this counted cycle amplitude and mean have settled.
+/// Counted cycle by which amplitude and mean have settled.
 const SETTLED_CYCLE: u32 = 5;
-/// The progress bar moves this often, in ms of bench time.
-const PROGRESS_MS: u64 = 500;
+/// Static ramp and 6 mm sine on the mock rig in virtual time: table, CSV and a page with the loops
+#[derive(Debug, Args)]
+pub(super) struct DemoArgs {
+    /// Folder to write to; earlier results of the demo there are replaced
+    #[arg(long, value_name = "DIR", default_value = "leafbench-demo")]
+    out: PathBuf,
+}
 
-/// See [`super::COMMANDS`].
-pub(super) const COMMAND: Command = Command {
-    name: "demo",
-    what: "Static ramp and 6 mm sine on the mock rig in virtual time: table, CSV and a page with the loops",
-    arguments: |command| {
-        command.arg(
-            Arg::new("out")
-                .long("out")
-                .value_name("DIR")
-                .value_parser(clap::value_parser!(PathBuf))
-                .default_value("leafbench-demo")
-                .help("Folder to write to; earlier results of the demo there are replaced"),
-        )
-    },
-    run,
-};
-
-/// One row of the table.
+/// One row of the table: one profile's run.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 struct DemoRow {
     profile: String,
@@ -58,7 +44,7 @@ struct DemoRow {
     rate_n_per_mm: Option<f64>,
     samples: u64,
     lost: u64,
-    /// Of the fifth counted cycle, relative; `None` without cycles.
+    /// Relative error of the amplitude in the fifth counted cycle; `None` without cycles.
     amplitude_error: Option<f64>,
     twin_nrmse: Option<f64>,
 }
@@ -72,45 +58,49 @@ struct Demo {
     real_s: f64,
 }
 
-fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
-    let begun = Instant::now();
-    let folder = matches
-        .get_one::<PathBuf>("out")
-        .cloned()
-        .unwrap_or_else(|| "leafbench-demo".into());
-    std::fs::create_dir_all(&folder).map_err(CliError::file(&folder, "making the folder"))?;
-    let configs = local::configs()?;
-    let bench = Bench::load(&configs.join("benches/mock.toml"))?;
-    let (mut rows, mut sections, mut virtual_s) = (Vec::new(), Vec::new(), 0.0);
-    for name in PROFILES {
-        let (profile, text) = library::read(&configs.join("profiles").join(format!("{name}.toml")))?;
-        let run = play(&bench, &profile, text, &folder, &mut virtual_s, output)?;
-        let (row, section) = account(&run, &profile, &folder)?;
-        rows.push(row);
-        sections.push(section);
+impl CliCommand for DemoArgs {
+    const NAME: &'static str = "demo";
+    const EXAMPLES: &'static [&'static str] = &["leafbench demo", "leafbench demo --out loops --json"];
+
+    fn run(self, output: &Output) -> Result<Done, CliError> {
+        let begun = Instant::now();
+        let folder = self.out;
+        std::fs::create_dir_all(&folder).map_err(CliError::file(&folder, "creating the folder"))?;
+        let configs = local::configs()?;
+        let bench = Bench::load(&configs.join("benches/mock.toml"))?;
+        let (mut rows, mut sections, mut virtual_s) = (Vec::new(), Vec::new(), 0.0);
+        for name in PROFILES {
+            let (profile, text) = library::read(&configs.join("profiles").join(format!("{name}.toml")))?;
+            let run = record_run(&bench, &profile, text, &folder, output.json)?;
+            virtual_s += run.virtual_s;
+            let (row, section) = export_and_summarise(&run.file, &profile, &folder)?;
+            rows.push(row);
+            sections.push(section);
+        }
+        let demo = Demo {
+            page: write_page(&folder, &bench, sections)?,
+            folder,
+            rows,
+            virtual_s,
+            real_s: begun.elapsed().as_secs_f64(),
+        };
+        output.result(&demo, || text(&demo))?;
+        let complete = |r: &DemoRow| r.ending == Ending::Completed && r.lost == 0;
+        Ok(Done::success_if(demo.rows.iter().all(complete)))
     }
+}
+
+/// Writes the page with the loops; its path.
+fn write_page(folder: &Path, bench: &Bench, sections: Vec<Section>) -> Result<PathBuf, CliError> {
     let page = folder.join("index.html");
-    let title = "leafbench demo: measured loops and twin";
     let html = LoopPage {
-        title,
-        lead: &lead(&bench),
+        title: "leafbench demo: measured loops and twin",
+        lead: &lead(bench),
         sections,
     }
     .render();
     std::fs::write(&page, html).map_err(CliError::file(&page, "writing"))?;
-    let demo = Demo {
-        folder,
-        page,
-        rows,
-        virtual_s,
-        real_s: begun.elapsed().as_secs_f64(),
-    };
-    output.result(&demo, || text(&demo))?;
-    let well = demo
-        .rows
-        .iter()
-        .all(|r| r.ending == Ending::Completed && r.lost == 0);
-    Ok(if well { Done::Well } else { Done::Otherwise })
+    Ok(page)
 }
 
 fn lead(bench: &Bench) -> String {
@@ -120,63 +110,12 @@ fn lead(bench: &Bench) -> String {
     )
 }
 
-/// One profile from hello to unloaded rig, into a run file.
-pub(super) fn play(
-    bench: &Bench,
+/// Exports one run; its row of the table and its section of the page.
+fn export_and_summarise(
+    run: &RunFile,
     profile: &Profile,
-    profile_toml: String,
     folder: &Path,
-    virtual_s: &mut f64,
-    output: &Output,
-) -> Result<RunFile, CliError> {
-    let path = folder.join(format!("{}.{EXTENSION}", profile.name));
-    for ending in ["", "-wal", "-shm"] {
-        // Missing ones are the rule.
-        let _ = std::fs::remove_file(format!("{}{ending}", path.display()));
-    }
-    let player = Player::new(profile, 0.0, f64::from(SAMPLE_RATE_HZ))?;
-    let planned = header::Planned {
-        cycles: player.total_cycles(),
-        duration_s: player.duration_s(),
-    };
-    let now = jiff::Timestamp::now();
-    let header = header::new(profile.name.clone(), now, bench, profile, profile_toml, planned);
-    let writer = RunFileWriter::create(&path, &header)?;
-    let mut chain = Twin::new(
-        bench.model.plant()?,
-        bench.displacement_channel.noise_mm,
-        Box::new(writer),
-        || false,
-    )
-    .watching(bench.noise());
-    let order = RunOrder {
-        header,
-        profile: profile.clone(),
-        first_cycle: 1,
-    };
-    let mut progress = Progress::new(&profile.name, output.json);
-    let mut turns = 0;
-    let mut virtual_bench = VirtualBench::new(bench, None)?;
-    virtual_bench.play(order, &mut chain, |bench| {
-        turns += 1;
-        if turns % PROGRESS_MS == 0 {
-            let status = bench.rig.status();
-            progress.show(ProgressMark {
-                elapsed_s: status.elapsed_s,
-                remaining_s: status.remaining_s,
-                cycles: status.cycles_completed,
-                cycles_total: status.cycles_total,
-            });
-        }
-    })?;
-    progress.finish();
-    *virtual_s += virtual_bench.now_ns() as f64 * 1e-9;
-    drop(chain);
-    Ok(RunFile::open(&path)?)
-}
-
-/// Exports one run and sums it up.
-fn account(run: &RunFile, profile: &Profile, folder: &Path) -> Result<(DemoRow, Section), CliError> {
+) -> Result<(DemoRow, Section), CliError> {
     let name = &profile.name;
     let exported = export::export(run, Selection::Whole, &folder.join(format!("{name}.csv")))?;
     let cycles = match exported.survey.cycles.is_empty() {
@@ -190,7 +129,7 @@ fn account(run: &RunFile, profile: &Profile, folder: &Path) -> Result<(DemoRow, 
             export::export_cycles(run, &folder.join(format!("{name}.cycles.csv")))?
         }
     };
-    // The run's own motion; the unload after it is recorded too, but is no test.
+    // Segment 0 is outside the profile, such as the unloading after it: recorded, but no part of the test.
     let samples: Vec<Sample> = run.samples().filter(|s| s.segment > 0).collect();
     let row = row(run, profile, &samples, &cycles, exported.survey.lost);
     let section = section(name, &profile.description, &samples, &row);
@@ -208,7 +147,7 @@ fn row(run: &RunFile, profile: &Profile, samples: &[Sample], cycles: &[CycleSumm
     let mean =
         |value: fn(&CycleSummary) -> f64| whole.iter().map(|c| value(c)).sum::<f64>() / whole.len() as f64;
     let (loop_energy_j, rate_n_per_mm) = match whole.is_empty() {
-        // A ramp is one loop of its own.
+        // A ramp has no counted cycles: the whole run is one loop.
         true => {
             let ranges = Range::of(&displacement).zip(Range::of(&force));
             (
@@ -221,8 +160,8 @@ fn row(run: &RunFile, profile: &Profile, samples: &[Sample], cycles: &[CycleSumm
             Some(mean(|c| c.secant_rate_n_per_mm.unwrap_or(f64::NAN))),
         ),
     };
-    let asked = asked_amplitude(samples, &whole, profile);
-    let settled = whole.iter().find(|c| c.cycle == SETTLED_CYCLE).zip(asked);
+    let target_mm = target_amplitude(samples, &whole, profile);
+    let settled = whole.iter().find(|c| c.cycle == SETTLED_CYCLE).zip(target_mm);
     DemoRow {
         profile: profile.name.clone(),
         ending: run.outcome().map_or(Ending::Aborted, |o| o.ending),
@@ -231,13 +170,13 @@ fn row(run: &RunFile, profile: &Profile, samples: &[Sample], cycles: &[CycleSumm
         rate_n_per_mm,
         samples: samples.len() as u64,
         lost,
-        amplitude_error: settled.map(|(c, asked)| c.displacement_mm.amplitude() / asked - 1.0),
+        amplitude_error: settled.map(|(c, target)| c.displacement_mm.amplitude() / target - 1.0),
         twin_nrmse: twin.value(),
     }
 }
 
-/// The amplitude that the profile's first counted cycle is to reach.
-fn asked_amplitude(samples: &[Sample], whole: &[&CycleSummary], profile: &Profile) -> Option<f64> {
+/// The amplitude of the profile's first counted cycle.
+fn target_amplitude(samples: &[Sample], whole: &[&CycleSummary], profile: &Profile) -> Option<f64> {
     let first = whole.first()?;
     let segment = samples.iter().find(|s| s.cycle == first.cycle)?.segment;
     let player = Player::new(profile, 0.0, f64::from(SAMPLE_RATE_HZ)).ok()?;
@@ -246,7 +185,6 @@ fn asked_amplitude(samples: &[Sample], whole: &[&CycleSummary], profile: &Profil
 
 fn section(name: &str, description: &str, samples: &[Sample], row: &DemoRow) -> Section {
     let step = samples.len().div_ceil(CURVE_POINTS * 4).max(1);
-    // A sine repeats: a dozen cycles show every loop, finer.
     let shown: Vec<&Sample> = samples.iter().step_by(step).collect();
     let measured = shown.iter().map(|s| (s.displacement_mm, s.force_n)).collect();
     let twin = shown

@@ -1,14 +1,23 @@
 //! `leafbench hold`.
 
-use super::Command;
-use super::client::{Client, data_argument};
-use super::stop::print_accepted;
+use clap::Args;
+
+use super::shared::client::DataArg;
+use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::client_types::Nothing;
 
-/// See [`super::COMMANDS`].
-pub(super) const COMMAND: Command = Command {
-    name: "hold",
-    what: "Keep the rig's position; the run may resume",
-    arguments: |command| command.arg(data_argument()),
-    run: |matches, output| print_accepted(Client::of(matches)?.post("/api/hold", &Nothing {})?, output),
-};
+/// Keep the rig's position; the run may resume
+#[derive(Debug, Args)]
+pub(super) struct HoldArgs {
+    #[command(flatten)]
+    data: DataArg,
+}
+
+impl CliCommand for HoldArgs {
+    const NAME: &'static str = "hold";
+    const EXAMPLES: &'static [&'static str] = &["leafbench hold", "leafbench hold --data leafbench-data"];
+
+    fn run(self, output: &Output) -> Result<Done, CliError> {
+        self.data.client()?.order("/api/hold", &Nothing {}, output)
+    }
+}

@@ -1,15 +1,15 @@
 //! `leafbench identify`.
 
 use std::fmt::Write;
-use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
 
-use clap::{Arg, ArgAction, ArgMatches, value_parser};
+use clap::{Args, ValueEnum};
 
-use super::progress::{Progress, ProgressMark};
-use super::{CliError, Command, Done, Output, stop_on_ctrl_c};
+use super::shared::ctrl_c::ctrl_c_flag;
+use super::shared::local::model_names;
+use super::shared::progress::Progress;
+use super::{CliCommand, CliError, Done, Output};
 use crate::config::{ModelConfig, Specimen};
 use crate::identify::curve::Initial;
 use crate::identify::targets::{TargetProblem, read_targets};
@@ -20,252 +20,252 @@ use crate::identify::{
 use crate::model::{self, Model};
 use crate::recording::csv;
 
-/// See [`super::COMMANDS`].
-pub(super) const COMMAND: Command = Command {
-    name: "identify",
-    what: "Fit a model's parameters to recordings, or to a table of peak forces and loop energies",
-    arguments: |command| {
-        let path = |name: &'static str, help: &'static str| {
-            Arg::new(name)
-                .long(name)
-                .value_name("FILE")
-                .value_parser(value_parser!(PathBuf))
-                .help(help)
+/// Fit a model's parameters to recordings, or to a table of peak forces and loop energies
+#[derive(Debug, Args)]
+pub(super) struct IdentifyArgs {
+    /// Recordings of one specimen, fitted together: CSV with time_s, displacement_mm, force_n
+    #[arg(value_name = "RECORDING.csv", num_args = 0..)]
+    recordings: Vec<PathBuf>,
+    /// Fit to this table (CSV) of peak forces in N and loop energies in J instead
+    #[arg(long, value_name = "FILE", conflicts_with = "recordings")]
+    targets: Option<PathBuf>,
+    #[arg(
+        long,
+        value_name = "MODEL",
+        help = format!("Model to fit: {} [default: the specimen's]", model_names())
+    )]
+    model: Option<String>,
+    /// Specimen file to start from: model, values, geometry
+    #[arg(long, value_name = "FILE")]
+    specimen: Option<PathBuf>,
+    /// How to search
+    #[arg(long, value_enum, default_value_t = SearchMethod::LeastSquares)]
+    method: SearchMethod,
+    /// Hold a parameter at a value, in the parameter's unit; may be given again
+    #[arg(long, value_name = "NAME=VALUE", value_parser = held_value)]
+    fix: Vec<(String, f64)>,
+    /// Fit only these parameters, separated by commas
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    free: Vec<String>,
+    /// State of the spring at a recording's first sample
+    #[arg(long, value_enum, default_value_t = RecordingStart::Unknown)]
+    begin: RecordingStart,
+    /// Seed of the random draws
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Write the result as a specimen file
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+/// Methods of `identify`, with the settings that each has by default.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum SearchMethod {
+    /// Levenberg-Marquardt: fast, from the start values to the nearest minimum
+    LeastSquares,
+    /// Simplex without derivatives, from the start values
+    NelderMead,
+    /// Random search of the whole range of every parameter
+    DifferentialEvolution,
+}
+
+/// What is known of the spring before a recording begins.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum RecordingStart {
+    /// Not loaded before
+    Rest,
+    /// In a steady cycle
+    Cycling,
+    /// Leave out the first half cycle, unless the recording begins without load
+    Unknown,
+}
+
+/// `NAME=VALUE` of `--fix`.
+fn held_value(text: &str) -> Result<(String, f64), String> {
+    text.split_once('=')
+        .and_then(|(name, value)| Some((name.trim().to_owned(), value.trim().parse::<f64>().ok()?)))
+        .filter(|(_, value)| value.is_finite())
+        .ok_or_else(|| "write NAME=VALUE with a finite number".to_owned())
+}
+
+impl CliCommand for IdentifyArgs {
+    const NAME: &'static str = "identify";
+    const EXAMPLES: &'static [&'static str] = &[
+        "leafbench identify --model equivalent loops/RUN.csv",
+        "leafbench identify --specimen bench-configs/specimens/samurai-front-equivalent.toml --fix preload_n=0 \
+         --out found.toml loops/RUN.csv",
+    ];
+
+    fn run(self, output: &Output) -> Result<Done, CliError> {
+        let mut specimen = self.start_specimen()?;
+        let model = model::find(&specimen.model.name)?;
+        let mut start = specimen.model.values()?;
+        let fixed = self.fixed(model, &mut start)?;
+        let problem = self.problem(model, &specimen.model.structure)?;
+        let options = FitOptions {
+            method: self.method.with_default_settings(),
+            start: Some(start),
+            fixed,
+            seed: self.seed,
+            ..FitOptions::default()
         };
-        command
-            .arg(
-                Arg::new("recordings")
-                    .value_name("RECORDING.csv")
-                    .num_args(0..)
-                    .value_parser(value_parser!(PathBuf))
-                    .help("Recordings of one specimen, fitted at once"),
-            )
-            .arg(
-                path(
-                    "targets",
-                    "Fit to this table of peak forces and loop energies instead",
-                )
-                .conflicts_with("recordings"),
-            )
-            .arg(
-                Arg::new("model")
-                    .long("model")
-                    .value_name("MODEL")
-                    .help("Model to fit [default: the specimen's]"),
-            )
-            .arg(path(
-                "specimen",
-                "Specimen file to start from: model, values, geometry",
-            ))
-            .arg(
-                Arg::new("method")
-                    .long("method")
-                    .value_parser(["least-squares", "nelder-mead", "differential-evolution"])
-                    .default_value("least-squares")
-                    .help("How to search"),
-            )
-            .arg(
-                Arg::new("fix")
-                    .long("fix")
-                    .value_name("NAME=VALUE")
-                    .action(ArgAction::Append)
-                    .help("Hold a parameter at a value; may be given again"),
-            )
-            .arg(
-                Arg::new("free")
-                    .long("free")
-                    .value_name("NAMES")
-                    .value_delimiter(',')
-                    .help("Fit these alone, with commas between"),
-            )
-            .arg(
-                Arg::new("begin")
-                    .long("begin")
-                    .value_parser(["rest", "cycling", "unknown"])
-                    .default_value("unknown")
-                    .help("The spring at a recording's first sample: untouched before, or in a steady cycle; unknown: leave out the first half cycle unless it begins without load"),
-            )
-            .arg(
-                Arg::new("seed")
-                    .long("seed")
-                    .value_parser(value_parser!(u64))
-                    .default_value("1")
-                    .help("Seed of the random draws"),
-            )
-            .arg(path("out", "Write the result as a specimen file"))
-    },
-    run,
-};
-
-fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
-    let mut specimen = specimen(matches)?;
-    let model = model::find(&specimen.model.name)?;
-    let mut start = specimen.model.values()?;
-    let fixed = fixed(matches, model, &mut start)?;
-    let problem = problem(matches, model, &specimen.model.structure)?;
-    let options = FitOptions {
-        method: method(matches),
-        start: Some(start),
-        fixed,
-        seed: matches.get_one::<u64>("seed").copied().unwrap_or(1),
-        ..FitOptions::default()
-    };
-    let fitted = watched_fit(problem.as_ref(), &options, output)?;
-    for (p, value) in fitted.parameters.iter().zip(&fitted.values) {
-        specimen.model.parameters.insert(p.name.to_owned(), *value);
+        let fitted = fit_with_progress(problem.as_ref(), &options, output)?;
+        for (p, value) in fitted.parameters.iter().zip(&fitted.values) {
+            specimen.model.parameters.insert(p.name.to_owned(), *value);
+        }
+        if let Some(path) = &self.out {
+            let text = toml::to_string(&specimen).map_err(|e| CliError::Internal(e.to_string()))?;
+            std::fs::write(path, text).map_err(CliError::file(path, "writing"))?;
+        }
+        output.result(&json(&specimen.model.name, &fitted), || {
+            text(&fitted, self.out.as_deref())
+        })?;
+        Ok(Done::success_if(fitted.ending == FitEnding::Converged))
     }
-    let out = matches.get_one::<PathBuf>("out");
-    if let Some(path) = out {
-        let text = toml::to_string(&specimen).map_err(|e| CliError::Internal(e.to_string()))?;
-        std::fs::write(path, text).map_err(CliError::file(path, "writing"))?;
-    }
-    output.result(&json(&specimen.model.name, &fitted), || text(&fitted, out))?;
-    Ok(match fitted.ending {
-        FitEnding::Converged => Done::Well,
-        FitEnding::Exhausted | FitEnding::Stopped => Done::Otherwise,
-    })
 }
 
-/// What to start from: a specimen file, a model's own start, or a file's geometry with another model refused.
-fn specimen(matches: &ArgMatches) -> Result<Specimen, CliError> {
-    let asked = matches.get_one::<String>("model");
-    if let Some(path) = matches.get_one::<PathBuf>("specimen") {
-        let specimen = Specimen::load(path)?;
-        return match asked {
-            Some(name) if *name != specimen.model.name => Err(CliError::Input(format!(
-                "{} is of model {}, --model asks for {name}: leave one of the two out",
-                path.display(),
-                specimen.model.name
-            ))),
-            _ => Ok(specimen),
+impl IdentifyArgs {
+    /// What the fit starts from: the specimen file, or the start values of the model that is named.
+    fn start_specimen(&self) -> Result<Specimen, CliError> {
+        if let Some(path) = &self.specimen {
+            let specimen = Specimen::load(path)?;
+            return match &self.model {
+                Some(name) if *name != specimen.model.name => Err(CliError::Input(format!(
+                    "{} has model {}, but --model says {name}: leave one of the two out",
+                    path.display(),
+                    specimen.model.name
+                ))),
+                _ => Ok(specimen),
+            };
+        }
+        let Some(name) = &self.model else {
+            return Err(CliError::Input(
+                "no model to fit: give --model NAME or --specimen FILE".to_owned(),
+            ));
         };
+        model::find(name)?;
+        Ok(Specimen {
+            name: format!("identified {name}"),
+            source: "leafbench identify".to_owned(),
+            model: ModelConfig {
+                name: name.clone(),
+                known: Vec::new(),
+                parameters: Default::default(),
+                structure: toml::Table::new(),
+                effects: Vec::new(),
+            },
+        })
     }
-    let Some(name) = asked else {
-        return Err(CliError::Input(
-            "no model to fit: give --model NAME or --specimen FILE".to_owned(),
-        ));
-    };
-    model::find(name)?;
-    Ok(Specimen {
-        name: format!("identified {name}"),
-        source: "leafbench identify".to_owned(),
-        model: ModelConfig {
-            name: name.clone(),
-            known: Vec::new(),
-            parameters: Default::default(),
-            structure: toml::Table::new(),
-            effects: Vec::new(),
-        },
-    })
-}
 
-/// Names that stay; values of `--fix` go into `start`.
-fn fixed(matches: &ArgMatches, model: &Model, start: &mut [f64]) -> Result<Vec<String>, CliError> {
-    let mut fixed = Vec::new();
-    for pair in matches.get_many::<String>("fix").into_iter().flatten() {
-        let parsed = pair
-            .split_once('=')
-            .and_then(|(name, value)| Some((name.trim(), value.trim().parse::<f64>().ok()?)))
-            .filter(|(_, value)| value.is_finite());
-        let Some((name, value)) = parsed else {
-            return Err(CliError::Input(format!(
-                "--fix {pair}: write NAME=VALUE with a finite number"
-            )));
+    /// Names of the parameters that are held; the values of `--fix` go into `start`.
+    fn fixed(&self, model: &Model, start: &mut [f64]) -> Result<Vec<String>, CliError> {
+        let mut fixed = Vec::new();
+        for (name, value) in &self.fix {
+            let index = model.parameter_index(name)?;
+            if let Some(slot) = start.get_mut(index) {
+                *slot = *value;
+            }
+            fixed.push(name.clone());
+        }
+        if !self.free.is_empty() {
+            let free: Vec<&str> = self.free.iter().map(|name| name.trim()).collect();
+            for name in &free {
+                model.parameter_index(name)?;
+            }
+            let held = model.parameters.iter().filter(|p| !free.contains(&p.name));
+            fixed.extend(held.map(|p| p.name.to_owned()));
+        }
+        if model.parameters.iter().all(|p| fixed.iter().any(|f| f == p.name)) {
+            return Err(CliError::Input(
+                "every parameter is fixed: leave at least one free".to_owned(),
+            ));
+        }
+        Ok(fixed)
+    }
+
+    fn problem<'a>(
+        &self,
+        model: &'static Model,
+        structure: &'a toml::Table,
+    ) -> Result<Box<dyn Residuals + 'a>, CliError> {
+        if let Some(path) = &self.targets {
+            return table_problem(path, model, structure);
+        }
+        if self.recordings.is_empty() {
+            return Err(CliError::Input(
+                "nothing to fit to: give recordings (CSV) or --targets FILE".to_owned(),
+            ));
+        }
+        let recordings = self
+            .recordings
+            .iter()
+            .map(|path| csv::read_file(path))
+            .collect::<Result<Vec<_>, _>>()?;
+        let options = CurveOptions {
+            initial: self.begin.initial(),
+            ..CurveOptions::default()
         };
-        let index = model.parameter_index(name)?;
-        if let Some(slot) = start.get_mut(index) {
-            *slot = value;
-        }
-        fixed.push(name.to_owned());
-    }
-    if let Some(free) = matches.get_many::<String>("free") {
-        let free: Vec<&str> = free.map(|name| name.trim()).collect();
-        for name in &free {
-            model.parameter_index(name)?;
-        }
-        let held = model.parameters.iter().filter(|p| !free.contains(&p.name));
-        fixed.extend(held.map(|p| p.name.to_owned()));
-    }
-    if model.parameters.iter().all(|p| fixed.iter().any(|f| f == p.name)) {
-        return Err(CliError::Input(
-            "every parameter is fixed: leave at least one free".to_owned(),
-        ));
-    }
-    Ok(fixed)
-}
-
-fn method(matches: &ArgMatches) -> Method {
-    match matches.get_one::<String>("method").map(String::as_str) {
-        Some("nelder-mead") => Method::NelderMead(nelder_mead::SimplexSettings::default()),
-        Some("differential-evolution") => {
-            Method::DifferentialEvolution(differential_evolution::EvolutionSettings::default())
-        }
-        _ => Method::LeastSquares(least_squares::LeastSquaresSettings::default()),
+        let problem = CurveProblem::of_model(model, structure, &recordings, &options)?;
+        Ok(Box::new(problem))
     }
 }
 
-fn problem<'a>(
-    matches: &ArgMatches,
+impl SearchMethod {
+    fn with_default_settings(self) -> Method {
+        match self {
+            SearchMethod::LeastSquares => {
+                Method::LeastSquares(least_squares::LeastSquaresSettings::default())
+            }
+            SearchMethod::NelderMead => Method::NelderMead(nelder_mead::SimplexSettings::default()),
+            SearchMethod::DifferentialEvolution => {
+                Method::DifferentialEvolution(differential_evolution::EvolutionSettings::default())
+            }
+        }
+    }
+}
+
+impl RecordingStart {
+    fn initial(self) -> Initial {
+        match self {
+            RecordingStart::Rest => Initial::FromRest,
+            RecordingStart::Cycling => Initial::ReplayFirstCycle,
+            RecordingStart::Unknown => Initial::Unknown,
+        }
+    }
+}
+
+/// The fit to a table of peak forces and loop energies.
+fn table_problem<'a>(
+    path: &Path,
     model: &'static Model,
     structure: &'a toml::Table,
 ) -> Result<Box<dyn Residuals + 'a>, CliError> {
-    if let Some(path) = matches.get_one::<PathBuf>("targets") {
-        let file = std::fs::File::open(path).map_err(CliError::file(path, "opening"))?;
-        let targets = read_targets(file)?;
-        if targets.is_empty() {
-            return Err(CliError::Input(format!(
-                "{} has no rows: give one a test",
-                path.display()
-            )));
-        }
-        let factory = move |values: &[f64], _: &_| model.plant(values, structure);
-        return Ok(Box::new(TargetProblem::new(
-            model.parameters.to_vec(),
-            Box::new(factory),
-            targets,
+    let file = std::fs::File::open(path).map_err(CliError::file(path, "opening"))?;
+    let targets = read_targets(file)?;
+    if targets.is_empty() {
+        return Err(CliError::Input(format!(
+            "{} has no row below its header: add one row for each test",
+            path.display()
         )));
     }
-    let paths: Vec<_> = matches
-        .get_many::<PathBuf>("recordings")
-        .into_iter()
-        .flatten()
-        .collect();
-    if paths.is_empty() {
-        return Err(CliError::Input(
-            "nothing to fit to: give recordings (CSV) or --targets FILE".to_owned(),
-        ));
-    }
-    let recordings = paths
-        .into_iter()
-        .map(|path| csv::read_file(path))
-        .collect::<Result<Vec<_>, _>>()?;
-    let options = CurveOptions {
-        initial: match matches.get_one::<String>("begin").map(String::as_str) {
-            Some("rest") => Initial::FromRest,
-            Some("cycling") => Initial::ReplayFirstCycle,
-            _ => Initial::Unknown,
-        },
-        ..CurveOptions::default()
-    };
-    let problem = CurveProblem::of_model(model, structure, &recordings, &options)?;
-    Ok(Box::new(problem))
+    let factory = move |values: &[f64], _: &_| model.plant(values, structure);
+    Ok(Box::new(TargetProblem::new(
+        model.parameters.to_vec(),
+        Box::new(factory),
+        targets,
+    )))
 }
 
-/// Fits with a progress bar; Ctrl-C ends it with the best so far.
-fn watched_fit(problem: &dyn Residuals, options: &FitOptions, output: &Output) -> Result<Fit, IdentifyError> {
-    let stop = Arc::new(AtomicBool::new(false));
-    stop_on_ctrl_c(Arc::clone(&stop));
-    let start = Instant::now();
+/// Fits with a progress bar; Ctrl-C ends the fit with the best values so far.
+fn fit_with_progress(
+    problem: &dyn Residuals,
+    options: &FitOptions,
+    output: &Output,
+) -> Result<Fit, IdentifyError> {
+    let stop = ctrl_c_flag();
     let mut progress = Progress::new("identify", output.json);
     let fitted = fit(problem, options, &mut |p| {
-        let elapsed_s = start.elapsed().as_secs_f64();
-        let remaining_s = elapsed_s * (1.0 - p.share) / p.share.max(1e-3);
-        progress.show(ProgressMark {
-            elapsed_s,
-            remaining_s,
-            cycles: 0,
-            cycles_total: 0,
-        });
+        progress.show_share(p.share, p.stage);
         if stop.load(Ordering::Relaxed) {
             FitControl::Stop
         } else {
@@ -276,7 +276,7 @@ fn watched_fit(problem: &dyn Residuals, options: &FitOptions, output: &Output) -
     fitted
 }
 
-fn text(fit: &Fit, out: Option<&PathBuf>) -> String {
+fn text(fit: &Fit, out: Option<&Path>) -> String {
     let mut text = String::new();
     for (i, p) in fit.parameters.iter().enumerate() {
         let note = match (fit.free[i], fit.ci95[i]) {
@@ -287,9 +287,9 @@ fn text(fit: &Fit, out: Option<&PathBuf>) -> String {
         let _ = writeln!(text, "{:28} {:>14.6} {:6} {note}", p.name, fit.values[i], p.unit);
     }
     let how = match fit.ending {
-        FitEnding::Converged => "settled",
-        FitEnding::Exhausted => "not settled: the allowed work is done",
-        FitEnding::Stopped => "stopped: the best so far",
+        FitEnding::Converged => "converged",
+        FitEnding::Exhausted => "not converged: the limit of iterations is reached",
+        FitEnding::Stopped => "stopped: the best values so far",
     };
     let _ = writeln!(
         text,

@@ -1,100 +1,133 @@
-//! The command line: the only part that knows all others. One file a command; a new one is a file and a line in [`COMMANDS`].
+//! The command line: the only module that uses all others.
+//!
+//! Each command is one file, which holds a struct with the command's arguments and its [`CliCommand`]; `diagnose` is a folder,
+//! because it has three ways to run. A new command is one file and one line in [`COMMANDS`]. What several commands use (errors,
+//! progress, Ctrl-C, the client of the daemon, the files of this computer, the virtual bench) is in `shared`.
 
 mod blind;
-mod client;
 mod daemon;
 mod demo;
 mod diagnose;
-mod error;
 mod export;
 mod hold;
 mod identify;
-mod local;
 mod mock_rig;
 mod papers;
 mod plan;
-mod progress;
 mod reset;
 mod resume;
 mod run;
-mod run_next;
 mod runs;
+mod shared;
 mod simulate;
 mod status;
 mod stop;
 mod tare;
-mod targets;
-pub(crate) mod virtual_bench;
 
 use std::io::Write;
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
-use clap::{Arg, ArgAction, ArgMatches};
+use clap::{ArgMatches, Args};
 
-pub(crate) use error::CliError;
+pub(crate) use shared::error::CliError;
+pub(crate) use shared::virtual_bench;
 
-/// A command of leafbench.
-pub(crate) struct Command {
-    /// As typed.
-    pub name: &'static str,
-    /// One sentence.
-    pub what: &'static str,
-    /// Adds its own arguments.
-    pub arguments: fn(clap::Command) -> clap::Command,
-    /// Does it.
-    pub run: fn(&ArgMatches, &Output) -> Result<Done, CliError>,
+/// A command of leafbench: a struct with one field for each argument. The struct's doc comment is the command's sentence in the
+/// help; the fields' doc comments, types and attributes are the arguments.
+trait CliCommand: Args {
+    /// Name of the command on the command line.
+    const NAME: &'static str;
+    /// Complete command lines for the end of the help; they use the shipped profiles and benches only.
+    const EXAMPLES: &'static [&'static str];
+
+    /// Does what the command is for.
+    fn run(self, output: &Output) -> Result<Done, CliError>;
+}
+
+/// One line of [`COMMANDS`].
+struct CommandEntry {
+    name: &'static str,
+    examples: &'static [&'static str],
+    add_arguments: fn(clap::Command) -> clap::Command,
+    run: fn(&ArgMatches, &Output) -> Result<Done, CliError>,
+}
+
+impl CommandEntry {
+    const fn of<C: CliCommand>() -> CommandEntry {
+        CommandEntry {
+            name: C::NAME,
+            examples: C::EXAMPLES,
+            add_arguments: C::augment_args,
+            run: parse_and_run::<C>,
+        }
+    }
+
+    /// The command with its arguments; its help ends with its notes, if it has any, and its examples.
+    fn command(&self) -> clap::Command {
+        let command = (self.add_arguments)(clap::Command::new(self.name));
+        let notes = command
+            .get_after_help()
+            .map_or(String::new(), |notes| format!("{notes}\n\n"));
+        command.after_help(format!("{notes}Examples:\n  {}", self.examples.join("\n  ")))
+    }
+}
+
+fn parse_and_run<C: CliCommand>(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
+    let command = C::from_arg_matches(matches).map_err(|e| CliError::Internal(e.to_string()))?;
+    command.run(output)
 }
 
 /// All commands, in the order of a working day.
-pub(crate) static COMMANDS: &[Command] = &[
-    daemon::COMMAND,
-    run::COMMAND,
-    stop::COMMAND,
-    hold::COMMAND,
-    resume::COMMAND,
-    reset::COMMAND,
-    tare::COMMAND,
-    status::COMMAND,
-    runs::COMMAND,
-    export::COMMAND,
-    plan::COMMAND,
-    simulate::COMMAND,
-    identify::COMMAND,
-    papers::COMMAND,
-    mock_rig::COMMAND,
-    diagnose::COMMAND,
-    blind::COMMAND,
-    demo::COMMAND,
+static COMMANDS: &[CommandEntry] = &[
+    CommandEntry::of::<daemon::DaemonArgs>(),
+    CommandEntry::of::<run::RunArgs>(),
+    CommandEntry::of::<stop::StopArgs>(),
+    CommandEntry::of::<hold::HoldArgs>(),
+    CommandEntry::of::<resume::ResumeArgs>(),
+    CommandEntry::of::<reset::ResetArgs>(),
+    CommandEntry::of::<tare::TareArgs>(),
+    CommandEntry::of::<status::StatusArgs>(),
+    CommandEntry::of::<runs::RunsArgs>(),
+    CommandEntry::of::<export::ExportArgs>(),
+    CommandEntry::of::<plan::PlanArgs>(),
+    CommandEntry::of::<simulate::SimulateArgs>(),
+    CommandEntry::of::<identify::IdentifyArgs>(),
+    CommandEntry::of::<papers::PapersArgs>(),
+    CommandEntry::of::<mock_rig::MockRigArgs>(),
+    CommandEntry::of::<diagnose::DiagnoseArgs>(),
+    CommandEntry::of::<blind::BlindArgs>(),
+    CommandEntry::of::<demo::DemoArgs>(),
 ];
 
-/// How a command ended that did what it could.
+/// How a command ended that met no error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Done {
-    /// As asked for: exit code 0.
-    Well,
-    /// The run did not complete, a trip is predicted, or data are missing: exit code 1.
-    Otherwise,
+    /// The result is as wanted: exit code 0.
+    Success,
+    /// The run did not complete, a trip is predicted, or data are damaged: exit code 1.
+    Negative,
+}
+
+impl Done {
+    fn success_if(condition: bool) -> Done {
+        if condition { Done::Success } else { Done::Negative }
+    }
 }
 
 const EXIT_CODES: &str = "Exit codes: 0 done; 1 the run ended without completing, a trip is predicted or data are damaged; \
                           2 unusable input or usage; 3 no daemon; 4 the daemon refused";
 
 /// Where results go: text for people, one JSON value for scripts. Progress and errors go to stderr.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Args)]
 pub(crate) struct Output {
-    /// `--json`.
+    /// Results as JSON on stdout, errors as JSON on stderr
+    #[arg(long, global = true)]
     pub json: bool,
 }
 
 impl Output {
-    /// Prints a result. A reader that has gone (`| head`) is no error.
-    pub(crate) fn result<T: serde::Serialize>(
-        &self,
-        value: &T,
-        text: impl FnOnce() -> String,
-    ) -> Result<(), CliError> {
+    /// Prints a result. A closed stdout (`| head`) is not an error.
+    fn result<T: serde::Serialize>(&self, value: &T, text: impl FnOnce() -> String) -> Result<(), CliError> {
         let line = if self.json {
             serde_json::to_string(value).map_err(|e| CliError::Internal(e.to_string()))?
         } else {
@@ -103,6 +136,16 @@ impl Output {
         let _ = writeln!(std::io::stdout().lock(), "{}", line.trim_end());
         Ok(())
     }
+
+    /// The error with all its causes, outermost first.
+    fn error(&self, error: &CliError) {
+        let text = shared::error::chain(error);
+        let mut stderr = std::io::stderr().lock();
+        let _ = match self.json {
+            true => writeln!(stderr, "{}", serde_json::json!({ "error": text })),
+            false => writeln!(stderr, "error: {text}"),
+        };
+    }
 }
 
 /// Runs the command line of this process.
@@ -110,7 +153,7 @@ pub fn main() -> ExitCode {
     let matches = match command_line().try_get_matches() {
         Ok(matches) => matches,
         Err(error) => {
-            // Help and version come this way too. A closed stdout is no error.
+            // Help and version come this way too. A closed stdout is not an error.
             let _ = error.print();
             return ExitCode::from(if error.use_stderr() { 2 } else { 0 });
         }
@@ -121,65 +164,35 @@ pub fn main() -> ExitCode {
     let output = Output {
         json: arguments.get_flag("json"),
     };
-    let Some(command) = COMMANDS.iter().find(|c| c.name == name) else {
+    let Some(entry) = COMMANDS.iter().find(|c| c.name == name) else {
         return ExitCode::from(2);
     };
-    match (command.run)(arguments, &output) {
-        Ok(Done::Well) => ExitCode::SUCCESS,
-        Ok(Done::Otherwise) => ExitCode::from(1),
+    match (entry.run)(arguments, &output) {
+        Ok(Done::Success) => ExitCode::SUCCESS,
+        Ok(Done::Negative) => ExitCode::from(1),
         Err(error) => {
-            report(&error, output);
+            output.error(&error);
             ExitCode::from(error.exit_code())
         }
     }
 }
 
-/// The whole chain of causes, outermost first.
-fn report(error: &CliError, output: Output) {
-    let text = crate::daemon::chain(error);
-    let mut stderr = std::io::stderr().lock();
-    let _ = match output.json {
-        true => writeln!(stderr, "{}", serde_json::json!({ "error": text })),
-        false => writeln!(stderr, "error: {text}"),
-    };
-}
-
 fn command_line() -> clap::Command {
-    let json = Arg::new("json")
-        .long("json")
-        .action(ArgAction::SetTrue)
-        .global(true)
-        .help("Results as JSON on stdout, errors as JSON on stderr");
-    let top = clap::Command::new("leafbench")
+    Output::augment_args(clap::Command::new("leafbench"))
         .about("Controls a leaf-spring test bench, records it, and steps a virtual twin beside it")
         .version(env!("CARGO_PKG_VERSION"))
         .subcommand_required(true)
         .arg_required_else_help(true)
         .after_help(EXIT_CODES)
-        .arg(json);
-    COMMANDS.iter().fold(top, |top, c| {
-        top.subcommand((c.arguments)(clap::Command::new(c.name).about(c.what)))
-    })
-}
-
-/// Sets `stop` at Ctrl-C. Where signals cannot be had, what was begun runs to its end: that is all it costs.
-fn stop_on_ctrl_c(stop: Arc<AtomicBool>) {
-    let listen = move || {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build();
-        if let Ok(runtime) = runtime
-            && runtime.block_on(tokio::signal::ctrl_c()).is_ok()
-        {
-            stop.store(true, Ordering::Relaxed);
-        }
-    };
-    let _ = std::thread::Builder::new()
-        .name("ctrl-c".to_owned())
-        .spawn(listen);
+        .subcommands(COMMANDS.iter().map(CommandEntry::command))
 }
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use super::*;
+    use crate::daemon::library::Library;
 
     #[test]
     fn the_command_line_is_consistent_and_every_command_has_a_sentence() {
@@ -188,10 +201,40 @@ mod tests {
         names.sort_unstable();
         names.dedup();
         assert_eq!(names.len(), COMMANDS.len());
-        assert!(
-            COMMANDS
-                .iter()
-                .all(|c| c.what.len() > 20 && !c.what.ends_with('.'))
-        );
+        for command in command_line().get_subcommands() {
+            let about = command.get_about().map(ToString::to_string).unwrap_or_default();
+            assert!(
+                about.len() > 20 && !about.ends_with('.') && !about.contains('\n'),
+                "{}: {about:?}",
+                command.get_name()
+            );
+            for argument in command.get_arguments() {
+                assert!(argument.get_help().is_some(), "{} {argument}", command.get_name());
+            }
+        }
+    }
+
+    /// Every example parses; its profiles and the files below `bench-configs` are shipped.
+    #[test]
+    fn every_command_has_examples_that_work() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let profiles = Library::open(&root.join("bench-configs/profiles")).expect("shipped");
+        for entry in COMMANDS {
+            assert!(!entry.examples.is_empty(), "{}", entry.name);
+            for example in entry.examples {
+                let words = example.split_whitespace();
+                let matches = command_line()
+                    .try_get_matches_from(words.clone())
+                    .unwrap_or_else(|e| panic!("{example}: {e}"));
+                let (name, arguments) = matches.subcommand().expect("required");
+                assert_eq!(name, entry.name, "{example}");
+                if let Ok(Some(profile)) = arguments.try_get_one::<String>("profile") {
+                    profiles.find(profile).expect("a shipped profile");
+                }
+                for file in words.filter(|w| w.starts_with("bench-configs/")) {
+                    assert!(root.join(file).is_file(), "{example}: {file}");
+                }
+            }
+        }
     }
 }

@@ -2,54 +2,49 @@
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
-use clap::{Arg, ArgMatches, value_parser};
+use clap::{Args, ValueEnum};
 
-use super::progress::{Progress, ProgressMark};
-use super::{CliError, Command, Done, Output};
+use super::shared::progress::Progress;
+use super::{CliCommand, CliError, Done, Output};
 use crate::papers::first::{self, AmplitudeReading, Choice};
 use crate::papers::{second, third};
 use crate::report::svg::{PlotCurve, xy_plot};
 
-/// See [`super::COMMANDS`].
-pub(super) const COMMAND: Command = Command {
-    name: "papers",
-    what: "Rerun what the three papers report and print their figures beside ours",
-    arguments: |command| {
-        command
-            .arg(
-                Arg::new("amplitude")
-                    .long("amplitude")
-                    .value_parser(["whole", "half", "both"])
-                    .default_value("both")
-                    .help("What the first paper's \"amplitude\" means: the whole stroke or half of it"),
-            )
-            .arg(
-                Arg::new("trough-mm")
-                    .long("trough-mm")
-                    .value_name("MM")
-                    .value_parser(value_parser!(f64))
-                    .help("Lowest displacement of the first paper's sines, 0 to 8 [default: fitted]"),
-            )
-            .arg(
-                Arg::new("threads")
-                    .long("threads")
-                    .value_name("N")
-                    .value_parser(value_parser!(usize))
-                    .default_value("0")
-                    .help("Cores to use, 0 for all; the figures do not depend on it"),
-            )
-            .arg(
-                Arg::new("out")
-                    .long("out")
-                    .value_name("FOLDER")
-                    .value_parser(value_parser!(PathBuf))
-                    .help("Also write the page papers.md and its plots there"),
-            )
-    },
-    run,
-};
+/// Rerun what the three papers report and print their figures beside ours
+#[derive(Debug, Args)]
+pub(super) struct PapersArgs {
+    /// What the first paper's "amplitude" means
+    #[arg(long, value_enum, default_value_t = AmplitudeOption::Both)]
+    amplitude: AmplitudeOption,
+    /// Lowest displacement of the first paper's sines in mm, 0 to 8 [default: fitted]
+    #[arg(long, value_name = "MM", value_parser = trough_in_mm)]
+    trough_mm: Option<f64>,
+    /// Cores to use, 0 for all; the figures do not depend on it
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    threads: usize,
+    /// Also write the page papers.md and its plots there
+    #[arg(long, value_name = "FOLDER")]
+    out: Option<PathBuf>,
+}
+
+/// Readings of the word "amplitude" that are run.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum AmplitudeOption {
+    /// The whole stroke
+    Whole,
+    /// Half of the stroke
+    Half,
+    /// One after the other
+    Both,
+}
+
+fn trough_in_mm(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|mm| (0.0..=8.0).contains(mm))
+        .ok_or_else(|| "enter the sines' lowest displacement in mm, 0 to 8".to_owned())
+}
 
 /// Everything that was run.
 struct Papers {
@@ -58,55 +53,47 @@ struct Papers {
     third: Vec<third::WagonRow>,
 }
 
-fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
-    let choice = choice(matches)?;
-    let start = Instant::now();
-    let mut progress = Progress::new("papers", output.json);
-    let mut watch = |_: &str, share: f64| {
-        let elapsed_s = start.elapsed().as_secs_f64();
-        progress.show(ProgressMark {
-            elapsed_s,
-            remaining_s: if share > 0.0 {
-                elapsed_s * (1.0 - share) / share
-            } else {
-                60.0
-            },
-            cycles: 0,
-            cycles_total: 0,
-        });
-        true
-    };
-    let papers = Papers {
-        first: first::rerun(&choice, &mut watch)?,
-        second: second::rerun(choice.threads)?,
-        third: third::rerun(choice.threads)?,
-    };
-    progress.finish();
-    if let Some(folder) = matches.get_one::<PathBuf>("out") {
-        write_page(&papers, folder)?;
+impl CliCommand for PapersArgs {
+    const NAME: &'static str = "papers";
+    const EXAMPLES: &'static [&'static str] = &[
+        "leafbench papers",
+        "leafbench papers --amplitude whole --out docs",
+    ];
+
+    fn run(self, output: &Output) -> Result<Done, CliError> {
+        let choice = self.choice();
+        let mut progress = Progress::new("papers", output.json);
+        let mut watch = |step: &str, share: f64| {
+            progress.show_share(share, step);
+            true
+        };
+        let papers = Papers {
+            first: first::rerun(&choice, &mut watch)?,
+            second: second::rerun(choice.threads)?,
+            third: third::rerun(choice.threads)?,
+        };
+        progress.finish();
+        if let Some(folder) = &self.out {
+            write_page(&papers, folder)?;
+        }
+        output.result(&json(&papers), || text(&papers))?;
+        Ok(Done::Success)
     }
-    output.result(&json(&papers), || text(&papers))?;
-    Ok(Done::Well)
 }
 
-fn choice(matches: &ArgMatches) -> Result<Choice, CliError> {
-    let readings = match matches.get_one::<String>("amplitude").map(String::as_str) {
-        Some("whole") => vec![AmplitudeReading::Whole],
-        Some("half") => vec![AmplitudeReading::Half],
-        _ => vec![AmplitudeReading::Whole, AmplitudeReading::Half],
-    };
-    let trough_mm = matches.get_one::<f64>("trough-mm").copied();
-    if let Some(mm) = trough_mm.filter(|mm| !(0.0..=8.0).contains(mm)) {
-        return Err(CliError::Input(format!(
-            "--trough-mm {mm} is outside 0 to 8: give the sines' lowest displacement in mm"
-        )));
+impl PapersArgs {
+    fn choice(&self) -> Choice {
+        Choice {
+            readings: match self.amplitude {
+                AmplitudeOption::Whole => vec![AmplitudeReading::Whole],
+                AmplitudeOption::Half => vec![AmplitudeReading::Half],
+                AmplitudeOption::Both => vec![AmplitudeReading::Whole, AmplitudeReading::Half],
+            },
+            trough_mm: self.trough_mm,
+            threads: self.threads,
+            ..Choice::default()
+        }
     }
-    Ok(Choice {
-        readings,
-        trough_mm,
-        threads: matches.get_one::<usize>("threads").copied().unwrap_or(0),
-        ..Choice::default()
-    })
 }
 
 /// The tables, as Markdown that reads as plain text too.

@@ -1,49 +1,38 @@
 //! `leafbench plan`.
 
-use clap::{Arg, ArgMatches};
+use clap::Args;
 
-use super::progress::duration;
-use super::{CliError, Command, Done, Output, local};
+use super::shared::local::{BenchArg, ProfileArgs};
+use super::shared::progress::duration;
+use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::plan::{self, Plan, PlanError};
 
-/// See [`super::COMMANDS`].
-pub(super) const COMMAND: Command = Command {
-    name: "plan",
-    what: "Check a profile against the bench's limits and dry-run it on the model; nothing moves",
-    arguments: |command| {
-        command
-            .arg(profile_argument())
-            .arg(local::bench_argument())
-            .arg(local::profiles_argument())
-    },
-    run,
-};
-
-/// `PROFILE`.
-pub(super) fn profile_argument() -> Arg {
-    Arg::new("profile")
-        .value_name("PROFILE")
-        .required(true)
-        .help("Name of a profile, or a profile file (.toml)")
+/// Check a profile against the bench's limits and dry-run it on the model; nothing moves
+#[derive(Debug, Args)]
+pub(super) struct PlanArgs {
+    #[command(flatten)]
+    profile: ProfileArgs,
+    #[command(flatten)]
+    bench: BenchArg,
 }
 
-fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
-    let bench = local::bench(matches)?;
-    let name = matches
-        .get_one::<String>("profile")
-        .map(String::as_str)
-        .unwrap_or_default();
-    let (profile, _) = local::profile(matches, name)?;
-    let plan = plan::check(&bench, &profile).map_err(|e| match e {
-        PlanError::Model(e) => CliError::Model(e),
-        PlanError::Profile(e) => CliError::Profile(e),
-    })?;
-    output.result(&plan, || text(&plan))?;
-    Ok(if plan.trips.is_empty() {
-        Done::Well
-    } else {
-        Done::Otherwise
-    })
+impl CliCommand for PlanArgs {
+    const NAME: &'static str = "plan";
+    const EXAMPLES: &'static [&'static str] = &[
+        "leafbench plan static-ramp",
+        "leafbench plan sine-6mm-2.5hz --bench bench-configs/benches/samurai-rail.toml --json",
+    ];
+
+    fn run(self, output: &Output) -> Result<Done, CliError> {
+        let bench = self.bench.load()?;
+        let (profile, _) = self.profile.load()?;
+        let plan = plan::check(&bench, &profile).map_err(|e| match e {
+            PlanError::Model(e) => CliError::Model(e),
+            PlanError::Profile(e) => CliError::Profile(e),
+        })?;
+        output.result(&plan, || text(&plan))?;
+        Ok(Done::success_if(plan.trips.is_empty()))
+    }
 }
 
 fn text(p: &Plan) -> String {

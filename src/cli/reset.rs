@@ -1,14 +1,23 @@
 //! `leafbench reset`.
 
-use super::Command;
-use super::client::{Client, data_argument};
-use super::stop::print_accepted;
+use clap::Args;
+
+use super::shared::client::DataArg;
+use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::client_types::Nothing;
 
-/// See [`super::COMMANDS`].
-pub(super) const COMMAND: Command = Command {
-    name: "reset",
-    what: "Clear the interlock once its cause is gone; moves nothing",
-    arguments: |command| command.arg(data_argument()),
-    run: |matches, output| print_accepted(Client::of(matches)?.post("/api/reset", &Nothing {})?, output),
-};
+/// Clear the interlock once its cause is gone; moves nothing
+#[derive(Debug, Args)]
+pub(super) struct ResetArgs {
+    #[command(flatten)]
+    data: DataArg,
+}
+
+impl CliCommand for ResetArgs {
+    const NAME: &'static str = "reset";
+    const EXAMPLES: &'static [&'static str] = &["leafbench reset", "leafbench reset --data leafbench-data"];
+
+    fn run(self, output: &Output) -> Result<Done, CliError> {
+        self.data.client()?.order("/api/reset", &Nothing {}, output)
+    }
+}

@@ -1,14 +1,23 @@
 //! `leafbench resume`.
 
-use super::Command;
-use super::client::{Client, data_argument};
-use super::stop::print_accepted;
+use clap::Args;
+
+use super::shared::client::DataArg;
+use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::client_types::Nothing;
 
-/// See [`super::COMMANDS`].
-pub(super) const COMMAND: Command = Command {
-    name: "resume",
-    what: "Go on with the run after a hold, at the cycle that was cut",
-    arguments: |command| command.arg(data_argument()),
-    run: |matches, output| print_accepted(Client::of(matches)?.post("/api/resume", &Nothing {})?, output),
-};
+/// Go on with the run after a hold, at the cycle that was cut
+#[derive(Debug, Args)]
+pub(super) struct ResumeArgs {
+    #[command(flatten)]
+    data: DataArg,
+}
+
+impl CliCommand for ResumeArgs {
+    const NAME: &'static str = "resume";
+    const EXAMPLES: &'static [&'static str] = &["leafbench resume", "leafbench resume --data leafbench-data"];
+
+    fn run(self, output: &Output) -> Result<Done, CliError> {
+        self.data.client()?.order("/api/resume", &Nothing {}, output)
+    }
+}

@@ -1,100 +1,75 @@
 //! `leafbench run`.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
-use clap::{Arg, ArgMatches};
+use clap::Args;
 
-use super::client::{Client, data_argument};
-use super::progress::{Progress, ProgressMark};
-use super::{CliError, Command, Done, Output};
+use super::shared::client::{Client, DataArg};
+use super::shared::ctrl_c::ctrl_c_count;
+use super::shared::local::profile_help;
+use super::shared::progress::Progress;
+use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::client_types::{Accepted, RunProgress, RunState, StartRun, Started, Status, StopRequest};
 
-/// The daemon is asked this often.
+/// Pause between two questions to the daemon.
 const POLL_PERIOD: Duration = Duration::from_millis(150);
 
-/// See [`super::COMMANDS`].
-pub(super) const COMMAND: Command = Command {
-    name: "run",
-    what: "Run a profile on the rig and wait for its end; Ctrl-C stops the run and unloads the rig",
-    arguments,
-    run,
-};
-
-fn arguments(command: clap::Command) -> clap::Command {
-    let text =
-        |name: &'static str, help: &'static str| Arg::new(name).long(name).value_name("TEXT").help(help);
-    command
-        .arg(
-            Arg::new("profile")
-                .value_name("PROFILE")
-                .required_unless_present("resume")
-                .help("Name of a profile, or a profile file (.toml)"),
-        )
-        .arg(
-            Arg::new("resume")
-                .long("resume")
-                .value_name("RUN")
-                .help("Go on with this interrupted run at the cycle after its last complete one"),
-        )
-        .arg(text("specimen", "Specimen [default: the bench's]"))
-        .arg(text("operator", "Who runs the test"))
-        .arg(data_argument())
+/// Run a profile on the rig and wait for its end; Ctrl-C stops the run and unloads the rig
+#[derive(Debug, Args)]
+pub(super) struct RunArgs {
+    #[arg(value_name = "PROFILE", required_unless_present = "resume", help = profile_help())]
+    profile: Option<String>,
+    /// Continue this interrupted run at the cycle after its last complete one; RUN is a run id
+    #[arg(long, value_name = "RUN")]
+    resume: Option<String>,
+    /// Name of the specimen [default: the bench's]
+    #[arg(long, value_name = "TEXT")]
+    specimen: Option<String>,
+    /// Name of the person who runs the test
+    #[arg(long, value_name = "TEXT")]
+    operator: Option<String>,
+    #[command(flatten)]
+    data: DataArg,
 }
 
-fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
-    let client = Client::of(matches)?;
-    let order = order(matches)?;
-    let interrupts = interrupts();
-    let started: Started = client.post("/api/run", &order)?;
-    if !output.json {
-        eprintln!("run {} started; page: {}", started.run_id, client.page());
-    }
-    let ended = wait(&client, &started.run_id, &interrupts, output)?;
-    output.result(&ended, || text(&ended))?;
-    Ok(if ended.ending.as_deref() == Some("completed") {
-        Done::Well
-    } else {
-        Done::Otherwise
-    })
-}
+impl CliCommand for RunArgs {
+    const NAME: &'static str = "run";
+    const EXAMPLES: &'static [&'static str] = &[
+        "leafbench run static-ramp-12s --operator Technician",
+        "leafbench run sine-6mm-2.5hz-10 --specimen leaf-7",
+    ];
 
-fn order(matches: &ArgMatches) -> Result<StartRun, CliError> {
-    let argument = |name: &str| matches.get_one::<String>(name).cloned();
-    let profile = match argument("profile") {
-        // The daemon may run in another folder: it gets the file's text.
-        Some(path) if path.ends_with(".toml") => {
-            Some(std::fs::read_to_string(&path).map_err(CliError::file(path.as_ref(), "reading"))?)
+    fn run(self, output: &Output) -> Result<Done, CliError> {
+        let client = self.data.client()?;
+        let order = self.order()?;
+        let interrupts = ctrl_c_count();
+        let started: Started = client.post("/api/run", &order)?;
+        if !output.json {
+            eprintln!("run {} started; page: {}", started.run_id, client.page());
         }
-        name => name,
-    };
-    Ok(StartRun {
-        profile,
-        specimen: argument("specimen"),
-        operator: argument("operator"),
-        resume_run: argument("resume"),
-    })
+        let ended = wait(&client, &started.run_id, &interrupts, output)?;
+        output.result(&ended, || text(&ended))?;
+        Ok(Done::success_if(ended.ending.as_deref() == Some("completed")))
+    }
 }
 
-/// Counts Ctrl-C from now on instead of ending this process.
-pub(super) fn interrupts() -> Arc<AtomicU32> {
-    let count = Arc::new(AtomicU32::new(0));
-    let counter = Arc::clone(&count);
-    // Where no thread can be had Ctrl-C ends this process as usual; the run goes on.
-    let _ = std::thread::Builder::new()
-        .name("ctrl-c".to_owned())
-        .spawn(move || {
-            let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() else {
-                return;
-            };
-            runtime.block_on(async {
-                while tokio::signal::ctrl_c().await.is_ok() {
-                    counter.fetch_add(1, Ordering::Relaxed);
-                }
-            });
-        });
-    count
+impl RunArgs {
+    fn order(self) -> Result<StartRun, CliError> {
+        let profile = match self.profile {
+            // The daemon may run in another folder, so it gets the text of the file.
+            Some(path) if path.ends_with(".toml") => {
+                Some(std::fs::read_to_string(&path).map_err(CliError::file(path.as_ref(), "reading"))?)
+            }
+            name => name,
+        };
+        Ok(StartRun {
+            profile,
+            specimen: self.specimen,
+            operator: self.operator,
+            resume_run: self.resume,
+        })
+    }
 }
 
 /// Follows a run to its end; Ctrl-C stops it.
@@ -112,14 +87,14 @@ pub(super) fn wait(
         if pressed > 0 && !stop_asked {
             stop_asked = true;
             eprintln!(
-                "\nCtrl-C: the run is being stopped, the rig unloads (press again to leave that to the daemon)"
+                "\nCtrl-C: stopping the run, the rig unloads (press Ctrl-C again to leave without waiting)"
             );
             let reason = Some("stopped by Ctrl-C in leafbench run".to_owned());
-            // Refused where the run has just ended: then the next look says so.
+            // The daemon refuses this if the run has just ended; the next status shows that.
             let _ = client.post::<Accepted>("/api/stop", &StopRequest { reason });
         } else if pressed > 1 {
             return Err(CliError::Refused(format!(
-                "left while run {run_id} was being stopped"
+                "leafbench no longer waits for run {run_id}, which the daemon is stopping: see `leafbench status`"
             )));
         }
         let status: Status = client.get("/api/status").map_err(|e| match e {
@@ -128,7 +103,7 @@ pub(super) fn wait(
         })?;
         let Some(run) = status.run.filter(|run| run.run_id == run_id) else {
             return Err(CliError::Refused(format!(
-                "the daemon has gone on from run {run_id}: see `leafbench runs`"
+                "the daemon has another run than {run_id} now: see `leafbench runs`"
             )));
         };
         if run.is_over() {
@@ -139,12 +114,7 @@ pub(super) fn wait(
         }
         if status.rig.run_id.as_deref() == Some(run_id) {
             let bar = progress.get_or_insert_with(|| Progress::new(&run.profile, output.json));
-            bar.show(ProgressMark {
-                elapsed_s: status.rig.elapsed_s,
-                remaining_s: status.rig.remaining_s,
-                cycles: status.rig.cycles_completed,
-                cycles_total: status.rig.cycles_total,
-            });
+            bar.show_run(&status.rig);
         }
     }
 }

@@ -1,19 +1,28 @@
 //! `leafbench runs`.
 
-use super::client::{data_argument, data_folder};
-use super::{Command, Done};
+use clap::Args;
+
+use super::shared::client::DataArg;
+use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::client_types::RunSummary;
 use crate::daemon::store::Store;
 
-/// See [`super::COMMANDS`].
-pub(super) const COMMAND: Command = Command {
-    name: "runs",
-    what: "List the runs of the data folder, newest last; needs no daemon",
-    arguments: |command| command.arg(data_argument()),
-    run: |matches, output| {
-        let folder = data_folder(matches);
+/// List the runs of the data folder, newest last; needs no daemon
+#[derive(Debug, Args)]
+pub(super) struct RunsArgs {
+    #[command(flatten)]
+    data: DataArg,
+}
+
+impl CliCommand for RunsArgs {
+    const NAME: &'static str = "runs";
+    const EXAMPLES: &'static [&'static str] =
+        &["leafbench runs", "leafbench runs --data leafbench-data --json"];
+
+    fn run(self, output: &Output) -> Result<Done, CliError> {
+        let folder = &self.data.folder;
         let runs: Vec<RunSummary> = match folder.is_dir() {
-            true => Store::new(&folder)
+            true => Store::new(folder)
                 .list()?
                 .into_iter()
                 .map(RunSummary::from)
@@ -21,9 +30,9 @@ pub(super) const COMMAND: Command = Command {
             false => Vec::new(),
         };
         output.result(&runs, || text(&runs))?;
-        Ok(Done::Well)
-    },
-};
+        Ok(Done::Success)
+    }
+}
 
 fn text(runs: &[RunSummary]) -> String {
     if runs.is_empty() {

@@ -3,51 +3,41 @@
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use clap::{Arg, ArgMatches};
+use clap::Args;
 
-use super::plan::profile_argument;
-use super::{CliError, Command, Done, Output, local};
-use crate::config::ModelConfig;
+use super::shared::local::{BenchArg, ProfileArgs};
+use super::{CliCommand, CliError, Done, Output};
+use crate::config::{Bench, ModelConfig};
 use crate::model::leaf_pack::{self, LeafPack, PackStructure, Values};
 use crate::model::{BuildError, Plant};
+use crate::profile::Profile;
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::recording::csv::{CsvFormat, CsvWriter};
 use crate::recording::{Flags, Sample};
 use crate::report::pack as pack_drawing;
 use crate::twin::{Predicted, dry_run_with};
 
-/// Millimetres and newtons of a model have no counts: digits that no comparison misses.
+/// Decimals of mm and N in the CSV: a model has no counts that would set its resolution.
 const DECIMALS: u32 = 6;
-/// Pictures of an animation, about, and how long it takes.
+/// Approximate number of pictures in an animation.
 const FRAMES: usize = 60;
+/// Duration of an animation in s.
 const SHOWN_S: f64 = 6.0;
 
-/// See [`super::COMMANDS`].
-pub(super) const COMMAND: Command = Command {
-    name: "simulate",
-    what: "Step the bench's model through a profile, without rig or noise, and write what it does as CSV",
-    arguments: |command| {
-        command
-            .arg(profile_argument())
-            .arg(local::bench_argument())
-            .arg(local::profiles_argument())
-            .arg(
-                Arg::new("out")
-                    .long("out")
-                    .value_name("FILE")
-                    .value_parser(clap::value_parser!(PathBuf))
-                    .help("CSV to write [default: PROFILE.simulated.csv here]"),
-            )
-            .arg(
-                Arg::new("draw")
-                    .long("draw")
-                    .value_name("NAME")
-                    .value_parser(clap::value_parser!(PathBuf))
-                    .help("Also draw the leaf pack: NAME.svg at the greatest force, NAME-moving.svg as it deforms"),
-            )
-    },
-    run,
-};
+/// Step the bench's model through a profile, without rig or noise, and write what it does as CSV
+#[derive(Debug, Args)]
+pub(super) struct SimulateArgs {
+    #[command(flatten)]
+    profile: ProfileArgs,
+    #[command(flatten)]
+    bench: BenchArg,
+    /// CSV to write [default: PROFILE.simulated.csv here]
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Also draw the leaf pack: NAME.svg at the greatest force, NAME-moving.svg as it deforms
+    #[arg(long, value_name = "NAME")]
+    draw: Option<PathBuf>,
+}
 
 #[derive(serde::Serialize)]
 struct Simulated {
@@ -59,18 +49,48 @@ struct Simulated {
     energy_j: f64,
 }
 
-fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
-    let bench = local::bench(matches)?;
-    let name = matches
-        .get_one::<String>("profile")
-        .map(String::as_str)
-        .unwrap_or_default();
-    let (profile, _) = local::profile(matches, name)?;
-    let path = matches
-        .get_one::<PathBuf>("out")
-        .cloned()
-        .unwrap_or_else(|| format!("{}.simulated.csv", profile.name).into());
-    let file = std::fs::File::create(&path).map_err(CliError::file(&path, "making the file"))?;
+impl CliCommand for SimulateArgs {
+    const NAME: &'static str = "simulate";
+    const EXAMPLES: &'static [&'static str] = &[
+        "leafbench simulate sine-6mm-1hz",
+        "leafbench simulate static-ramp-12s --bench bench-configs/benches/samurai-rail.toml --draw pack",
+    ];
+
+    fn run(self, output: &Output) -> Result<Done, CliError> {
+        let bench = self.bench.load()?;
+        let (profile, _) = self.profile.load()?;
+        let path = self
+            .out
+            .unwrap_or_else(|| format!("{}.simulated.csv", profile.name).into());
+        let drawing = match self.draw {
+            Some(name) => Some((name, drawable_pack(&bench.model)?)),
+            None => None,
+        };
+        let (simulated, path_mm) = simulate(&bench, &profile, path)?;
+        if let Some((name, pack)) = drawing {
+            draw_pack(pack, &path_mm, &name)?;
+        }
+        output.result(&simulated, || text(&simulated))?;
+        Ok(Done::Success)
+    }
+}
+
+fn text(s: &Simulated) -> String {
+    format!(
+        "{}  ({} rows of model {}): peak {:.1} N, {:.3} mm, {:.2} J",
+        s.csv.display(),
+        s.rows,
+        s.model,
+        s.peak_force_n,
+        s.peak_displacement_mm,
+        s.energy_j
+    )
+}
+
+/// Runs the profile on the bench's model into the CSV; also returns the displacement of every tick in mm.
+fn simulate(bench: &Bench, profile: &Profile, path: PathBuf) -> Result<(Simulated, Vec<f64>), CliError> {
+    let plant = bench.model.plant()?;
+    let file = std::fs::File::create(&path).map_err(CliError::file(&path, "creating the file"))?;
     let format = CsvFormat {
         time_decimals: 3,
         displacement_decimals: DECIMALS,
@@ -80,32 +100,24 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
     let failed = || CliError::file(&path, "writing");
     let mut sink = BufWriter::new(file);
     let mut csv = CsvWriter::new(&mut sink, format).map_err(failed())?;
-    let plant = bench.model.plant()?;
-    let draw = matches.get_one::<PathBuf>("draw");
-    let pack = draw.map(|_| drawn_pack(&bench.model)).transpose()?;
     let mut path_mm = Vec::new();
     let rate_hz = f64::from(SAMPLE_RATE_HZ);
-    let mut tick = 0;
-    let mut fault = None;
+    let mut first_fault = None;
     let dry = dry_run_with(
-        &profile,
+        profile,
         plant.as_ref(),
         &bench.profile_limits(),
         rate_hz,
         &mut |p| {
-            tick += 1;
             path_mm.push(p.displacement_mm);
-            if fault.is_none() {
-                fault = csv.sample(&sample(tick, rate_hz, p)).err();
+            if first_fault.is_none() {
+                first_fault = csv.sample(&sample(path_mm.len() as u64, rate_hz, p)).err();
             }
         },
     )?;
-    fault.map_or(Ok(()), Err).map_err(failed())?;
+    first_fault.map_or(Ok(()), Err).map_err(failed())?;
     let rows = csv.rows();
     sink.flush().map_err(failed())?;
-    if let (Some(name), Some(pack)) = (draw, pack) {
-        draw_pack(pack, &path_mm, name)?;
-    }
     let simulated = Simulated {
         csv: path,
         rows,
@@ -114,24 +126,15 @@ fn run(matches: &ArgMatches, output: &Output) -> Result<Done, CliError> {
         peak_displacement_mm: dry.peak_displacement_mm,
         energy_j: dry.energy_j,
     };
-    output.result(&simulated, || {
-        format!(
-            "{}  ({rows} rows of model {}): peak {:.1} N, {:.3} mm, {:.2} J",
-            simulated.csv.display(),
-            simulated.model,
-            simulated.peak_force_n,
-            simulated.peak_displacement_mm,
-            simulated.energy_j
-        )
-    })?;
-    Ok(Done::Well)
+    Ok((simulated, path_mm))
 }
 
-/// The bench's leaf pack, whose state can be drawn.
-fn drawn_pack(model: &ModelConfig) -> Result<LeafPack, CliError> {
+/// The bench's leaf pack as a type that can be drawn; refused for another model.
+fn drawable_pack(model: &ModelConfig) -> Result<LeafPack, CliError> {
     if model.name != leaf_pack::MODEL.name {
         return Err(CliError::Input(format!(
-            "--draw knows model leaf-pack, this bench has {}: take a bench with a leaf pack",
+            "--draw works with model {} only, and this bench has {}: name a bench with a leaf pack",
+            leaf_pack::MODEL.name,
             model.name
         )));
     }
@@ -147,9 +150,9 @@ fn drawn_pack(model: &ModelConfig) -> Result<LeafPack, CliError> {
     LeafPack::new(&structure, &values).map_err(refused)
 }
 
-/// Pictures of the cycle with the farthest turning point, or of the whole way where there is only one.
+/// Draws the cycle with the largest displacement, or the whole path if it has one reversal only.
 fn draw_pack(mut pack: LeafPack, path_mm: &[f64], name: &Path) -> Result<(), CliError> {
-    let turns = turning_points(path_mm);
+    let turns = reversals(path_mm);
     let farthest = (0..turns.len()).fold(0, |m, k| {
         if path_mm[turns[k]] > path_mm[turns[m]] {
             k
@@ -162,15 +165,15 @@ fn draw_pack(mut pack: LeafPack, path_mm: &[f64], name: &Path) -> Result<(), Cli
     let end = turns.get(farthest + 1).copied().unwrap_or(path_mm.len());
     let every = ((end - start) / FRAMES).max(1);
     let mut shapes = Vec::new();
-    // Between pictures at least this finely: friction remembers the way.
+    // The pack is also stepped between pictures, because friction depends on the path.
     let stride = (every / 10).max(1);
-    let mut before = 0;
+    let mut last_step = 0;
     for (k, &displacement_mm) in path_mm[..end].iter().enumerate() {
         let pictured = k >= start && (k % every == 0 || k == peak_at);
         if pictured || k % stride == 0 {
-            let ticks = (k - before).max(1);
+            let ticks = (k - last_step).max(1);
             pack.step(displacement_mm, ticks as f64 / f64::from(SAMPLE_RATE_HZ));
-            before = k;
+            last_step = k;
         }
         if pictured {
             shapes.push(pack.shape());
@@ -190,22 +193,22 @@ fn draw_pack(mut pack: LeafPack, path_mm: &[f64], name: &Path) -> Result<(), Cli
     Ok(())
 }
 
-/// Places where the path turns by more than a fiftieth of its range.
-fn turning_points(path_mm: &[f64]) -> Vec<usize> {
+/// Indices of the path's reversals; a movement back of less than 2 % of the range is none.
+fn reversals(path_mm: &[f64]) -> Vec<usize> {
     let (low, high) = path_mm
         .iter()
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &d| {
             (low.min(d), high.max(d))
         });
     let band = 0.02 * (high - low);
-    let (mut points, mut best, mut sense) = (Vec::new(), 0, 1.0);
+    let (mut points, mut extreme, mut sense) = (Vec::new(), 0, 1.0);
     for (k, &d) in path_mm.iter().enumerate() {
-        let ahead = sense * (d - path_mm[best]);
+        let ahead = sense * (d - path_mm[extreme]);
         if ahead >= 0.0 {
-            best = k;
+            extreme = k;
         } else if ahead < -band {
-            points.push(best);
-            (best, sense) = (k, -sense);
+            points.push(extreme);
+            (extreme, sense) = (k, -sense);
         }
     }
     points

@@ -1,28 +1,36 @@
 //! `leafbench status`.
 
-use super::client::{Client, data_argument};
-use super::progress::duration;
-use super::{Command, Done};
+use clap::Args;
+
+use super::shared::client::DataArg;
+use super::shared::progress::duration;
+use super::{CliCommand, CliError, Done, Output};
 use crate::control::Phase;
 use crate::daemon::client_types::Status;
 
-/// See [`super::COMMANDS`].
-pub(super) const COMMAND: Command = Command {
-    name: "status",
-    what: "Show what the bench is doing",
-    arguments: |command| command.arg(data_argument()),
-    run: |matches, output| {
-        let client = Client::of(matches)?;
+/// Show what the bench is doing
+#[derive(Debug, Args)]
+pub(super) struct StatusArgs {
+    #[command(flatten)]
+    data: DataArg,
+}
+
+impl CliCommand for StatusArgs {
+    const NAME: &'static str = "status";
+    const EXAMPLES: &'static [&'static str] = &["leafbench status", "leafbench status --json"];
+
+    fn run(self, output: &Output) -> Result<Done, CliError> {
+        let client = self.data.client()?;
         let status: Status = client.get("/api/status")?;
         output.result(&status, || text(&status, &client.page()))?;
-        Ok(Done::Well)
-    },
-};
+        Ok(Done::Success)
+    }
+}
 
-/// The phase in a word for people.
-pub(super) fn phase_word(phase: Phase) -> &'static str {
+/// The phase in words, with what to do where the rig waits for a person.
+fn phase_text(phase: Phase) -> &'static str {
     match phase {
-        Phase::Connecting => "no rig: it is not heard yet",
+        Phase::Connecting => "no rig: no heartbeat received yet",
         Phase::Ready => "ready",
         Phase::Arming => "arming",
         Phase::Running => "running",
@@ -38,7 +46,7 @@ fn text(s: &Status, page: &str) -> String {
     };
     let mut lines = vec![
         format!("bench         {} at {}, page {page}", s.bench, s.link),
-        format!("state         {}", phase_word(s.rig.phase)),
+        format!("state         {}", phase_text(s.rig.phase)),
         format!("force         {}", reading(s.rig.force_n, 1, "N")),
         format!("displacement  {}", reading(s.rig.displacement_mm, 3, "mm")),
     ];

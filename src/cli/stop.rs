@@ -1,33 +1,27 @@
 //! `leafbench stop`.
 
-use clap::Arg;
+use clap::Args;
 
-use super::client::{Client, data_argument};
-use super::{CliError, Command, Done, Output};
-use crate::daemon::client_types::{Accepted, StopRequest};
+use super::shared::client::DataArg;
+use super::{CliCommand, CliError, Done, Output};
+use crate::daemon::client_types::StopRequest;
 
-/// See [`super::COMMANDS`].
-pub(super) const COMMAND: Command = Command {
-    name: "stop",
-    what: "End the run under way: the rig unloads, the data are kept",
-    arguments: |command| {
-        let reason = Arg::new("reason")
-            .long("reason")
-            .value_name("TEXT")
-            .help("Goes into the run's cause");
-        command.arg(reason).arg(data_argument())
-    },
-    run: |matches, output| {
-        let reason = matches.get_one::<String>("reason").cloned();
-        print_accepted(
-            Client::of(matches)?.post("/api/stop", &StopRequest { reason })?,
-            output,
-        )
-    },
-};
+/// End the run under way: the rig unloads, the data are kept
+#[derive(Debug, Args)]
+pub(super) struct StopArgs {
+    /// Reason, which is recorded as the cause of the run's end
+    #[arg(long, value_name = "TEXT")]
+    reason: Option<String>,
+    #[command(flatten)]
+    data: DataArg,
+}
 
-/// Says what the daemon does now.
-pub(super) fn print_accepted(accepted: Accepted, output: &Output) -> Result<Done, CliError> {
-    output.result(&accepted, || accepted.message.clone())?;
-    Ok(Done::Well)
+impl CliCommand for StopArgs {
+    const NAME: &'static str = "stop";
+    const EXAMPLES: &'static [&'static str] = &["leafbench stop", "leafbench stop --reason oil-leak"];
+
+    fn run(self, output: &Output) -> Result<Done, CliError> {
+        let request = StopRequest { reason: self.reason };
+        self.data.client()?.order("/api/stop", &request, output)
+    }
 }

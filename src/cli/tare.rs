@@ -1,21 +1,29 @@
 //! `leafbench tare`.
 
-use super::client::{Client, data_argument};
-use super::{Command, Done};
+use clap::Args;
+
+use super::shared::client::DataArg;
+use super::{CliCommand, CliError, Done, Output};
 use crate::control::TareReport;
 use crate::daemon::client_types::Nothing;
 
-/// See [`super::COMMANDS`].
-pub(super) const COMMAND: Command = Command {
-    name: "tare",
-    what: "Take the present readings as zero; refused while the rig moves or is too far from zero",
-    arguments: |command| command.arg(data_argument()),
-    run: |matches, output| {
-        let report: TareReport = Client::of(matches)?.post("/api/tare", &Nothing {})?;
+/// Take the present readings as zero; refused while the rig moves or is too far from zero
+#[derive(Debug, Args)]
+pub(super) struct TareArgs {
+    #[command(flatten)]
+    data: DataArg,
+}
+
+impl CliCommand for TareArgs {
+    const NAME: &'static str = "tare";
+    const EXAMPLES: &'static [&'static str] = &["leafbench tare", "leafbench tare --json"];
+
+    fn run(self, output: &Output) -> Result<Done, CliError> {
+        let report: TareReport = self.data.client()?.post("/api/tare", &Nothing {})?;
         output.result(&report, || text(&report))?;
-        Ok(Done::Well)
-    },
-};
+        Ok(Done::Success)
+    }
+}
 
 fn text(r: &TareReport) -> String {
     format!(

@@ -1,6 +1,7 @@
-//! What can go wrong on the command line, and the exit code of each.
+//! The errors of the command line, and the exit code of each.
 
-use std::path::PathBuf;
+use std::error::Error;
+use std::path::{Path, PathBuf};
 
 use crate::config::ConfigError;
 use crate::control::Refusal;
@@ -20,70 +21,70 @@ use crate::recording::run_file::RunFileError;
 /// Why a command failed.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum CliError {
-    /// Nobody listens.
+    /// No daemon answers for the data folder.
     #[error(
         "no daemon is running here ({tried}): start one in another terminal with `leafbench daemon --bench \
          bench-configs/benches/mock.toml`, in this same folder or with the same --data"
     )]
     NoDaemon {
-        /// What was tried.
+        /// The file or address that was tried.
         tried: String,
     },
-    /// The daemon went away while we waited.
+    /// The daemon stopped answering while a command waited for a run.
     #[error(
-        "the daemon has gone: the rig unloads by itself; start the daemon again, it closes the run as aborted"
+        "the daemon no longer answers and the rig unloads by itself: start the daemon again, it closes the run as aborted"
     )]
     DaemonGone,
-    /// The daemon said no.
+    /// The daemon refused the request; the text is its own.
     #[error("{0}")]
     Refused(String),
-    /// Input of a kind that has no error of its own.
+    /// Unusable input that has no error type of its own.
     #[error("{0}")]
     Input(String),
-    /// A file or folder.
-    #[error("{path}: {doing} failed: check the path, its rights and the disk's space")]
+    /// A file or folder could not be read or written.
+    #[error("{path}: {doing} failed: check the path, the access rights and the free space of the disk")]
     File {
-        /// Which.
+        /// The file or folder.
         path: PathBuf,
-        /// What was tried.
+        /// What was tried, such as "writing".
         doing: &'static str,
-        /// The system's own words.
+        /// The error of the operating system.
         source: std::io::Error,
     },
-    /// A bench or specimen file.
+    /// A bench or specimen file is unusable.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// A profile by name.
+    /// A profile was not found by its name.
     #[error(transparent)]
     Library(#[from] LibraryError),
-    /// A profile.
+    /// A profile cannot be played.
     #[error(transparent)]
     Profile(#[from] ProfileError),
     /// The daemon could not start.
     #[error(transparent)]
     Daemon(#[from] DaemonError),
-    /// The link.
+    /// The link could not be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// The model.
+    /// The model's name, values or structure are unusable.
     #[error("the model cannot be built")]
     Model(#[from] BuildError),
-    /// A fit that cannot be put.
+    /// A fit could not start.
     #[error(transparent)]
     Identify(#[from] IdentifyError),
-    /// A recording.
+    /// A recording (CSV) is unusable.
     #[error(transparent)]
     Csv(#[from] CsvError),
-    /// The mock rig.
+    /// The mock rig's config is unusable.
     #[error(transparent)]
     MockRig(#[from] MockRigError),
-    /// A run file.
+    /// A run file cannot be read or written.
     #[error(transparent)]
     RunFile(#[from] RunFileError),
-    /// An export.
+    /// A run cannot be exported.
     #[error(transparent)]
     Export(#[from] ExportError),
-    /// Control, in virtual time.
+    /// Control refused an order, in virtual time.
     #[error("the rig refused")]
     Control(#[from] Refusal),
     /// Recordings or a baseline that cannot be diagnosed.
@@ -92,13 +93,13 @@ pub(crate) enum CliError {
     /// Tables that cannot be diagnosed.
     #[error(transparent)]
     Aggregates(AggregateError),
-    /// Our own fault.
+    /// A defect of leafbench itself.
     #[error("{0}: this is a defect of leafbench, please report it")]
     Internal(String),
 }
 
 impl CliError {
-    /// See the help's list.
+    /// Exit code of the process; the help of `leafbench` lists them.
     pub(crate) fn exit_code(&self) -> u8 {
         match self {
             CliError::NoDaemon { .. } | CliError::DaemonGone => 3,
@@ -107,12 +108,20 @@ impl CliError {
         }
     }
 
-    /// A file or folder that failed.
-    pub(crate) fn file(
-        path: &std::path::Path,
-        doing: &'static str,
-    ) -> impl FnOnce(std::io::Error) -> CliError {
+    /// For `map_err`: the file or folder that failed, and what was tried with it.
+    pub(crate) fn file(path: &Path, doing: &'static str) -> impl FnOnce(std::io::Error) -> CliError {
         let path = path.to_owned();
         move |source| CliError::File { path, doing, source }
     }
+}
+
+/// An error and its causes in one line, outermost first.
+pub(crate) fn chain(error: &dyn Error) -> String {
+    let mut text = error.to_string();
+    let mut source = error.source();
+    while let Some(cause) = source {
+        text = format!("{text}: {cause}");
+        source = cause.source();
+    }
+    text
 }

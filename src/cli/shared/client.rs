@@ -1,55 +1,51 @@
-//! Talks to the daemon of a data folder.
+//! Talks to the daemon of a data folder over HTTP.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use clap::{Arg, ArgMatches};
+use clap::Args;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::CliError;
+use super::super::{Done, Output};
+use super::error::CliError;
 use crate::daemon::ENDPOINT_FILE;
-use crate::daemon::client_types::{Endpoint, Failure};
+use crate::daemon::client_types::{Accepted, Endpoint, Failure};
 
-/// Where runs are kept where nothing else is said, as in the shipped benches.
-pub(super) const DEFAULT_DATA: &str = "leafbench-data";
-/// A plan on a costly model takes its time.
+/// Environment variable in place of `--data`.
+pub(crate) const DATA_VARIABLE: &str = "LEAFBENCH_DATA";
+/// Longest wait for an answer: the plan of a slow model takes its time.
 const TIMEOUT: Duration = Duration::from_secs(120);
 
-/// `--data` and its environment variable.
-pub(super) fn data_argument() -> Arg {
-    Arg::new("data").long("data").value_name("DIR").value_parser(clap::value_parser!(PathBuf)).help(
-        "Folder of the run files; the daemon is found through it too [env LEAFBENCH_DATA, else leafbench-data]",
-    )
+/// The data folder, through which a command finds its daemon and the runs.
+#[derive(Debug, Args)]
+pub(crate) struct DataArg {
+    /// Folder of the run files; the daemon is also found through it
+    #[arg(
+        long = "data",
+        value_name = "DIR",
+        env = DATA_VARIABLE,
+        default_value = "leafbench-data"
+    )]
+    pub folder: PathBuf,
 }
 
-/// The folder asked for.
-pub(super) fn data_folder(matches: &ArgMatches) -> PathBuf {
-    named_data_folder(matches).unwrap_or_else(|| DEFAULT_DATA.into())
+impl DataArg {
+    /// The daemon of this data folder.
+    pub(crate) fn client(&self) -> Result<Client, CliError> {
+        Client::of(&self.folder)
+    }
 }
 
-/// The folder asked for, where one was named.
-pub(super) fn named_data_folder(matches: &ArgMatches) -> Option<PathBuf> {
-    matches
-        .get_one::<PathBuf>("data")
-        .cloned()
-        .or_else(|| std::env::var_os("LEAFBENCH_DATA").map(PathBuf::from))
-}
-
-/// A daemon that can be asked.
-pub(super) struct Client {
+/// A connection to a running daemon.
+pub(crate) struct Client {
     agent: ureq::Agent,
     url: String,
     folder: PathBuf,
 }
 
 impl Client {
-    /// The daemon that `--data` leads to.
-    pub(super) fn of(matches: &ArgMatches) -> Result<Client, CliError> {
-        Client::of_folder(&data_folder(matches))
-    }
-
-    fn of_folder(folder: &Path) -> Result<Client, CliError> {
+    fn of(folder: &Path) -> Result<Client, CliError> {
         let path = folder.join(ENDPOINT_FILE);
         let endpoint: Option<Endpoint> = std::fs::read_to_string(&path)
             .ok()
@@ -60,7 +56,7 @@ impl Client {
         let agent = ureq::Agent::config_builder()
             .http_status_as_error(false)
             .timeout_global(Some(TIMEOUT))
-            // The daemon is on this computer: no proxy has a say.
+            // The daemon is on this computer: a proxy of the environment does not apply.
             .proxy(None)
             .build()
             .into();
@@ -72,18 +68,25 @@ impl Client {
     }
 
     /// Address of the technician's page.
-    pub(super) fn page(&self) -> String {
+    pub(crate) fn page(&self) -> String {
         format!("{}/", self.url)
     }
 
-    /// GET.
-    pub(super) fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, CliError> {
+    /// Reads from the daemon (HTTP GET).
+    pub(crate) fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, CliError> {
         self.answer(self.agent.get(format!("{}{path}", self.url)).call())
     }
 
-    /// POST.
-    pub(super) fn post<T: DeserializeOwned>(&self, path: &str, body: &impl Serialize) -> Result<T, CliError> {
+    /// Sends to the daemon (HTTP POST).
+    pub(crate) fn post<T: DeserializeOwned>(&self, path: &str, body: &impl Serialize) -> Result<T, CliError> {
         self.answer(self.agent.post(format!("{}{path}", self.url)).send_json(body))
+    }
+
+    /// Sends an order and prints what the daemon does now.
+    pub(crate) fn order(&self, path: &str, body: &impl Serialize, output: &Output) -> Result<Done, CliError> {
+        let accepted: Accepted = self.post(path, body)?;
+        output.result(&accepted, || accepted.message.clone())?;
+        Ok(Done::Success)
     }
 
     fn answer<T: DeserializeOwned>(
@@ -92,7 +95,7 @@ impl Client {
     ) -> Result<T, CliError> {
         let no_daemon = |error: ureq::Error| CliError::NoDaemon {
             tried: format!(
-                "{} in {} is of a daemon that does not answer at {}: {error}",
+                "{} in {} names {}, where no daemon answers: {error}",
                 ENDPOINT_FILE,
                 self.folder.display(),
                 self.url

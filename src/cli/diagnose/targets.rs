@@ -2,12 +2,10 @@
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
-use clap::ArgMatches;
-
-use super::progress::{Progress, ProgressMark};
-use super::{CliError, Done, Output, diagnose};
+use super::{DiagnoseJob, files, improved_bench, verdict_text};
+use crate::cli::shared::progress::Progress;
+use crate::cli::{CliError, Done};
 use crate::config::Bench;
 use crate::diagnose::Baseline;
 use crate::diagnose::aggregates::{AggregateDiagnosis, TableReader, TableRow, diagnose_table};
@@ -16,17 +14,8 @@ use crate::identify::{FitControl, FitOptions, IdentifyError, fit};
 use crate::papers::first::Two;
 use crate::report::aggregates::page;
 
-/// Reads the tables, diagnoses, writes and tells.
-pub(super) fn run(
-    matches: &ArgMatches,
-    bench: &Bench,
-    baseline: &Baseline,
-    output: &Output,
-) -> Result<Done, CliError> {
-    let paths: Vec<&PathBuf> = matches
-        .get_many("targets")
-        .map(Iterator::collect)
-        .unwrap_or_default();
+/// Reads the tables, diagnoses them, writes the files and prints the result.
+pub(super) fn run(paths: &[PathBuf], job: &DiagnoseJob<'_>) -> Result<Done, CliError> {
     let mut reader = TableReader::default();
     for path in paths {
         let file = File::open(path).map_err(CliError::file(path, "reading"))?;
@@ -34,33 +23,21 @@ pub(super) fn run(
             .read(file, &path.display().to_string())
             .map_err(|e| CliError::Aggregates(e.into()))?;
     }
-    let mut bar = Progress::new("diagnose", output.json);
-    let begun = Instant::now();
+    let mut bar = Progress::new("diagnose", job.output.json);
     let diagnosis = diagnose_table(
         reader.finish(),
-        &mut |rows| simulate(rows, baseline),
+        &mut |rows| simulate(rows, job.baseline),
         0,
-        &mut |share| {
-            let elapsed_s = begun.elapsed().as_secs_f64();
-            if share > 0.0 {
-                bar.show(ProgressMark {
-                    elapsed_s,
-                    remaining_s: elapsed_s * (1.0 - share) / share,
-                    cycles: 0,
-                    cycles_total: 0,
-                });
-            }
-        },
+        &mut |share| bar.show_share(share, ""),
     );
     bar.finish();
     let diagnosis = diagnosis.map_err(CliError::Aggregates)?;
-    let folder = diagnose::out_folder(matches);
-    write_all(&folder, &diagnosis, bench)?;
-    output.result(&diagnosis, || text(&diagnosis, &folder))?;
-    Ok(Done::Well)
+    files::write(job.folder, &files_of(&diagnosis, job.bench)?)?;
+    job.output.result(&diagnosis, || text(&diagnosis, job.folder))?;
+    Ok(Done::Success)
 }
 
-/// The baseline, its own parameters refitted to the rows, over their motions.
+/// Peak force and loop energy of every row on the baseline, whose parameters are first fitted to the rows.
 fn simulate(rows: &[TableRow], baseline: &Baseline) -> Result<Vec<Two>, IdentifyError> {
     let targets = rows.iter().filter_map(|r| {
         Some(LoopTarget {
@@ -88,30 +65,26 @@ fn simulate(rows: &[TableRow], baseline: &Baseline) -> Result<Vec<Two>, Identify
     Ok(pairs.collect())
 }
 
-fn write_all(folder: &Path, diagnosis: &AggregateDiagnosis, bench: &Bench) -> Result<(), CliError> {
-    std::fs::create_dir_all(folder).map_err(CliError::file(folder, "making the folder"))?;
-    let json = serde_json::to_string_pretty(diagnosis).map_err(|e| CliError::Internal(e.to_string()))?;
-    let mut files = vec![
-        ("diagnosis.json".to_owned(), json),
-        ("report.html".to_owned(), page(diagnosis)),
+fn files_of(diagnosis: &AggregateDiagnosis, bench: &Bench) -> Result<Vec<files::NamedFile>, CliError> {
+    let mut named = vec![
+        (files::DIAGNOSIS.to_owned(), Some(files::json(diagnosis)?)),
+        (files::REPORT.to_owned(), Some(page(diagnosis))),
+        // Tables have no next test: the one of an earlier diagnosis of recordings would mislead.
+        (files::NEXT_TEST.to_owned(), None),
     ];
-    // One bench config a mounting; the first also by the name that scripts know.
+    // One bench config for each mounting; the first is also the one that scripts read.
     for (i, (mount, model)) in diagnosis.improved.iter().enumerate() {
-        let toml = diagnose::improved_bench(bench, model).to_toml();
+        let toml = improved_bench(bench, model).to_toml();
         if i == 0 {
-            files.push(("improved.toml".to_owned(), toml.clone()));
+            named.push((files::IMPROVED.to_owned(), Some(toml.clone())));
         }
-        files.push((format!("improved-{}.toml", mount.replace(' ', "-")), toml));
+        named.push((format!("improved-{}.toml", mount.replace(' ', "-")), Some(toml)));
     }
-    for (name, text) in files {
-        let path = folder.join(name);
-        std::fs::write(&path, text).map_err(CliError::file(&path, "writing"))?;
-    }
-    Ok(())
+    Ok(named)
 }
 
 fn text(d: &AggregateDiagnosis, folder: &Path) -> String {
-    let mut lines = vec![format!("{}: {}", diagnose::word(d.verdict), d.summary)];
+    let mut lines = vec![format!("{}: {}", verdict_text(d.verdict), d.summary)];
     for f in &d.effects {
         lines.push(format!(
             "  {} ({:.1} % sure): {}",

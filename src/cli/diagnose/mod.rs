@@ -1,0 +1,308 @@
+//! `leafbench diagnose`: of recordings, of tables (`targets`), or of recordings and the tests that follow (`run_next`).
+
+mod files;
+mod run_next;
+mod targets;
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+
+use super::shared::client::DataArg;
+use super::shared::local::{self, BenchArg, model_names};
+use super::shared::progress::Progress;
+use super::{CliCommand, CliError, Done, Output};
+use crate::config::{Bench, EffectConfig, ModelConfig};
+use crate::diagnose::diagnosis::{Diagnosis, ImprovedModel};
+use crate::diagnose::{Baseline, DiagnoseOptions, Verdict, diagnose};
+use crate::effect;
+use crate::model;
+use crate::recording::{Recording, csv};
+
+/// Say which physics the baseline model leaves out of recordings, and write the model with it added
+#[derive(Debug, Args)]
+#[command(after_help = codes_of_physics())]
+pub(super) struct DiagnoseArgs {
+    /// Recordings of one specimen on one rig: CSV with time_s, displacement_mm, force_n
+    #[arg(value_name = "RECORDING.csv", required_unless_present = "targets", num_args = 1..)]
+    recordings: Vec<PathBuf>,
+    #[arg(
+        long,
+        value_name = "CSV",
+        num_args = 1..,
+        conflicts_with = "recordings",
+        help = "Tables instead of recordings: tests by peak_force_n (or fmax_kn) and loop_energy_j, with mount,\n\
+                amplitude_mm, frequency_hz, source; or one loop by branch, displacement_mm, force_n"
+    )]
+    targets: Vec<PathBuf>,
+    #[command(flatten)]
+    bench: BenchArg,
+    #[arg(
+        long,
+        value_name = "MODEL",
+        help = format!("Model to start from: {} [default: the bench's]", model_names())
+    )]
+    baseline: Option<String>,
+    #[arg(
+        long,
+        value_name = "CODE,CODE",
+        num_args = 1,
+        value_delimiter = ',',
+        help = "Physics that the baseline has already, by the codes below; \"\" for none\n\
+                [default: the bench's list and the model's own]"
+    )]
+    known: Option<Vec<String>>,
+    #[arg(
+        long,
+        value_name = "WHERE",
+        value_enum,
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "live",
+        conflicts_with = "targets",
+        help = "Run the test that the diagnosis proposes, add its recording and diagnose again, until it is settled;\n\
+                --run-next alone is --run-next=live"
+    )]
+    run_next: Option<NextTestRig>,
+    /// Largest number of tests that --run-next runs
+    #[arg(
+        long,
+        value_name = "N",
+        requires = "run_next",
+        value_parser = clap::value_parser!(u32).range(1..=20),
+        default_value_t = 4
+    )]
+    rounds: u32,
+    #[command(flatten)]
+    data: DataArg,
+    /// Folder for diagnosis.json, report.html, improved.toml and, if there is a next test, next-test.toml
+    #[arg(long, value_name = "DIR", default_value = "diagnosis")]
+    out: PathBuf,
+}
+
+/// The rig that runs the next test.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum NextTestRig {
+    /// On the daemon's rig
+    Live,
+    /// On the bench's mock rig in virtual time
+    Virtual,
+}
+
+fn codes_of_physics() -> String {
+    let codes: Vec<&str> = effect::EFFECTS.iter().map(|e| e.code).collect();
+    let list = local::wrapped(&codes).replace('\n', "\n  ");
+    format!("Codes of physics for --known:\n  {list}")
+}
+
+impl CliCommand for DiagnoseArgs {
+    const NAME: &'static str = "diagnose";
+    const EXAMPLES: &'static [&'static str] = &[
+        "leafbench diagnose loops/RUN.csv loops/OTHER.csv",
+        "leafbench diagnose --run-next=virtual --bench bench-configs/benches/mock.toml loops/RUN.csv",
+        "leafbench diagnose --baseline leaf-pack --known coulomb_friction --out diagnosis loops/RUN.csv",
+        "leafbench diagnose --targets table.csv",
+    ];
+
+    fn run(self, output: &Output) -> Result<Done, CliError> {
+        let bench = self.bench.load()?;
+        let baseline = self.baseline(&bench.model)?;
+        let job = DiagnoseJob {
+            bench: &bench,
+            baseline: &baseline,
+            folder: &self.out,
+            output,
+        };
+        if !self.targets.is_empty() {
+            return targets::run(&self.targets, &job);
+        }
+        let recordings = self
+            .recordings
+            .iter()
+            .map(|path| csv::read_file(path))
+            .collect::<Result<Vec<_>, _>>()?;
+        recordings.iter().try_for_each(in_mm_and_n)?;
+        if let Some(rig) = self.run_next {
+            let tester = run_next::tester(rig, &self.data, &job)?;
+            return run_next::run(tester, self.rounds, &job, recordings);
+        }
+        let diagnosis = job.diagnose(&recordings, None)?;
+        output.result(&diagnosis, || text(&diagnosis, job.folder))?;
+        Ok(Done::Success)
+    }
+}
+
+impl DiagnoseArgs {
+    /// What the diagnosis starts from: the bench's model or that of `--baseline`; its known physics or that of `--known`.
+    fn baseline(&self, config: &ModelConfig) -> Result<Baseline, CliError> {
+        let name = self.baseline.as_ref().unwrap_or(&config.name);
+        let mut baseline = Baseline::of(model::find(name)?);
+        if *name == config.name {
+            baseline.structure = config.structure.clone();
+            baseline.start = Some(config.values()?);
+        }
+        baseline.known = match &self.known {
+            Some(codes) => {
+                let codes = codes.iter().map(|code| code.trim().to_owned());
+                Some(codes.filter(|code| !code.is_empty()).collect())
+            }
+            None => known_of_bench(&baseline, config),
+        };
+        Ok(baseline)
+    }
+}
+
+/// The baseline model's own physics with what the bench config adds to it; none where it adds nothing.
+fn known_of_bench(baseline: &Baseline, config: &ModelConfig) -> Option<Vec<String>> {
+    let effects = config.effects.iter().map(|e| e.code.clone());
+    let added: Vec<String> = config.known.iter().cloned().chain(effects).collect();
+    if added.is_empty() {
+        return None;
+    }
+    let own = baseline.model.physics.iter().map(|code| (*code).to_owned());
+    let mut codes: Vec<String> = own.chain(added).collect();
+    codes.sort_unstable();
+    codes.dedup();
+    Some(codes)
+}
+
+/// What stays the same when recordings are added.
+struct DiagnoseJob<'a> {
+    /// The rig and its specimen.
+    bench: &'a Bench,
+    /// What the diagnosis starts from.
+    baseline: &'a Baseline,
+    /// Folder of `--out`.
+    folder: &'a Path,
+    /// Where results are printed.
+    output: &'a Output,
+}
+
+impl DiagnoseJob<'_> {
+    /// Diagnoses and writes the files to the folder of `--out`, and also to that of a round of `--run-next`.
+    fn diagnose(&self, recordings: &[Recording], round_folder: Option<&Path>) -> Result<Diagnosis, CliError> {
+        let diagnosis = self.diagnose_with_progress(recordings)?;
+        let files = files::of_diagnosis(&diagnosis, self.bench, self.baseline, recordings)?;
+        for folder in [Some(self.folder), round_folder].into_iter().flatten() {
+            files::write(folder, &files)?;
+        }
+        Ok(diagnosis)
+    }
+
+    fn diagnose_with_progress(&self, recordings: &[Recording]) -> Result<Diagnosis, CliError> {
+        let mut bar = Progress::new("diagnose", self.output.json);
+        let options = DiagnoseOptions {
+            limits: Some(self.bench.profile_limits()),
+            ..DiagnoseOptions::default()
+        };
+        let diagnosis = diagnose(recordings, self.baseline, &options, &mut |share, step| {
+            bar.show_share(share, step);
+        });
+        bar.finish();
+        Ok(diagnosis?)
+    }
+}
+
+/// Range of the secant rates of springs in N/mm; a rate a thousandfold outside it comes from a wrong unit.
+const SPRINGS_N_PER_MM: [f64; 2] = [0.2, 10_000.0];
+/// Ranges that a test exceeds in the right units: displacement in mm, and force in N.
+const LEAST_RANGE: [f64; 2] = [0.2, 20.0];
+
+/// Refuses columns whose values are metres or kilonewtons under a header that says mm and N.
+fn in_mm_and_n(recording: &Recording) -> Result<(), CliError> {
+    let range = |values: &[f64]| {
+        let (low, high) = values
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
+                (l.min(*v), h.max(*v))
+            });
+        high - low
+    };
+    let (mm, n) = (range(&recording.displacement_mm), range(&recording.force_n));
+    let (column, values, unit, wanted) = match n / mm {
+        rate if rate > SPRINGS_N_PER_MM[1] && mm < LEAST_RANGE[0] && n > LEAST_RANGE[1] => {
+            ("displacement_mm", &recording.displacement_mm, "metres", "mm")
+        }
+        rate if rate < SPRINGS_N_PER_MM[0] && n < LEAST_RANGE[1] && mm > LEAST_RANGE[0] => {
+            ("force_n", &recording.force_n, "kilonewtons", "N")
+        }
+        _ => return Ok(()),
+    };
+    let most = values
+        .iter()
+        .enumerate()
+        .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
+    let (index, value) = most.map_or((0, f64::NAN), |(i, v)| (i, *v));
+    // The header is row 1.
+    Err(CliError::Input(format!(
+        "{}, row {}, column {column}: the values look like {unit}: the largest is {value}, and no spring's force moves by {n:.3} N \
+         over {mm:.3} mm: convert the column to {wanted}",
+        recording.name,
+        index + 2
+    )))
+}
+
+/// The bench with the improved model in its specimen and its twin, so that twin, simulator and mock rig run it.
+fn improved_bench(bench: &Bench, improved: &ImprovedModel) -> Bench {
+    let model = ModelConfig {
+        name: improved.model.clone(),
+        known: Vec::new(),
+        parameters: improved.parameters.iter().cloned().collect(),
+        structure: improved.structure.clone(),
+        effects: improved
+            .effects
+            .iter()
+            .map(|e| EffectConfig {
+                code: e.code.clone(),
+                parameters: e.parameters.iter().cloned().collect(),
+            })
+            .collect(),
+    };
+    let mut bench = bench.clone();
+    bench.specimen.model = model.clone();
+    bench.model = model;
+    bench
+}
+
+/// The verdict as the terminal shows it.
+fn verdict_text(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Adequate => "ADEQUATE",
+        Verdict::MissingPhysics => "MISSING PHYSICS",
+        Verdict::Unexplained => "UNEXPLAINED",
+    }
+}
+
+/// The diagnosis as the terminal shows it.
+fn text(d: &Diagnosis, folder: &Path) -> String {
+    let mut lines = vec![format!("{}: {}", verdict_text(d.verdict), d.summary)];
+    for e in &d.effects {
+        lines.push(format!(
+            "  {} ({:.0} % sure): {}",
+            e.code,
+            100.0 * e.confidence,
+            e.statement
+        ));
+    }
+    for a in &d.alternatives {
+        lines.push(format!("  or {} instead of {}: {}", a.code, a.instead_of, a.why));
+    }
+    for l in &d.location {
+        lines.push(format!("  where: {}", l.words));
+    }
+    let (before, after) = (d.fit.baseline.nrmse_heldout, d.fit.improved.nrmse_heldout);
+    lines.push(format!(
+        "  error on held-out cycles: {:.3} % before, {:.3} % after, noise floor {:.3} %",
+        100.0 * before,
+        100.0 * after,
+        100.0 * d.fit.noise_floor_nrmse
+    ));
+    if let Some(next) = &d.next_test {
+        lines.push(format!("  next test: {}", next.why));
+    }
+    lines.push(format!(
+        "  {}: report.html, diagnosis.json, improved.toml",
+        folder.display()
+    ));
+    lines.join("\n")
+}

@@ -1,0 +1,177 @@
+//! What commands find on this computer: benches, profiles, models, links, a mock rig and the folder of shipped configs.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::error::CliError;
+use crate::config::Bench;
+use crate::daemon::library::{self, Library};
+use crate::mockrig::{MockRig, MockRigConfig};
+use crate::model;
+use crate::profile::Profile;
+
+/// The bench that needs no hardware, below the folder of shipped configs.
+const DEFAULT_BENCH: &str = "benches/mock.toml";
+/// Widest line of a list in a help text, in characters.
+const HELP_WIDTH: usize = 96;
+
+/// The bench of a command.
+#[derive(Debug, Args)]
+pub(crate) struct BenchArg {
+    #[arg(
+        long = "bench",
+        value_name = "FILE",
+        help = format!("Bench config [default: bench-configs/{DEFAULT_BENCH}, the mock rig in memory]")
+    )]
+    file: Option<PathBuf>,
+}
+
+impl BenchArg {
+    /// The bench of `--bench`. The default bench is built in, for folders where the shipped configs are not found.
+    pub(crate) fn load(&self) -> Result<Bench, CliError> {
+        Ok(match (&self.file, configs()) {
+            (Some(path), _) => Bench::load(path)?,
+            (None, Ok(folder)) => Bench::load(&folder.join(DEFAULT_BENCH))?,
+            (None, Err(_)) => Bench::shipped()?,
+        })
+    }
+}
+
+/// The folder of the profiles that are called by name.
+#[derive(Debug, Args)]
+pub(crate) struct ProfilesArg {
+    /// Folder of the profiles that are called by name [default: bench-configs/profiles]
+    #[arg(long = "profiles", value_name = "DIR")]
+    folder: Option<PathBuf>,
+}
+
+impl ProfilesArg {
+    /// The folder of `--profiles`, or the shipped one.
+    pub(crate) fn folder(&self) -> Result<PathBuf, CliError> {
+        match &self.folder {
+            Some(path) => Ok(path.clone()),
+            None => Ok(configs()?.join("profiles")),
+        }
+    }
+}
+
+/// One profile, by name or by file.
+#[derive(Debug, Args)]
+pub(crate) struct ProfileArgs {
+    #[arg(value_name = "PROFILE", help = profile_help())]
+    profile: String,
+    #[command(flatten)]
+    folder: ProfilesArg,
+}
+
+impl ProfileArgs {
+    /// The profile and its text, from its file, or by name from the folder of profiles.
+    pub(crate) fn load(&self) -> Result<(Profile, String), CliError> {
+        let path = Path::new(&self.profile);
+        if path.extension().is_some_and(|e| e == "toml") {
+            return Ok(library::read(path)?);
+        }
+        Ok(Library::open(&self.folder.folder()?)?.find(&self.profile)?)
+    }
+}
+
+/// Help of an argument that takes a profile, with the names of the shipped ones.
+pub(crate) fn profile_help() -> String {
+    let what = "Name of a profile, or a profile file (.toml)";
+    let names = shipped_profiles();
+    match names.is_empty() {
+        true => what.to_owned(),
+        false => format!("{what}\nShipped: {}", wrapped(&names).replace('\n', "\n  ")),
+    }
+}
+
+/// Names of the shipped profiles, sorted; none where their folder is not found.
+fn shipped_profiles() -> Vec<String> {
+    let folder = configs().map(|folder| folder.join("profiles"));
+    let Some(files) = folder.ok().and_then(|folder| std::fs::read_dir(folder).ok()) else {
+        return Vec::new();
+    };
+    let mut names: Vec<String> = files
+        .filter_map(|file| Some(file.ok()?.path()))
+        .filter(|path| path.extension().is_some_and(|e| e == "toml"))
+        .filter_map(|path| Some(path.file_stem()?.to_str()?.to_owned()))
+        .collect();
+    names.sort_unstable();
+    names
+}
+
+/// Names of all models, for help texts.
+pub(crate) fn model_names() -> String {
+    let names: Vec<&str> = model::MODELS.iter().map(|m| m.name).collect();
+    names.join(", ")
+}
+
+/// A list with commas in lines of at most [`HELP_WIDTH`] characters, for help texts.
+pub(crate) fn wrapped<S: AsRef<str>>(words: &[S]) -> String {
+    let mut lines: Vec<String> = Vec::new();
+    for (i, word) in words.iter().enumerate() {
+        let comma = if i + 1 < words.len() { "," } else { "" };
+        let word = format!("{}{comma}", word.as_ref());
+        match lines.last_mut() {
+            Some(line) if line.len() + 1 + word.len() <= HELP_WIDTH => {
+                line.push(' ');
+                line.push_str(&word);
+            }
+            _ => lines.push(word),
+        }
+    }
+    lines.join("\n")
+}
+
+/// The folder `bench-configs`: in the working folder or beside the binary, or in a folder above one of them.
+pub(crate) fn configs() -> Result<PathBuf, CliError> {
+    let starts = [std::env::current_dir().ok(), std::env::current_exe().ok()];
+    starts
+        .iter()
+        .flatten()
+        .flat_map(|start| start.ancestors())
+        .map(|folder| folder.join("bench-configs"))
+        .find(|folder| folder.join(DEFAULT_BENCH).is_file())
+        .ok_or_else(|| {
+            CliError::Input(
+                "the folder bench-configs is neither in this folder nor in one above it: change to leafbench's folder, or name \
+                 the files with --bench and --profiles"
+                    .to_owned(),
+            )
+        })
+}
+
+/// The bench's mock rig, loaded with the bench's specimen. `seed` replaces the noise seed of the bench config.
+pub(crate) fn mock_rig(bench: &Bench, seed: Option<u64>) -> Result<MockRig, CliError> {
+    let mut config: MockRigConfig = bench.mock_rig.clone().try_into().map_err(|e| {
+        CliError::Input(format!(
+            "table [mock_rig] of bench {}: {}: correct it in the bench config",
+            bench.name,
+            e.message()
+        ))
+    })?;
+    config.node = bench.link.node;
+    config.calibration_hash = bench.calibration_hash();
+    config.seed = seed.unwrap_or(config.seed);
+    Ok(MockRig::new(&config, bench.specimen.model.plant()?)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wrapped_list_keeps_the_width_and_every_word() {
+        let words: Vec<String> = (0..60).map(|n| format!("word-{n}")).collect();
+        let text = wrapped(&words);
+        assert!(text.lines().count() > 1 && text.lines().all(|l| l.len() <= HELP_WIDTH));
+        assert_eq!(text.replace('\n', " "), words.join(", "));
+        assert_eq!(wrapped::<&str>(&[]), "");
+    }
+
+    #[test]
+    fn the_help_lists_the_shipped_profiles() {
+        assert!(profile_help().contains("static-ramp"), "{}", profile_help());
+    }
+}

@@ -1,0 +1,8 @@
+//! What several commands use. No file here is a command.
+
+pub(super) mod client;
+pub(super) mod ctrl_c;
+pub(super) mod error;
+pub(super) mod local;
+pub(super) mod progress;
+pub(crate) mod virtual_bench;
