@@ -23,7 +23,7 @@ const NAME: &str = "equivalent";
 /// The entry of [`super::MODELS`].
 pub(crate) const MODEL: Model = Model {
     name: NAME,
-    what: "preload, linear spring and load-proportional presliding friction",
+    what: "preload, linear spring and load-proportional friction",
     parameters: &[
         Parameter {
             name: "preload_n",

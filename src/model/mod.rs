@@ -136,9 +136,9 @@ pub(crate) fn find(name: &str) -> Result<&'static Model, BuildError> {
             name: name.to_owned(),
             known: MODELS
                 .iter()
-                .map(|m| format!("{} ({})", m.name, m.what))
+                .map(|m| format!("\"{}\": {}", m.name, m.what))
                 .collect::<Vec<_>>()
-                .join(", "),
+                .join("; "),
         })
 }
 

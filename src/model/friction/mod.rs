@@ -70,7 +70,7 @@ pub(crate) fn chosen(name: Option<&toml::Value>) -> Result<&'static FrictionLaw,
                 .iter()
                 .map(|law| format!("\"{}\" ({})", law.name, law.what))
                 .collect();
-            format!("friction = {name} is unknown: use {}", known.join(", "))
+            format!("friction = {name} is unknown: use one of {}", known.join(", "))
         })
 }
 
