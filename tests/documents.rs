@@ -311,7 +311,13 @@ fn documented_defaults_of_a_structure_change_nothing() {
         for row in &documented[&format!("[model.structure] {}", model.name)] {
             let value = value_of(&row.default).expect("every key has a default");
             let with = forces(&toml::Table::from_iter([(row.key.clone(), value)]));
-            assert_eq!(plain, with, "{}: {} = {}", model.name, row.key, row.default);
+            assert!(
+                plain == with,
+                "\"[model.structure] {}\": {} = {} is not the default",
+                model.name,
+                row.key,
+                row.default
+            );
             compared += 1;
         }
     }

@@ -54,7 +54,7 @@ impl Flags {
 /// One sample of a run in physical units, with the counts it came from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Sample {
-    /// The rig's tick, unfolded: counts up by one a sample period from the rig's boot.
+    /// The rig's tick without the overflow of the wire: it rises by one per sample period from the boot of the rig.
     pub tick: u64,
     /// Seconds since the run's first sample: (tick - first tick) / sample rate.
     pub time_s: f64,
@@ -62,23 +62,23 @@ pub(crate) struct Sample {
     pub force_n: f64,
     /// Displacement in mm after calibration and tare; positive loads the spring.
     pub displacement_mm: f64,
-    /// Raw load-cell counts as they came over the wire.
+    /// Load-cell counts as received.
     pub force_counts: i32,
-    /// Raw LVDT counts as they came over the wire.
+    /// LVDT counts as received.
     pub displacement_counts: i32,
     /// The command that was due at this tick.
     pub command: Option<Command>,
     /// Counted cycle, from 1; 0 outside the counted cycles.
     pub cycle: u32,
-    /// Segment of the expanded profile, from 1; 0 outside the profile.
+    /// Segment of the profile, from 1, repeats written out; 0 outside the profile.
     pub segment: u32,
-    /// Force of the virtual twin at this displacement in N; `None` where the twin was off or behind.
+    /// Force of the virtual twin at this displacement in N; `None` if the twin was off or late.
     pub twin_force_n: Option<f64>,
     /// Quality of this sample.
     pub flags: Flags,
 }
 
-/// What an event is about; a stable word for scripts.
+/// What an event is about. The words are stable: scripts may rely on them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum EventKind {
@@ -109,7 +109,7 @@ pub(crate) enum EventKind {
 /// Something that happened during a run.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Event {
-    /// The rig's tick, unfolded as in [`Sample`].
+    /// The rig's tick, as in [`Sample`].
     pub tick: u64,
     /// Seconds since the run's first sample; negative before it.
     pub time_s: f64,
@@ -130,12 +130,12 @@ pub(crate) struct ChannelScale {
 }
 
 impl ChannelScale {
-    /// Counts to the physical value.
+    /// Physical value of a number of counts.
     pub(crate) fn value(&self, counts: i32) -> f64 {
         f64::from(counts) * self.scale_per_count - self.offset - self.tare
     }
 
-    /// Physical value to the nearest count.
+    /// Counts of a physical value, rounded to the nearest.
     pub(crate) fn counts(&self, value: f64) -> i32 {
         ((value + self.offset + self.tare) / self.scale_per_count).round() as i32
     }
@@ -223,7 +223,7 @@ pub(crate) struct Outcome {
     pub samples: u64,
     /// Number of ticks without a sample.
     pub lost: u64,
-    /// Counted full-amplitude cycles completed in this run.
+    /// Counted cycles completed in this run.
     pub cycles_completed: u32,
 }
 
