@@ -15,7 +15,7 @@ use super::{header, plan, store};
 use crate::config::MismatchAction;
 use crate::control::realtime::{ControlHandle, Request};
 use crate::control::run::RunOrder;
-use crate::control::{Phase, RigStatus};
+use crate::control::{Phase, Refusal, RigStatus};
 use crate::profile::{Player, Profile};
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::recording::recorder::{self, FanOut, RecorderInput, RecorderThread};
@@ -60,12 +60,7 @@ fn busy(status: &RigStatus) -> Option<ApiError> {
             "the rig is not connected: check the link and the rig's power".to_owned()
         }
         Phase::Connecting => format!("the rig is not connected: {}", status.notice),
-        Phase::Interlocked => {
-            format!(
-                "the rig is interlocked ({:?}): remove the cause, then reset",
-                status.cause
-            )
-        }
+        Phase::Interlocked => Refusal::Interlocked(status.cause).to_string(),
         _ => match &status.run_id {
             Some(run) => format!("run {run} is under way: stop it or wait for its end"),
             None => "the rig is busy: wait until it is unloaded".to_owned(),
