@@ -139,7 +139,7 @@ impl Output {
 
     /// The error with all its causes, outermost first.
     fn error(&self, error: &CliError) {
-        let text = shared::error::chain(error);
+        let text = crate::daemon::chain(error);
         let mut stderr = std::io::stderr().lock();
         let _ = match self.json {
             true => writeln!(stderr, "{}", serde_json::json!({ "error": text })),

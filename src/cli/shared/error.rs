@@ -1,6 +1,5 @@
 //! The errors of the command line, and the exit code of each.
 
-use std::error::Error;
 use std::path::{Path, PathBuf};
 
 use crate::config::ConfigError;
@@ -113,15 +112,4 @@ impl CliError {
         let path = path.to_owned();
         move |source| CliError::File { path, doing, source }
     }
-}
-
-/// An error and its causes in one line, outermost first.
-pub(crate) fn chain(error: &dyn Error) -> String {
-    let mut text = error.to_string();
-    let mut source = error.source();
-    while let Some(cause) = source {
-        text = format!("{text}: {cause}");
-        source = cause.source();
-    }
-    text
 }
