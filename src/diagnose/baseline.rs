@@ -4,7 +4,7 @@
 //! parameters; friction of `equivalent` that is not known is switched off by its structure option.
 
 use super::surrogate::Surrogate;
-use crate::effect::{self, EFFECTS, Effect, EffectError, Stage};
+use crate::effect::{self, EFFECTS, Effect, EffectError, FORMS, Stage};
 use crate::model::{BuildError, Model, Parameter, Plant};
 
 /// What the diagnosis starts from.
@@ -93,38 +93,31 @@ impl Setup {
         }
         let knows = |code: &str| known.iter().any(|k| k == code);
         let mut structure = baseline.structure.clone();
-        if model.name == "equivalent" && baseline.known.is_some() && !structure.contains_key("friction") {
-            structure.insert("friction".to_owned(), equivalent_friction(&knows).into());
+        if let (Some(limit), Some(_)) = (model.limit_friction, &baseline.known) {
+            let (key, option) = limit(&knows);
+            structure.entry(key).or_insert_with(|| option.into());
         }
         let start = baseline.start.clone().unwrap_or_else(|| model.start_values());
         model.plant(&start, &structure)?;
-        // What an attached law would have to do for these is done by the friction option or by the model.
-        let shaping = ["rate_independent_friction", "presliding"];
+        let known_form = |effect: &'static Effect| {
+            let parameters = (effect.if_known)(effect, &knows)?;
+            Some(Attached {
+                effect,
+                parameters,
+                own: true,
+            })
+        };
         let extras = EFFECTS
             .iter()
-            .filter(|e| knows(e.code) && !built_in(e.code) && !shaping.contains(&e.code))
-            .map(|effect| {
-                let mut attached = Attached::candidate(effect);
-                attached.own = true;
-                if effect.code == "coulomb_friction" && !knows("presliding") {
-                    // A gradual turn-round is not known, so it must not be had for nothing.
-                    attached.parameters[1].bounds = [1e-3, 0.06];
-                }
-                attached
-            })
+            .filter(|e| knows(e.code) && !built_in(e.code))
+            .filter_map(known_form)
             .collect();
         let candidates = EFFECTS
             .iter()
             .filter(|e| !knows(e.code))
             .map(Attached::candidate)
             .collect();
-        let form = if knows("load_dependent_friction") && knows("presliding") {
-            let mut form = Attached::candidate(effect::find("friction_form")?);
-            form.own = true;
-            Some(form)
-        } else {
-            None
-        };
+        let form = FORMS.iter().find_map(known_form);
         Ok(Setup {
             model,
             structure,
@@ -134,21 +127,6 @@ impl Setup {
             candidates,
             surrogate: None,
         })
-    }
-}
-
-/// Friction option of `equivalent` for the friction that is known.
-fn equivalent_friction(knows: &dyn Fn(&str) -> bool) -> &'static str {
-    let load = knows("load_dependent_friction");
-    let any = load || knows("presliding") || knows("rate_independent_friction");
-    if !any || (!load && knows("coulomb_friction")) {
-        "none"
-    } else if !knows("rate_independent_friction") && !knows("presliding") {
-        "tanh"
-    } else if knows("presliding") {
-        "presliding"
-    } else {
-        "sharp"
     }
 }
 
@@ -213,23 +191,13 @@ mod tests {
     }
 
     #[test]
-    fn friction_follows_what_is_known() {
+    fn known_physics_is_built_in_or_attached() {
         for (known, option, extras) in [
             (&["viscous_damping"][..], "none", 1),
             (&["coulomb_friction"], "none", 1),
             (&["load_dependent_friction"], "tanh", 0),
             (
-                &["load_dependent_friction", "rate_independent_friction"],
-                "sharp",
-                0,
-            ),
-            (
-                &[
-                    "load_dependent_friction",
-                    "coulomb_friction",
-                    "presliding",
-                    "rate_independent_friction",
-                ],
+                &["load_dependent_friction", "coulomb_friction", "presliding"],
                 "presliding",
                 1,
             ),
@@ -238,6 +206,14 @@ mod tests {
             assert_eq!(friction(&setup), Some(option), "{known:?}");
             assert_eq!(setup.extras.len(), extras, "{known:?}");
         }
+    }
+
+    #[test]
+    fn a_friction_option_of_the_user_stays() {
+        let mut baseline = Baseline::of(crate::model::find("equivalent").expect("listed"));
+        baseline.known = Some(vec!["viscous_damping".to_owned()]);
+        baseline.structure.insert("friction".to_owned(), "sharp".into());
+        assert_eq!(friction(&Setup::new(&baseline).expect("valid")), Some("sharp"));
     }
 
     #[test]

@@ -75,9 +75,6 @@ impl Default for DiagnoseOptions {
     }
 }
 
-/// Models that take a tenth of a second for all recordings: a surrogate stands for them.
-const SLOW: [&str; 1] = ["leaf-pack"];
-
 /// Diagnoses recordings of one specimen. `progress` hears the share done, 0 to 1, and the step in words.
 pub(crate) fn diagnose(
     recordings: &[Recording],
@@ -102,7 +99,7 @@ pub(crate) fn diagnose(
         limits: options.limits,
     };
     progress(0.05, "refitting the baseline");
-    let slow = SLOW.contains(&setup.model.name);
+    let slow = setup.model.slow;
     if slow {
         surrogate::install(&mut setup, &data, &means).ok_or(DiagnoseError::OutOfDomain)?;
     }

@@ -153,10 +153,8 @@ impl<'a> FitContext<'a> {
         let structure = self.structure(node.attached.clone()).with(&form);
         // Without the baseline's own law to begin with: one that forgets where it turned holds the fit back where it stands.
         let mut without = node.values.clone();
-        for (value, p) in without.iter_mut().zip(self.setup.model.parameters) {
-            if p.name == "friction_ratio" {
-                *value = p.bounds[0];
-            }
+        if let Some(i) = self.setup.model.friction_ratio {
+            without[i] = self.setup.model.parameters[i].bounds[0];
         }
         let starts: Vec<Vec<f64>> = (form.effect.starts)(&self.span)
             .into_iter()

@@ -118,9 +118,9 @@ pub(super) fn baseline_parameters(
         list.extend(values_of(&attached.parameters, from, node, confidence));
         // The form's strengths stand beside the model's own friction: what a technician knows is their sum.
         let freed: f64 = node.values[from..from + attached.parameters.len()].iter().sum();
-        if let Some(i) = list.iter().position(|v| v.name == "friction_ratio") {
+        if let Some(i) = bench.setup.model.friction_ratio {
             let whole = Value {
-                name: "friction_ratio_in_all".to_owned(),
+                name: format!("{}_in_all", list[i].name),
                 value: list[i].value + freed,
                 unit: list[i].unit.clone(),
                 ci95: None,

@@ -156,31 +156,26 @@ fn turns_otherwise(bench: &FitContext<'_>, plain: &Node, freed: &Node) -> bool {
     freed_form && freed.select <= NO_FIT_SHARE * plain.select
 }
 
-/// Where it did, the group that acts after a reversal is nearest, though the baseline is said to have it.
+/// What a friction that is generalised with much success looks like: its look-alikes, with the error before and after.
 fn turn_round(bench: &FitContext<'_>, plain: &Node, freed: &Node) -> Vec<Alternative> {
-    let Some(presliding) = crate::effect::find("presliding").ok() else {
+    let Some(form) = &bench.setup.form else {
         return Vec::new();
     };
     if !turns_otherwise(bench, plain, freed) {
         return Vec::new();
     }
-    let errors =
+    let [own, general] =
         [plain, freed].map(|n| 100.0 * super::tables::errors_of(bench.data, &n.residuals).nrmse_heldout);
-    let why = format!(
-        "the baseline's friction, free to turn round after a reversal as the recordings ask, takes the error on cycles not fitted on from {:.2} to {:.2} %",
-        errors[0], errors[1]
-    );
-    let alternative = |code: &str, why: String, test: &str| Alternative {
-        code: code.to_owned(),
+    let alternative = |r: &crate::effect::LookAlike| Alternative {
+        code: r.code.to_owned(),
         instead_of: "unknown".to_owned(),
-        why,
-        test: test.to_owned(),
+        why: format!(
+            "{}: with a general friction law the error on held-out cycles falls from {own:.2} % to {general:.2} %",
+            r.why
+        ),
+        test: r.test.to_owned(),
     };
-    let play = presliding.confusable_with.iter().find(|r| r.code == "backlash");
-    let test = play.map_or("reversals of several sizes", |r| r.test);
-    let mut group = vec![alternative("presliding", why, test)];
-    group.extend(play.map(|r| alternative(r.code, format!("not told from presliding: {}", r.why), r.test)));
-    group
+    form.effect.confusable_with.iter().map(alternative).collect()
 }
 
 /// Codes of the sets that come nearest where nothing explains, best set first, each with why it was refused.

@@ -3,7 +3,7 @@
 //! The same file serves fit, diagnosis, twin, simulator and mock rig. Which effect is missing is judged in `diagnose`.
 //! A new effect is one file and one line in [`EFFECTS`]; a new code also gets its row in contracts.md.
 
-use crate::model::{BuildError, Motion, Parameter, Plant};
+use crate::model::{BuildError, Knows, Motion, Parameter, Plant};
 
 pub(crate) mod backlash;
 pub(crate) mod channel_delay;
@@ -142,6 +142,14 @@ pub(crate) struct LookAlike {
 /// Wraps the plant inside in an effect with the values given.
 pub(crate) type Attach = fn(values: &[f64], inside: Box<dyn Plant>) -> Box<dyn Plant>;
 
+/// See [`Effect::if_known`].
+pub(crate) type IfKnown = fn(&Effect, &Knows<'_>) -> Option<Vec<Parameter>>;
+
+/// For effects that a baseline gets with their usual bounds.
+pub(crate) fn unchanged(effect: &Effect, _knows: &Knows<'_>) -> Option<Vec<Parameter>> {
+    Some(effect.parameters.to_vec())
+}
+
 /// One entry of [`EFFECTS`].
 pub(crate) struct Effect {
     /// Code of contracts.md.
@@ -164,6 +172,8 @@ pub(crate) struct Effect {
     pub statement: fn(values: &[f64]) -> String,
     /// Wraps `inside`; one checked value a parameter.
     pub attach: Attach,
+    /// Parameters that it gets in a baseline that already knows this physics; `None` where the model itself takes care of it.
+    pub if_known: IfKnown,
     /// Where on the loop it acts, for effects that are local.
     pub place: fn(values: &[f64], span: &Span) -> Option<Place>,
     /// Look-alikes.

@@ -18,7 +18,7 @@
 
 use super::friction::dahl;
 use super::friction::elements::{Elements, spread};
-use super::{BuildError, Model, Motion, Parameter, Plant, structure_numbers};
+use super::{BuildError, Knows, Model, Motion, Parameter, Plant, structure_numbers};
 
 /// The entry of [`super::MODELS`].
 pub(crate) const MODEL: Model = Model {
@@ -63,6 +63,9 @@ pub(crate) const MODEL: Model = Model {
         "load_dependent_friction",
         "presliding",
     ],
+    slow: false,
+    friction_ratio: Some(2),
+    limit_friction: Some(known_friction),
     build: |values, structure| {
         let mut numbers = structure.clone();
         let friction = numbers.remove("friction");
@@ -85,6 +88,30 @@ pub(crate) const MODEL: Model = Model {
         Ok(Box::new(plant))
     },
 };
+
+/// Structure entry that leaves the friction that is known: see [`Model::limit_friction`].
+fn known_friction(knows: &Knows<'_>) -> (&'static str, &'static str) {
+    let load = knows("load_dependent_friction");
+    let any = load || knows("presliding") || knows("rate_independent_friction");
+    let option = if !any || (!load && knows("coulomb_friction")) {
+        "none"
+    } else if !knows("rate_independent_friction") && !knows("presliding") {
+        "tanh"
+    } else if knows("presliding") {
+        "presliding"
+    } else {
+        "sharp"
+    };
+    ("friction", option)
+}
+
+/// Structure of a model whose friction fades below a speed of `transition_mm_s`, in mm/s.
+pub(crate) fn rate_dependent_friction(transition_mm_s: f64) -> toml::Table {
+    toml::Table::from_iter([
+        ("friction".to_owned(), "tanh".into()),
+        ("transition_velocity_mm_s".to_owned(), transition_mm_s.into()),
+    ])
+}
 
 /// What the structure leaves of the friction.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -253,6 +280,20 @@ mod tests {
         assert!((force_n("tanh", 0.1).expect("built") - 450.0 * (1.0 + 0.12 * 0.2f64.tanh())).abs() < 1e-9);
         assert!((force_n("presliding", 0.1).expect("built") - 504.0).abs() < 1e-3);
         assert!(force_n("magnetic", 0.1).is_err());
+    }
+
+    #[test]
+    fn friction_option_follows_the_known_physics() {
+        for (known, option) in [
+            (&["viscous_damping"][..], "none"),
+            (&["coulomb_friction"], "none"),
+            (&["load_dependent_friction"], "tanh"),
+            (&["load_dependent_friction", "rate_independent_friction"], "sharp"),
+            (&["load_dependent_friction", "presliding"], "presliding"),
+        ] {
+            let found = known_friction(&|code| known.contains(&code));
+            assert_eq!(found, ("friction", option), "{known:?}");
+        }
     }
 
     #[test]
