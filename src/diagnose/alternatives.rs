@@ -1,9 +1,9 @@
-//! What could stand in place of an effect, or of what nothing explains.
+//! Alternatives: the effects that could replace a finding, and the nearest ones where no effect explains the recordings.
 
 use super::backward_elimination::without;
 use super::context::{FitContext, Key, Node};
 use super::diagnosis::Alternative;
-use super::search::Search;
+use super::search::SearchResult;
 use super::splits::Split;
 use super::surrogate;
 use super::tables::candidates;
@@ -18,10 +18,14 @@ pub(super) const DISTINCT_POWER: f64 = 0.04;
 /// Exponent of the doubt in the confidence. Calibrated on two blind runs of 400 cases (seeds 404 and 777): of the effects that
 /// would have had a confidence of 71 % without it, 97 % were right; with it their confidence is 93 %.
 const CONFIDENCE_EXPONENT: f64 = 3.0;
-/// Candidates that are fitted in place of an effect.
+/// Scale of the lack over which the doubt falls by a factor e: a floor, and a share of what the effect brings, because the form of
+/// an effect is never exact.
+const DOUBT_FLOOR: f64 = 2.0;
+const DOUBT_SHARE: f64 = 0.02;
+/// Number of candidates that are fitted in place of an effect.
 const RIVALS_TRIED: usize = 8;
-/// Where nothing explains the recordings, sets within this share of the best gain are listed as the nearest, and at most so many
-/// effects.
+/// Where nothing explains the recordings, the effects of all sets within this share of the best gain are listed as the nearest.
+/// `MOST_NEAREST` limits their number.
 const NEAREST_SHARE: f64 = 0.05;
 const MOST_NEAREST: usize = 5;
 
@@ -66,7 +70,7 @@ fn at_implausible_bound(node: &Node) -> bool {
 }
 
 /// Compares one effect of the chosen set with the effects that could take its place.
-pub(super) fn judge(context: &FitContext<'_>, search: &mut Search, place: usize) -> JudgedEffect {
+pub(super) fn judge(context: &FitContext<'_>, search: &mut SearchResult, place: usize) -> JudgedEffect {
     let chosen = search.chosen;
     let without = without(context, &mut search.nodes, chosen, place);
     let base = search.nodes[without].key(context.setup.extras.len());
@@ -86,7 +90,7 @@ pub(super) fn judge(context: &FitContext<'_>, search: &mut Search, place: usize)
 }
 
 /// Fits sets with one more effect than the set `without`, whose codes are `base`, and adds them to the search.
-fn fit_rivals(context: &FitContext<'_>, search: &mut Search, without: usize, base: &Key) {
+fn fit_rivals(context: &FitContext<'_>, search: &mut SearchResult, without: usize, base: &Key) {
     let extras = context.setup.extras.len();
     let seen: Vec<_> = search.nodes.iter().map(|n| n.key(extras)).collect();
     if let Some((parent, tangent)) = context.converged(&search.nodes[without]) {
@@ -100,7 +104,7 @@ fn fit_rivals(context: &FitContext<'_>, search: &mut Search, without: usize, bas
 /// `code`. `base` has the codes of the set without it; `loss` is the gain that it brings.
 fn compare(
     context: &FitContext<'_>,
-    search: &Search,
+    search: &SearchResult,
     base: &Key,
     code: &str,
     loss: f64,
@@ -123,7 +127,7 @@ fn compare(
             continue;
         }
         let lack = likelihood.gain(node.cost() - search.nodes[search.chosen].cost());
-        doubt += (-lack / (2.0 + 0.02 * loss)).exp();
+        doubt += (-lack / (DOUBT_FLOOR + DOUBT_SHARE * loss)).exp();
         if lack < distinguishable_lack(node, loss, distinct) {
             rivals.push(RivalSet {
                 code: other,
@@ -161,7 +165,7 @@ pub(super) fn alternative(effect: &Effect, judged: &JudgedEffect, rival: &RivalS
 }
 
 /// The effects of the best sets, where nothing in the library explains the recordings.
-pub(super) fn nearest(context: &FitContext<'_>, search: &Search) -> Vec<Alternative> {
+pub(super) fn nearest(context: &FitContext<'_>, search: &SearchResult) -> Vec<Alternative> {
     let rows = candidates(context, search);
     let best = rows.first().map_or(0.0, |r| r.gain);
     let mut codes: Vec<String> = Vec::new();

@@ -9,7 +9,7 @@ use super::baseline::{Attached, Setup};
 use super::condition::Track;
 use super::data::Data;
 use super::fit::{converge, fit_child};
-use super::score::{Score, Tangent};
+use super::score::{CandidateScore, Tangent};
 use super::splits::Split;
 use super::structure::ModelStructure;
 use super::{DiagnoseError, DiagnoseOptions};
@@ -215,7 +215,7 @@ impl<'a> FitContext<'a> {
     }
 
     /// Scores of every candidate that a node lacks; one list per candidate, its best start first.
-    pub(super) fn scores(&self, node: &Node, tangent: &Tangent) -> Vec<Vec<Score>> {
+    pub(super) fn scores(&self, node: &Node, tangent: &Tangent) -> Vec<Vec<CandidateScore>> {
         let structure = self.structure(node.attached.clone());
         let lacking: Vec<usize> = (0..self.setup.candidates.len())
             .filter(|&c| {
@@ -234,7 +234,7 @@ impl<'a> FitContext<'a> {
         lists.retain(|l| l.first().is_some_and(|s| s.gain > LEAST_PREDICTED_GAIN));
         lists.sort_by(|a, b| b[0].gain.total_cmp(&a[0].gain));
         let extras = self.setup.extras.len();
-        let tasks: Vec<Score> = lists
+        let tasks: Vec<CandidateScore> = lists
             .into_iter()
             .filter(|l| {
                 let mut key = node.key(extras);

@@ -151,11 +151,10 @@ pub(crate) struct Curve {
     pub name: String,
     pub time_s: Vec<f64>,
     pub displacement_mm: Vec<f64>,
-    /// Measured force.
     pub measured_n: Vec<f64>,
-    /// Force of the refitted baseline.
+    /// Force of the refitted baseline in N.
     pub baseline_n: Vec<f64>,
-    /// Force of the improved model.
+    /// Force of the improved model in N.
     pub improved_n: Vec<f64>,
     /// What was masked or noticed in the recording.
     pub remarks: Vec<String>,

@@ -19,8 +19,8 @@ const STEPS: usize = 9;
 const ROUNDS: usize = 12;
 /// A step of a child that lowers the sum of squares by less than this share is idle; two idle steps end the fit.
 const IDLE_FALL: f64 = 2e-4;
-/// First and last move of a kink in a search by trials, as a share of the range that the recordings cover, and the factor between
-/// moves.
+/// Search for the position of a kink by trials: first and last move as a share of the range that the recordings cover, and the
+/// factor from one move to the next.
 const FIRST_MOVE: f64 = 0.02;
 const LAST_MOVE: f64 = 2e-4;
 const SHRINK: f64 = 0.4;

@@ -102,8 +102,8 @@ fn changed(data: &Data, residuals: &[f64], mut found: LackOfFit) -> LackOfFit {
     found
 }
 
-/// Fall of the sum of squares on selecting cycles by a ridge regression on fitted cycles. `row` gives the non-zero columns of a
-/// point.
+/// Fall of the sum of squares on selecting cycles by a ridge regression on fitted cycles. `row` gives the columns of a point that
+/// are not zero.
 fn gain(data: &Data, residuals: &[f64], columns: usize, row: impl Fn(usize) -> Vec<(usize, f64)>) -> f64 {
     let mut normal = DMatrix::<f64>::zeros(columns, columns);
     let mut right = DVector::<f64>::zeros(columns);

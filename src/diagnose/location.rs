@@ -79,7 +79,7 @@ struct BinScores {
 
 /// An interval of bins, both ends included, with its score.
 #[derive(Clone, Copy)]
-struct Interval {
+struct ScoredInterval {
     score: f64,
     from: usize,
     to: usize,
@@ -114,7 +114,7 @@ impl<'a> LocationScan<'a> {
         if branch == Branch::Both {
             best = self.best(best, &self.scores(axis, branch, true), &points);
         }
-        let Interval { score, from, to } = best?;
+        let ScoredInterval { score, from, to } = best?;
         let explained = score / self.above_noise;
         let share = self.share(&energy[from..=to]);
         let (low, high) = (axis.edges[from], axis.edges[to + 1]);
@@ -182,7 +182,12 @@ impl<'a> LocationScan<'a> {
     }
 
     /// The interval with the highest score, or `best` if none is higher.
-    fn best(&self, mut best: Option<Interval>, bins: &BinScores, points: &[usize; BINS]) -> Option<Interval> {
+    fn best(
+        &self,
+        mut best: Option<ScoredInterval>,
+        bins: &BinScores,
+        points: &[usize; BINS],
+    ) -> Option<ScoredInterval> {
         let on_branch = points.iter().sum::<usize>() as f64;
         for from in 0..BINS {
             let mut overlap = DVector::<f64>::zeros(self.jacobian.ncols());
@@ -199,7 +204,7 @@ impl<'a> LocationScan<'a> {
                 if left > LEAST_POWER_LEFT * power && power > 0.0 {
                     let score = sum * sum / left;
                     if best.is_none_or(|b| score > b.score) {
-                        best = Some(Interval { score, from, to });
+                        best = Some(ScoredInterval { score, from, to });
                     }
                 }
             }

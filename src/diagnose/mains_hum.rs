@@ -17,7 +17,7 @@ const DEVIATION_HZ: f64 = 0.1;
 const LEAST_SAMPLE_HZ: f64 = 150.0;
 /// Step of the frequencies tried, in reciprocals of the duration: a fifth of the resolution.
 const FREQUENCY_STEP: f64 = 0.2;
-/// Fall of the sum of squares, in variances, from which it is hum. Noise falls as much in 1 of 3 million trials (chi-square of two
+/// Fall of the sum of squares, in variances, from which it is hum. Noise reaches it in one of 3 million trials (chi-square, two
 /// degrees of freedom).
 const LEAST_FALL: f64 = 30.0;
 

@@ -23,7 +23,7 @@ pub(super) struct Tangent {
 
 /// Score of one start of one candidate against a structure.
 #[derive(Clone)]
-pub(super) struct Score {
+pub(super) struct CandidateScore {
     /// Index in the list of candidates.
     pub candidate: usize,
     /// Values to start a fit from, with the amplitudes scaled to the best size.
@@ -66,9 +66,9 @@ impl Tangent {
         index: usize,
         candidate: &Attached,
         span: &Span,
-    ) -> Vec<Score> {
+    ) -> Vec<CandidateScore> {
         let with = structure.with(candidate);
-        let mut scores: Vec<Score> = (candidate.effect.starts)(span)
+        let mut scores: Vec<CandidateScore> = (candidate.effect.starts)(span)
             .into_iter()
             .filter_map(|mut start| {
                 for (v, p) in start.iter_mut().zip(&candidate.parameters) {
@@ -96,7 +96,7 @@ impl Tangent {
                     let [low, high] = candidate.parameters[a].bounds;
                     start[a] = (start[a] * size).clamp(low, high);
                 }
-                Some(Score {
+                Some(CandidateScore {
                     candidate: index,
                     start,
                     gain: size * along - 0.5 * size * size * power,

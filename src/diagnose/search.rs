@@ -16,7 +16,7 @@ const CHILDREN: [usize; MOST_EFFECTS] = [17, 8, 6];
 const BETTER_ROOT: f64 = 0.01;
 
 /// All fitted sets and the one that is chosen.
-pub(super) struct Search {
+pub(super) struct SearchResult {
     /// Fitted sets; the baseline alone is the first.
     pub nodes: Vec<Node>,
     /// Index of the chosen set.
@@ -32,7 +32,7 @@ pub(super) fn search(
     baseline: Node,
     seeds: &[Node],
     progress: &mut dyn FnMut(f64),
-) -> Search {
+) -> SearchResult {
     let mut nodes = vec![baseline];
     let mut seen = vec![nodes[0].key(context.setup.extras.len())];
     let mut beam = vec![0];
@@ -110,14 +110,14 @@ fn add_seeds(
 }
 
 /// Converges the best set, takes the likelihood scale from it and chooses.
-fn chosen(context: &FitContext<'_>, mut nodes: Vec<Node>) -> Search {
+fn chosen(context: &FitContext<'_>, mut nodes: Vec<Node>) -> SearchResult {
     let best = lowest(&nodes, |n| n.cost());
     if let Some((converged, _)) = context.converged(&nodes[best]) {
         nodes[best] = converged;
     }
     let likelihood = LikelihoodScale::of(context.data, &nodes[best].residuals);
     let chosen = choose(context, &mut nodes, likelihood);
-    Search {
+    SearchResult {
         nodes,
         chosen,
         likelihood,

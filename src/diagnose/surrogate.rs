@@ -21,7 +21,7 @@ use super::context::{FitContext, Key, LikelihoodScale, Node, RunSettings};
 use super::data::Data;
 use super::fit::refine;
 use super::score::Tangent;
-use super::search::Search;
+use super::search::SearchResult;
 use super::splits::Split;
 use super::surrogate_plant::{HysteresisOperator, Scale, SurrogatePlant, TERMS};
 use crate::model::{Parameter, Plant};
@@ -246,8 +246,8 @@ pub(super) fn confirm(
     data: &Data,
     run: &RunSettings,
     (refitted, base): (&mut Node, &Node),
-    mut search: Search,
-) -> Search {
+    mut search: SearchResult,
+) -> SearchResult {
     for round in 1..=SEARCHES {
         let chosen = search.nodes[search.chosen].clone();
         let error = expand(setup, data, run, &chosen);
@@ -267,7 +267,7 @@ pub(super) fn confirm(
 }
 
 /// Refits the chosen set and all its subsets on the model itself, and chooses again.
-fn choose_on_model(context: &FitContext<'_>, search: &mut Search) {
+fn choose_on_model(context: &FitContext<'_>, search: &mut SearchResult) {
     let extras = context.setup.extras.len();
     let mut done: Vec<usize> = Vec::new();
     for _ in 0..CHOICES {
@@ -293,7 +293,7 @@ fn choose_on_model(context: &FitContext<'_>, search: &mut Search) {
 }
 
 /// Refits the best sets with one effect more than `base` on the model itself, except the chosen one.
-pub(super) fn refit_rivals(context: &FitContext<'_>, search: &mut Search, base: &Key) {
+pub(super) fn refit_rivals(context: &FitContext<'_>, search: &mut SearchResult, base: &Key) {
     if context.setup.surrogate.is_none() {
         return;
     }

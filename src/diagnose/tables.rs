@@ -3,7 +3,7 @@
 use super::context::{FitContext, Node};
 use super::data::Data;
 use super::diagnosis::*;
-use super::search::Search;
+use super::search::SearchResult;
 use super::splits::Split;
 use crate::identify::confidence::Confidence;
 
@@ -16,7 +16,7 @@ const TESTABLE: f64 = 0.05;
 /// `nominal` its residuals before the fit.
 pub(super) fn errors(
     context: &FitContext<'_>,
-    search: &Search,
+    search: &SearchResult,
     refitted: &Node,
     nominal: Option<Vec<f64>>,
 ) -> FitErrors {
@@ -138,7 +138,7 @@ pub(super) fn baseline_parameters(
 }
 
 /// The fitted sets with their gains, best first.
-pub(super) fn candidates(context: &FitContext<'_>, search: &Search) -> Vec<CandidateRow> {
+pub(super) fn candidates(context: &FitContext<'_>, search: &SearchResult) -> Vec<CandidateRow> {
     let extras = context.setup.extras.len();
     let base = &search.nodes[0];
     let mut rows: Vec<CandidateRow> = search

@@ -8,8 +8,8 @@ use super::smoothing::{Local, fit_window, median};
 /// Samples within this many noises of a turning point may be a dwell, if there are at least this many of them.
 const DWELL: f64 = 6.0;
 const LEAST_DWELL: usize = 12;
-/// A dwell is a rest if this share of the samples near the turning point lies within one noise of the median. Of a parabola it is
-/// 0.65.
+/// A dwell is a rest if this share of the samples near the turning point lies within one noise of the median. The share of a
+/// parabola is 0.65.
 const REST_SHARE: f64 = 0.85;
 /// Fall of the sum of squares, in variances of the noise, from which a dwell creeps: chance reaches it once in 3000.
 const LEAST_CREEP: f64 = 16.0;

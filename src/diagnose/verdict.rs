@@ -11,7 +11,7 @@ use super::intervals::intervals;
 use super::lack_of_fit::{LackOfFit, lack_of_fit};
 use super::location::{locate, words};
 use super::next_test;
-use super::search::Search;
+use super::search::SearchResult;
 use super::splits::Split;
 use super::tables::{baseline_parameters, candidates, curves, errors, not_testable, values_of};
 use crate::effect::Axis;
@@ -44,7 +44,7 @@ const MOST_CONFIDENCE: f64 = 0.99;
 /// residuals before the fit.
 pub(super) fn conclude(
     context: &FitContext<'_>,
-    mut search: Search,
+    mut search: SearchResult,
     refitted: &Node,
     nominal: Option<Vec<f64>>,
 ) -> Diagnosis {
@@ -104,7 +104,7 @@ fn unexplained_share(before: &Node, after: &Node, left: LackOfFit) -> f64 {
 /// True if the chosen set leaves structure above the noise.
 fn is_unexplained(
     context: &FitContext<'_>,
-    search: &Search,
+    search: &SearchResult,
     left: LackOfFit,
     unexplained_share: f64,
 ) -> bool {
@@ -153,7 +153,7 @@ fn finding(
 /// Rivals of the findings; where nothing explains the recordings, the look-alikes of the friction law and the nearest effects.
 fn alternatives(
     context: &FitContext<'_>,
-    search: &Search,
+    search: &SearchResult,
     refitted: &Node,
     judged: &[JudgedEffect],
     unexplained: bool,
@@ -179,7 +179,7 @@ fn alternatives(
 }
 
 /// The test for the first finding that has rivals and that a test can separate from them.
-fn next_test(context: &FitContext<'_>, search: &Search, judged: &[JudgedEffect]) -> Option<NextTest> {
+fn next_test(context: &FitContext<'_>, search: &SearchResult, judged: &[JudgedEffect]) -> Option<NextTest> {
     let rival = |code, node: usize, lack| next_test::Rival {
         code,
         node: &search.nodes[node],
