@@ -71,10 +71,7 @@ pub(crate) fn baseline(settings: &BaselineSettings) -> Baseline {
         .map(|codes| codes.iter().map(|c| (*c).to_owned()).collect());
     baseline.start = settings.tuned.map(|values| values.to_vec());
     if let Some(speed) = settings.smoothing_mm_s {
-        baseline.structure.insert("friction".to_owned(), "tanh".into());
-        baseline
-            .structure
-            .insert("transition_velocity_mm_s".to_owned(), speed.into());
+        baseline.structure = equivalent::rate_dependent_friction(speed);
     }
     baseline
 }

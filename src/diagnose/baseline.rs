@@ -1,27 +1,26 @@
-//! The baseline: a model with the physics it is said to have, and what is left as candidates.
+//! The baseline: a model with the physics that is known, and the candidates that may be missing.
 //!
-//! Codes that are known but not built into the model are attached as effects and fitted with the baseline's own
-//! parameters; friction of `equivalent` that is not known is switched off by its structure option.
+//! Known physics that is not built into the model is attached as effects and fitted with the model's own parameters. A model may
+//! switch off friction that is not known (`Model::limit_friction`).
 
 use super::surrogate::Surrogate;
-use crate::effect::{self, EFFECTS, Effect, EffectError, Stage};
+use crate::effect::{self, EFFECTS, Effect, EffectError, FORMS, Stage};
 use crate::model::{BuildError, Model, Parameter, Plant};
 
-/// What the diagnosis starts from.
+/// The model that a diagnosis starts from.
 #[derive(Clone)]
 pub(crate) struct Baseline {
-    /// The model.
     pub model: &'static Model,
-    /// Its structure table.
+    /// Structure table of the model.
     pub structure: toml::Table,
-    /// Its parameters; the model's starts where `None`.
+    /// Start values of its parameters; the model's own where `None`.
     pub start: Option<Vec<f64>>,
-    /// Codes of the physics that it has; the model's own list where `None`.
+    /// Codes of the known physics; the model's own list where `None`.
     pub known: Option<Vec<String>>,
 }
 
 impl Baseline {
-    /// A model as it is, with an empty structure.
+    /// A model with an empty structure and its own start values and physics.
     pub(crate) fn of(model: &'static Model) -> Baseline {
         Baseline {
             model,
@@ -35,20 +34,20 @@ impl Baseline {
 /// Why a baseline cannot be used.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub(crate) enum BaselineError {
-    /// The model refuses its structure or start.
+    /// The model refuses the structure or the start values.
     #[error("the baseline cannot be built: {0}")]
     Build(#[from] BuildError),
-    /// A known code is not one of contracts.md.
+    /// A known code is not a code of physics (`docs/formats.md`).
     #[error("known physics: {0}")]
     Known(#[from] EffectError),
 }
 
-/// One effect in a structure, with the bounds that hold for it here.
+/// One effect in a structure, with its parameters and their bounds in this baseline.
 #[derive(Clone)]
 pub(super) struct Attached {
     pub effect: &'static Effect,
     pub parameters: Vec<Parameter>,
-    /// Part of the baseline: its own known physics in another form, never named as missing.
+    /// True for known physics of the baseline: it is never reported as missing.
     pub own: bool,
 }
 
@@ -68,13 +67,13 @@ pub(super) struct Setup {
     pub model: &'static Model,
     pub structure: toml::Table,
     pub start: Vec<f64>,
-    /// Known physics that had to be attached.
+    /// Effects of the baseline: known physics that the model lacks, later the general friction law too.
     pub extras: Vec<Attached>,
-    /// The baseline's own friction in a freer form, where it has one that turns round gradually.
+    /// General friction law, for a baseline whose friction is load-dependent and has presliding.
     pub form: Option<Attached>,
-    /// What may be missing.
+    /// Effects that may be missing.
     pub candidates: Vec<Attached>,
-    /// Stands for the model along the recordings, where that is slow.
+    /// Replaces a slow model along the recordings.
     pub surrogate: Option<Surrogate>,
 }
 
@@ -93,38 +92,31 @@ impl Setup {
         }
         let knows = |code: &str| known.iter().any(|k| k == code);
         let mut structure = baseline.structure.clone();
-        if model.name == "equivalent" && baseline.known.is_some() && !structure.contains_key("friction") {
-            structure.insert("friction".to_owned(), equivalent_friction(&knows).into());
+        if let (Some(limit), Some(_)) = (model.limit_friction, &baseline.known) {
+            let (key, option) = limit(&knows);
+            structure.entry(key).or_insert_with(|| option.into());
         }
         let start = baseline.start.clone().unwrap_or_else(|| model.start_values());
         model.plant(&start, &structure)?;
-        // What an attached law would have to do for these is done by the friction option or by the model.
-        let shaping = ["rate_independent_friction", "presliding"];
+        let known_form = |effect: &'static Effect| {
+            let parameters = (effect.if_known)(effect, &knows)?;
+            Some(Attached {
+                effect,
+                parameters,
+                own: true,
+            })
+        };
         let extras = EFFECTS
             .iter()
-            .filter(|e| knows(e.code) && !built_in(e.code) && !shaping.contains(&e.code))
-            .map(|effect| {
-                let mut attached = Attached::candidate(effect);
-                attached.own = true;
-                if effect.code == "coulomb_friction" && !knows("presliding") {
-                    // A gradual turn-round is not known, so it must not be had for nothing.
-                    attached.parameters[1].bounds = [1e-3, 0.06];
-                }
-                attached
-            })
+            .filter(|e| knows(e.code) && !built_in(e.code))
+            .filter_map(known_form)
             .collect();
         let candidates = EFFECTS
             .iter()
             .filter(|e| !knows(e.code))
             .map(Attached::candidate)
             .collect();
-        let form = if knows("load_dependent_friction") && knows("presliding") {
-            let mut form = Attached::candidate(effect::find("friction_form")?);
-            form.own = true;
-            Some(form)
-        } else {
-            None
-        };
+        let form = FORMS.iter().find_map(known_form);
         Ok(Setup {
             model,
             structure,
@@ -137,23 +129,7 @@ impl Setup {
     }
 }
 
-/// Friction option of `equivalent` for the friction that is known.
-fn equivalent_friction(knows: &dyn Fn(&str) -> bool) -> &'static str {
-    let load = knows("load_dependent_friction");
-    let any = load || knows("presliding") || knows("rate_independent_friction");
-    if !any || (!load && knows("coulomb_friction")) {
-        "none"
-    } else if !knows("rate_independent_friction") && !knows("presliding") {
-        "tanh"
-    } else if knows("presliding") {
-        "presliding"
-    } else {
-        "sharp"
-    }
-}
-
-/// Builds the baseline with `attached` around it; `values` are the model's, then one group an effect in the order given.
-/// The zero of the force channel comes before what is wrong with the channel.
+/// Builds the model with `attached` around it. `values` are the model's parameters, then one group per effect in the given order.
 pub(super) fn build(
     setup: &Setup,
     attached: &[Attached],
@@ -165,19 +141,19 @@ pub(super) fn build(
     Ok(wrap(plant, attached, groups, zero_n))
 }
 
-/// Puts `attached`, one group of values each, and the zero around a plant.
+/// Attaches effects, one group of values each, and the force zero to a plant. The zero comes before the faults of the channels.
 pub(super) fn wrap(
     plant: Box<dyn Plant>,
     attached: &[Attached],
     values: &[f64],
     zero_n: f64,
 ) -> Box<dyn Plant> {
-    let mut at = 0;
+    let mut from = 0;
     let mut placed: Vec<(&'static Effect, &[f64])> = Vec::with_capacity(attached.len());
     for a in attached {
         let n = a.parameters.len();
-        placed.push((a.effect, &values[at..at + n]));
-        at += n;
+        placed.push((a.effect, &values[from..from + n]));
+        from += n;
     }
     placed.sort_by_key(|(e, _)| (e.stage, e.code));
     let (faults, physics): (Vec<_>, Vec<_>) = placed.into_iter().partition(|(e, _)| e.stage == Stage::Sensor);
@@ -203,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_known_is_no_candidate() {
+    fn known_physics_is_not_a_candidate() {
         let setup = setup(None);
         assert_eq!(friction(&setup), None);
         for code in setup.model.physics {
@@ -213,23 +189,13 @@ mod tests {
     }
 
     #[test]
-    fn friction_follows_what_is_known() {
+    fn known_physics_is_built_in_or_attached() {
         for (known, option, extras) in [
             (&["viscous_damping"][..], "none", 1),
             (&["coulomb_friction"], "none", 1),
             (&["load_dependent_friction"], "tanh", 0),
             (
-                &["load_dependent_friction", "rate_independent_friction"],
-                "sharp",
-                0,
-            ),
-            (
-                &[
-                    "load_dependent_friction",
-                    "coulomb_friction",
-                    "presliding",
-                    "rate_independent_friction",
-                ],
+                &["load_dependent_friction", "coulomb_friction", "presliding"],
                 "presliding",
                 1,
             ),
@@ -238,6 +204,14 @@ mod tests {
             assert_eq!(friction(&setup), Some(option), "{known:?}");
             assert_eq!(setup.extras.len(), extras, "{known:?}");
         }
+    }
+
+    #[test]
+    fn a_friction_option_of_the_user_stays() {
+        let mut baseline = Baseline::of(crate::model::find("equivalent").expect("listed"));
+        baseline.known = Some(vec!["viscous_damping".to_owned()]);
+        baseline.structure.insert("friction".to_owned(), "sharp".into());
+        assert_eq!(friction(&Setup::new(&baseline).expect("valid")), Some("sharp"));
     }
 
     #[test]

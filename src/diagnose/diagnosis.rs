@@ -1,29 +1,28 @@
-//! What a diagnosis says, as `diagnosis.json` has it (contracts.md) and with all that the report draws beside it.
+//! The result of a diagnosis: the fields of `diagnosis.json` (`docs/formats.md`), and what the report draws besides.
 
 use serde::Serialize;
 
 pub(crate) use crate::effect::{Axis, Branch};
 
-/// The answer in one word.
+/// The answer of a diagnosis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Verdict {
     /// The baseline explains the recordings down to the noise.
     Adequate,
-    /// Named effects are missing.
+    /// Effects of the library are missing, and they explain the recordings.
     MissingPhysics,
-    /// There is structure above the noise that nothing in the library explains.
+    /// There is structure above the noise that no effect in the library explains.
     Unexplained,
 }
 
-/// A value with its interval.
+/// A value with its confidence interval.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct Value {
     /// Name with its unit at the end.
     pub name: String,
-    /// Identified value.
     pub value: f64,
-    /// Unit for people; empty for a pure number.
+    /// Unit as text; empty for a pure number.
     pub unit: String,
     /// 95 % interval; `null` where the data give none.
     pub ci95: Option<[f64; 2]>,
@@ -32,55 +31,52 @@ pub(crate) struct Value {
 /// A missing effect.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct Finding {
-    /// Code of contracts.md.
+    /// Code of physics (`docs/formats.md`).
     pub code: String,
-    /// 0 to 1.
+    /// From 0 to 0.99.
     pub confidence: f64,
-    /// A sentence that a technician understands.
+    /// A sentence for a technician.
     pub statement: String,
-    /// Its parameters.
     pub parameters: Vec<Value>,
-    /// Gain in log-likelihood of effective samples that it brings; none where there are no samples.
+    /// Gain in log-likelihood of effective samples that it brings; `None` for tables, which have no samples.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gain: Option<f64>,
 }
 
-/// What could stand in place of a finding.
+/// An effect that could replace a finding.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct Alternative {
-    /// Code of contracts.md.
+    /// Code of physics (`docs/formats.md`).
     pub code: String,
-    /// Finding that it could replace.
+    /// Code of the finding that it could replace, or `unknown`.
     pub instead_of: String,
-    /// Why the two could not be told apart.
+    /// Why the recordings do not separate the two.
     pub why: String,
-    /// The test that would tell.
+    /// The test that would separate them.
     pub test: String,
 }
 
 /// A place on the loop where model and recordings differ.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct Location {
-    /// Axis.
     pub axis: Axis,
-    /// From, in the axis' unit.
+    /// Lower end, in the unit of the axis.
     pub from: f64,
-    /// To, in the axis' unit.
+    /// Upper end, in the unit of the axis.
     pub to: f64,
-    /// Branch.
     pub direction: Branch,
-    /// Share of the residual's energy above the noise that falls in it.
+    /// Share of the residual's sum of squares above the noise that lies in it, 0 to 1.
     pub share: f64,
-    /// In words.
+    /// The same as a sentence.
     pub words: String,
 }
 
-/// Errors of one model. `E` is an option, `null` in the file, where the input is not whole curves.
+/// Errors of one model. For tables `E` is an option, because some errors need whole curves.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub(crate) struct Errors<E = f64> {
-    /// rms(measured - model) / (max - min of measured force) on what was fitted.
+    /// rms(measured - model) / (max - min of measured force) on fitted cycles.
     pub nrmse_train: E,
-    /// The same on whole cycles or recordings that no parameter was fitted on and nothing was chosen by.
+    /// The same on reporting cycles or recordings: no parameter was fitted to them and no set chosen by them.
     pub nrmse_heldout: E,
     /// Relative error of the largest force.
     pub peak_force_error: E,
@@ -88,16 +84,16 @@ pub(crate) struct Errors<E = f64> {
     pub loop_energy_error: E,
 }
 
-/// Before and after.
+/// Errors before and after the diagnosis.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub(crate) struct FitErrors<E = f64> {
-    /// The baseline, its own parameters identified anew.
+    /// The baseline with its own parameters refitted.
     pub baseline: Errors<E>,
-    /// With the effects.
+    /// The baseline with the missing effects.
     pub improved: Errors<E>,
-    /// What no model can get below.
+    /// NRMSE of the noise: no model can have less.
     pub noise_floor_nrmse: E,
-    /// Nominal, refitted, then one effect after the other.
+    /// Nominal, refitted, then with one effect after the other.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ladder: Vec<Rung>,
 }
@@ -105,86 +101,82 @@ pub(crate) struct FitErrors<E = f64> {
 /// One step of the ladder.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct Rung {
-    /// What was added.
+    /// What was added in this step.
     pub what: String,
-    /// The errors then.
+    /// The errors after this step.
     pub errors: Errors,
 }
 
 /// The profile to run next.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct NextTest {
-    /// Profile file's text.
+    /// Text of the profile file.
     pub profile_toml: String,
-    /// What it separates and why.
+    /// What the test separates.
     pub why: String,
-    /// Difference of the two explanations over the profile, in units of the noise (root of the sum of squares).
+    /// Difference of the two explanations over the profile: root of the sum of squares in units of the noise.
     pub separation_sigma: f64,
-    /// Length in s.
+    /// Duration in s.
     pub duration_s: f64,
 }
 
 /// One line of the table of candidates.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct CandidateRow {
-    /// Codes of the set.
+    /// Codes of the effects in the set.
     pub codes: Vec<String>,
-    /// Gain over the refitted baseline on fitted and selecting cycles, log-likelihood of effective samples.
+    /// Gain over the refitted baseline on fitted and selecting cycles, in log-likelihood of effective samples.
     pub gain: f64,
     /// The same on selecting cycles alone.
     pub gain_heldout: f64,
-    /// Chosen.
+    /// True for the chosen set.
     pub chosen: bool,
 }
 
 /// An effect that these recordings cannot show.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct NotTestable {
-    /// Code.
+    /// Code of physics (`docs/formats.md`).
     pub code: String,
-    /// Share of its signature that the baseline cannot imitate.
+    /// Share of its signature that the baseline cannot imitate, 0 to 1.
     pub surviving: f64,
-    /// Why.
+    /// Why the recordings cannot show it.
     pub why: String,
 }
 
-/// A recording for the report, thinned out.
+/// A recording for the report: columns of equal length, thinned.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct Curve {
-    /// Name.
+    /// Name of the recording.
     pub name: String,
-    /// Columns of equal length.
     pub time_s: Vec<f64>,
-    /// Displacement.
     pub displacement_mm: Vec<f64>,
-    /// Measured.
     pub measured_n: Vec<f64>,
-    /// Refitted baseline.
+    /// Force of the refitted baseline in N.
     pub baseline_n: Vec<f64>,
-    /// Improved model.
+    /// Force of the improved model in N.
     pub improved_n: Vec<f64>,
-    /// Remarks of the conditioning.
+    /// What was masked or noticed in the recording.
     pub remarks: Vec<String>,
-    /// Errors on this recording before and after.
+    /// NRMSE of the refitted baseline on all compared points of this recording.
     pub nrmse_baseline: f64,
-    /// After.
+    /// NRMSE of the improved model on the same points.
     pub nrmse_improved: f64,
 }
 
 /// Mean residual over one axis.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct Map {
-    /// Axis.
     pub axis: Axis,
-    /// Edges of the bins, one more than values.
+    /// Edges of the bins, in the unit of the axis; one more than bins.
     pub edges: Vec<f64>,
-    /// Mean residual of the refitted baseline on the loading branch, N.
+    /// Mean residual of the refitted baseline on the loading branch, N; `None` for an empty bin.
     pub loading_n: Vec<Option<f64>>,
-    /// On the unloading branch.
+    /// The same on the unloading branch.
     pub unloading_n: Vec<Option<f64>>,
-    /// The same of the improved model.
+    /// Mean residual of the improved model on the loading branch, N.
     pub improved_loading_n: Vec<Option<f64>>,
-    /// The same of the improved model.
+    /// The same on the unloading branch.
     pub improved_unloading_n: Vec<Option<f64>>,
 }
 
@@ -193,62 +185,60 @@ pub(crate) struct Map {
 pub(crate) struct AttachedEffect {
     /// Code, or the name of a form.
     pub code: String,
-    /// Parameters by name.
+    /// Names and values of its parameters.
     pub parameters: Vec<(String, f64)>,
 }
 
-/// The model with what was missing: twin, simulator and mock rig run it.
+/// The model with the missing effects, for twin, simulator and mock rig.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct ImprovedModel {
-    /// Model's name.
+    /// Name of the model.
     pub model: String,
-    /// Its parameters by name.
+    /// Names and values of its parameters.
     pub parameters: Vec<(String, f64)>,
-    /// Structure table.
+    /// Structure table of the model.
     pub structure: toml::Table,
-    /// Effects, specimen first.
+    /// Effects in the order in which they are attached, specimen first.
     pub effects: Vec<AttachedEffect>,
-    /// Zero of the force channel that the fit found, N; not part of the model.
+    /// Fitted zero of the force channel, N; not part of the model.
     pub force_zero_n: f64,
 }
 
-/// All of it.
+/// The result of a diagnosis.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct Diagnosis {
-    /// In one word.
     pub verdict: Verdict,
-    /// In one sentence.
+    /// The verdict as a sentence.
     pub summary: String,
-    /// What is missing.
+    /// The missing effects.
     pub effects: Vec<Finding>,
-    /// What it could be instead.
+    /// Effects that could replace them.
     pub alternatives: Vec<Alternative>,
-    /// Where.
+    /// Where on the loop the baseline and the recordings differ.
     pub location: Vec<Location>,
-    /// How good.
+    /// Errors before and after.
     pub fit: FitErrors,
-    /// The test to run next.
+    /// The test to run next; `None` if none separates the findings from their alternatives.
     pub next_test: Option<NextTest>,
     /// Parameters of the improved baseline.
     pub baseline_parameters: Vec<Value>,
-    /// Parameters at bounds, outside belief, not identifiable: findings in themselves.
+    /// Parameters that are at bounds, implausible or not identifiable, and remarks on the recordings.
     pub alarms: Vec<String>,
-    /// Candidates compared, best first.
+    /// Fitted sets of effects, best first.
     pub candidates: Vec<CandidateRow>,
-    /// What these recordings cannot show.
+    /// Effects that these recordings cannot show.
     pub not_testable: Vec<NotTestable>,
-    /// Share of what the baseline leaves above the noise that nothing explains.
+    /// Share of the baseline's residual above the noise that no effect explains, 0 to 1.
     pub unexplained_share: f64,
-    /// Recordings before and after.
+    /// The recordings with the forces before and after.
     pub curves: Vec<Curve>,
-    /// Residual maps.
+    /// Mean residuals along every axis.
     pub maps: Vec<Map>,
-    /// The improved model.
     pub improved: ImprovedModel,
 }
 
 impl Diagnosis {
-    /// Why no further test is asked for, where none is.
+    /// Why no further test is needed; `None` if one is.
     pub(crate) fn settled(&self) -> Option<&'static str> {
         match self.verdict {
             Verdict::Adequate => Some("the baseline explains all recordings"),
@@ -257,29 +247,26 @@ impl Diagnosis {
         }
     }
 
-    /// The next test, or why there is none. It may be one that was run before: as much evidence again.
+    /// The next test, or why there is none. It may be one that was run before, because a repetition is evidence too.
     pub(crate) fn next(&self) -> Result<&NextTest, &'static str> {
         let next = self.next_test.as_ref();
-        next.ok_or("no admissible profile tells the rest apart")
+        next.ok_or("no profile within the limits separates the rest")
     }
 }
 
+#[cfg(test)]
 impl ImprovedModel {
-    /// Builds the plant, effects attached.
+    /// Builds the plant with its effects attached.
     pub(crate) fn plant(&self) -> Result<Box<dyn crate::model::Plant>, crate::effect::EffectError> {
-        let model = crate::model::find(&self.model).map_err(crate::effect::EffectError::Value)?;
+        let model = crate::model::find(&self.model)?;
         let values: Vec<f64> = self.parameters.iter().map(|p| p.1).collect();
-        let plant = model
-            .plant(&values, &self.structure)
-            .map_err(crate::effect::EffectError::Value)?;
+        let plant = model.plant(&values, &self.structure)?;
         let effects = self
             .effects
             .iter()
             .map(|e| {
-                Ok((
-                    crate::effect::find(&e.code)?,
-                    e.parameters.iter().map(|p| p.1).collect(),
-                ))
+                let values = e.parameters.iter().map(|p| p.1).collect();
+                Ok((crate::effect::find(&e.code)?, values))
             })
             .collect::<Result<Vec<_>, crate::effect::EffectError>>()?;
         crate::effect::attach_all(&effects, plant)

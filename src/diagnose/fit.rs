@@ -1,32 +1,34 @@
-//! Fits for the search: many structures that differ by one effect, so Jacobians are kept as long as they serve.
+//! Fits for the search. Most structures differ from a fitted one by one effect, so its Jacobian is used again.
 //!
-//! A structure that is already fitted has its Jacobian; a child adds only its own columns, made anew at each step, while
-//! the parent's stay (a chord method). What is kept of the children is settled: Gauss-Newton with a fresh Jacobian of all
-//! columns, as often as that still gains.
+//! A child adds only the columns of its own effect. They are renewed at each step, the parent's columns are not (a chord method).
+//! The children that the search keeps are then fitted to convergence: Gauss-Newton with new Jacobians of all columns.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::baseline::Attached;
-use super::condition::Split;
-use super::problem::ModelStructure;
-use super::score::{Tangent, spliced};
-use super::select::Node;
+use super::context::Node;
+use super::score::{Tangent, insert_group};
+use super::structure::ModelStructure;
 use crate::effect::Span;
 use crate::identify::least_squares::bounded_step;
 
-/// A fall of the sum of squares that is worth no further step: a tenth of what one parameter gains on noise.
-const SETTLED: f64 = 0.1;
-/// Steps with the parent's Jacobian, and Jacobians of a settling.
+/// A step that lowers the sum of squares by less than this is the last one: a tenth of what one parameter gains on pure noise.
+const CONVERGED: f64 = 0.1;
+/// Largest number of steps with one Jacobian of the parent, and of new Jacobians until convergence.
 const STEPS: usize = 9;
-/// First and last trial move of a kink, as a share of what the recordings cover.
-const FIRST_TRIAL: f64 = 0.02;
-const LAST_TRIAL: f64 = 2e-4;
 const ROUNDS: usize = 12;
-/// Least half width of a kink's interval, as a share of what the recordings cover, and halvings of the last stretch.
-const NEAREST_END: f64 = 1e-5;
-const HALVINGS: usize = 5;
+/// A step of a child that lowers the sum of squares by less than this share is idle; two idle steps end the fit.
+const IDLE_FALL: f64 = 2e-4;
+/// Search for the position of a kink by trials: first and last move as a share of the range that the recordings cover, and the
+/// factor from one move to the next.
+const FIRST_MOVE: f64 = 0.02;
+const LAST_MOVE: f64 = 2e-4;
+const SHRINK: f64 = 0.4;
+/// Smallest half width of a kink's interval, as a share of the same range, and bisections of its end.
+const LEAST_HALF_WIDTH: f64 = 1e-5;
+const BISECTIONS: usize = 5;
 
-/// One way down: values, their residuals as the fit sees them, their sum of squares.
+/// A Levenberg-Marquardt descent of one structure: values, residuals and sum of squares of the fit.
 struct NodeDescent<'s, 'a> {
     structure: &'s ModelStructure<'a>,
     values: Vec<f64>,
@@ -47,7 +49,7 @@ impl<'s, 'a> NodeDescent<'s, 'a> {
         })
     }
 
-    /// A damped step; how far the sum of squares fell, 0 where no damping makes it fall.
+    /// A damped step; returns the fall of the sum of squares, 0 where no damping makes it fall.
     fn step(&mut self, normal: &DMatrix<f64>, gradient: &DVector<f64>, scale: &[f64]) -> f64 {
         let bounds: Vec<[f64; 2]> = self.structure.parameters_bounds();
         let room: Vec<[f64; 2]> = (0..scale.len())
@@ -72,8 +74,9 @@ impl<'s, 'a> NodeDescent<'s, 'a> {
         0.0
     }
 
-    /// Moves the place of a kink by trials, the other parameters following each; smaller moves where none is lower.
-    fn try_out(
+    /// Moves the position of a kink by trials, because it has no slope; the other parameters are refitted after each move. The moves
+    /// become smaller where none lowers the sum of squares.
+    fn search_kink(
         &mut self,
         place: usize,
         width: f64,
@@ -81,22 +84,22 @@ impl<'s, 'a> NodeDescent<'s, 'a> {
         scale: &[f64],
         gradient: &dyn Fn(&DVector<f64>) -> DVector<f64>,
     ) {
-        let held = holding(normal, place);
-        let mut size = FIRST_TRIAL * width;
-        while size > LAST_TRIAL * width {
+        let held = with_parameter_fixed(normal, place);
+        let mut size = FIRST_MOVE * width;
+        while size > LAST_MOVE * width {
             let lower = [size, -size].into_iter().find_map(|by| {
-                let trial = self.moved(place, self.values[place] + by, &held, scale, gradient)?;
-                (trial.cost < self.cost - SETTLED).then_some(trial)
+                let trial = self.refitted_at(place, self.values[place] + by, &held, scale, gradient)?;
+                (trial.cost < self.cost - CONVERGED).then_some(trial)
             });
             match lower {
                 Some(trial) => *self = trial,
-                None => size *= 0.4,
+                None => size *= SHRINK,
             }
         }
     }
 
-    /// One parameter put to a value, the others following it; `held` is the normal matrix that leaves it there.
-    fn moved(
+    /// One parameter set to a value and the others refitted; `held` is the normal matrix that keeps it there.
+    fn refitted_at(
         &self,
         place: usize,
         value: f64,
@@ -111,7 +114,7 @@ impl<'s, 'a> NodeDescent<'s, 'a> {
         for _ in 0..2 {
             let mut slope = gradient(&trial.residuals);
             slope[place] = 0.0;
-            if trial.step(held, &slope, scale) < SETTLED {
+            if trial.step(held, &slope, scale) < CONVERGED {
                 break;
             }
         }
@@ -123,8 +126,8 @@ impl<'s, 'a> NodeDescent<'s, 'a> {
     }
 }
 
-/// A normal matrix under which one parameter stays.
-fn holding(normal: &DMatrix<f64>, place: usize) -> DMatrix<f64> {
+/// The normal matrix under which one parameter stays fixed.
+fn with_parameter_fixed(normal: &DMatrix<f64>, place: usize) -> DMatrix<f64> {
     let mut held = normal.clone();
     held.row_mut(place).fill(0.0);
     held.column_mut(place).fill(0.0);
@@ -132,9 +135,9 @@ fn holding(normal: &DMatrix<f64>, place: usize) -> DMatrix<f64> {
     held
 }
 
-/// How far the place of a kink may go, up and down, until the fit's sum of squares has risen by `rise`: a kink between samples
-/// has no slope that an interval could be made of. `width` is what the recordings cover.
-pub(super) fn profile(
+/// Profile likelihood interval of a kink: where the refitted sum of squares has risen by `rise`. A kink between samples has no
+/// slope, so a linear interval does not exist. `width` is the range that the recordings cover.
+pub(super) fn profile_interval(
     structure: &ModelStructure<'_>,
     node: &Node,
     tangent: &Tangent,
@@ -143,27 +146,27 @@ pub(super) fn profile(
     rise: f64,
 ) -> Option<[f64; 2]> {
     let descent = NodeDescent::new(structure, node.values.clone())?;
-    let held = holding(&tangent.normal, place);
+    let held = with_parameter_fixed(&tangent.normal, place);
     let [low, high] = structure.parameters_bounds()[place];
     let too_far = |value: f64| {
         value <= low
             || value >= high
             || descent
-                .moved(place, value, &held, &tangent.scale, &|residuals| {
+                .refitted_at(place, value, &held, &tangent.scale, &|residuals| {
                     tangent.jacobian.tr_mul(residuals)
                 })
                 .is_none_or(|there| there.cost > descent.cost + rise)
     };
     let at = node.values[place];
     let end = |sign: f64| {
-        let (mut inside, mut outside) = (0.0, NEAREST_END * width);
+        let (mut inside, mut outside) = (0.0, LEAST_HALF_WIDTH * width);
         while !too_far(at + sign * outside) {
             (inside, outside) = (outside, 2.0 * outside);
             if outside > width {
                 return None;
             }
         }
-        for _ in 0..HALVINGS {
+        for _ in 0..BISECTIONS {
             let middle = 0.5 * (inside + outside);
             if too_far(at + sign * middle) {
                 outside = middle;
@@ -176,8 +179,8 @@ pub(super) fn profile(
     Some([end(-1.0)?, end(1.0)?])
 }
 
-/// A child of a settled node: one effect more, from one start, with the node's Jacobian kept.
-pub(super) fn grow(
+/// Fits a child of a converged node: one more effect, from one start, with the node's Jacobian used again.
+pub(super) fn fit_child(
     parent: &ModelStructure<'_>,
     node: &Node,
     tangent: &Tangent,
@@ -187,10 +190,10 @@ pub(super) fn grow(
 ) -> Option<Node> {
     let structure = parent.with(candidate);
     let (p, k) = (node.values.len(), candidate.parameters.len());
-    // Order of the values: the parent's without its zero, the child's, the zero.
+    // Order of the values: the parent's without the force zero, the new effect's, the force zero.
     let place = |i: usize| if i + 1 == p { p - 1 + k } else { i };
     let own: Vec<usize> = (p - 1..p - 1 + k).collect();
-    let mut descent = NodeDescent::new(&structure, spliced(&node.values, start))?;
+    let mut descent = NodeDescent::new(&structure, insert_group(&node.values, start))?;
     let mut scale = structure.scale(&descent.values);
     for i in 0..p {
         scale[place(i)] = tangent.scale[i];
@@ -218,7 +221,7 @@ pub(super) fn grow(
         let gradient = whole_gradient(tangent, &columns, &descent.residuals);
         let fell = descent.step(&normal, &gradient, &scale);
         last = Some((normal, columns));
-        idle = if fell < SETTLED.max(2e-4 * descent.cost) {
+        idle = if fell < CONVERGED.max(IDLE_FALL * descent.cost) {
             idle + 1
         } else {
             0
@@ -229,7 +232,7 @@ pub(super) fn grow(
     }
     if let Some((normal, columns)) = last {
         for &(i, axis) in candidate.effect.kinks {
-            descent.try_out(p - 1 + i, span.width(axis), &normal, &scale, &|residuals| {
+            descent.search_kink(p - 1 + i, span.width(axis), &normal, &scale, &|residuals| {
                 whole_gradient(tangent, &columns, residuals)
             });
         }
@@ -237,7 +240,7 @@ pub(super) fn grow(
     descent.node()
 }
 
-/// Gradient in the order of the values: the parent's columns without its zero, the child's, the zero.
+/// Gradient in the order of the values: the parent's without the force zero, the new effect's, the force zero.
 fn whole_gradient(tangent: &Tangent, columns: &DMatrix<f64>, residuals: &DVector<f64>) -> DVector<f64> {
     let (ours, theirs) = (tangent.jacobian.tr_mul(residuals), columns.tr_mul(residuals));
     let (p, k) = (ours.len(), theirs.len());
@@ -252,8 +255,8 @@ fn whole_gradient(tangent: &Tangent, columns: &DMatrix<f64>, residuals: &DVector
     })
 }
 
-/// Goes down from a node to where no step gains, and gives the tangent there.
-pub(super) fn settle(structure: &ModelStructure<'_>, values: Vec<f64>) -> Option<(Node, Tangent)> {
+/// Fits a structure until no step gains, and returns the node with its tangent.
+pub(super) fn converge(structure: &ModelStructure<'_>, values: Vec<f64>) -> Option<(Node, Tangent)> {
     let mut descent = NodeDescent::new(structure, values)?;
     for round in 0.. {
         let tangent = Tangent::new(structure, &descent.values)?;
@@ -263,40 +266,26 @@ pub(super) fn settle(structure: &ModelStructure<'_>, values: Vec<f64>) -> Option
         let before = descent.cost;
         for _ in 0..2 {
             let gradient = tangent.jacobian.tr_mul(&descent.residuals);
-            if descent.step(&tangent.normal, &gradient, &tangent.scale) < SETTLED {
+            if descent.step(&tangent.normal, &gradient, &tangent.scale) < CONVERGED {
                 break;
             }
         }
-        if before - descent.cost < 5.0 * SETTLED {
+        if before - descent.cost < 5.0 * CONVERGED {
             return Some((descent.node()?, tangent));
         }
     }
     None
 }
 
-/// A few steps down on the structure's own model with the slopes of its surrogate.
-pub(super) fn polish(exact: &ModelStructure<'_>, tangent: &Tangent, values: Vec<f64>) -> Option<Node> {
+/// A few steps on the model itself, with the slopes of its surrogate.
+pub(super) fn refine(exact: &ModelStructure<'_>, tangent: &Tangent, values: Vec<f64>) -> Option<Node> {
     let mut descent = NodeDescent::new(exact, values)?;
     for _ in 0..STEPS {
         let gradient = tangent.jacobian.tr_mul(&descent.residuals);
         let fell = descent.step(&tangent.normal, &gradient, &tangent.scale);
-        if fell < (5.0 * SETTLED).max(1e-3 * descent.cost) {
+        if fell < (5.0 * CONVERGED).max(1e-3 * descent.cost) {
             break;
         }
     }
     descent.node()
-}
-
-impl Node {
-    /// Residuals and sums at some values.
-    pub(super) fn new(structure: &ModelStructure<'_>, values: Vec<f64>) -> Option<Node> {
-        let residuals = structure.residuals(&values)?;
-        Some(Node {
-            fit: structure.data.sum(&residuals, Split::Fit),
-            select: structure.data.sum(&residuals, Split::Select),
-            residuals,
-            values,
-            attached: structure.attached.clone(),
-        })
-    }
 }

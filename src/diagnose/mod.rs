@@ -1,67 +1,96 @@
-//! Says which physics a model left out, and proves it on data that no parameter was fitted on.
+//! Says which physics a model lacks, and proves it on cycles that no parameter was fitted to.
 //!
-//! The steps, one file each: `condition` the recordings (`smoothing`, `turning`, `travel`), `baseline` with what it is said
-//! to know, `problem` (structure against data), `surrogate` (for slow models), `hum` taken out, `score` every candidate from
-//! one simulation, `select` by a search and `choose` on held-out cycles, `residual` (where), `bank` (what nothing explains, with
-//! what `repeats`), `next_test` among the `trial`s that the bench can run, `verdict`.
-//! Files, configs and pages are for others; `Diagnosis` has all they need.
+//! The data walk through these parts in this order:
+//!
+//! | part | what it does |
+//! |---|---|
+//! | `condition` | turns recordings into tracks: noise, reversals, bins, masks, splits (`smoothing`, `turning_points`, `travel`) |
+//! | `baseline` | the model with the physics that is known, and the candidates |
+//! | `data`, `structure` | all tracks end to end; one set of effects fitted to them; `mains_hum` is removed from them |
+//! | `surrogate` | replaces a slow model during the search (`surrogate_plant`) |
+//! | `context` | setup, data and threads, and the fits of single sets (`fit`, with the score test of `score`) |
+//! | `friction_law` | generalises the baseline's friction law before any effect is called missing |
+//! | `search` | beam search over sets of effects |
+//! | `backward_elimination` | the set that is chosen: largest penalised gain, then effects that bring too little are removed |
+//! | `lack_of_fit` | what no candidate explains (`near_replicates`) |
+//! | `location` | where on the loop model and recordings differ (`binning`) |
+//! | `alternatives`, `intervals` | what could replace a finding; confidence intervals |
+//! | `next_test` | the test that separates a finding from its alternatives (`test_profiles`) |
+//! | `verdict`, `tables` | the [`Diagnosis`] |
+//!
+//! `aggregates` does the same for tables of peak force and loop energy. Files, configs and pages are left to others.
 
 pub(crate) mod aggregates;
-mod bank;
+mod alternatives;
+mod backward_elimination;
 mod baseline;
-mod choose;
+mod binning;
 mod condition;
+mod context;
+mod data;
 pub(crate) mod diagnosis;
 mod fit;
-mod hum;
+mod friction_law;
+mod intervals;
+mod lack_of_fit;
+mod location;
+mod mains_hum;
+mod near_replicates;
 mod next_test;
-mod problem;
-mod repeats;
-mod residual;
 mod score;
-mod select;
+mod search;
 mod smoothing;
+mod splits;
+mod structure;
 mod surrogate;
+mod surrogate_plant;
 mod tables;
-mod traced;
+mod test_profiles;
+mod thinning;
 mod travel;
-mod trial;
-mod turning;
+mod turning_points;
 mod verdict;
 
 pub(crate) use baseline::{Baseline, BaselineError};
-pub(crate) use condition::{ConditionError, Track, condition};
+pub(crate) use condition::ConditionError;
 pub(crate) use diagnosis::{Diagnosis, Verdict};
 
-use crate::effect::Span;
 use crate::profile::ProfileLimits;
 use crate::recording::Recording;
+use baseline::Setup;
+use context::{Node, RunSettings};
+use data::Data;
+use structure::ModelStructure;
 
-/// Why there is no diagnosis. Physics gives verdicts, not errors: these are about the input.
+/// Why there is no diagnosis. All reasons are about the input; what the physics does is in the verdict.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub(crate) enum DiagnoseError {
-    /// Nothing to judge.
     #[error("no recording was given: name at least one")]
     NoRecording,
-    /// A recording cannot be judged.
+    /// A recording cannot be used.
     #[error(transparent)]
     Condition(#[from] ConditionError),
     /// The baseline cannot be used.
     #[error(transparent)]
     Baseline(#[from] BaselineError),
-    /// The baseline has no finite force on these displacements.
-    #[error("the baseline cannot follow the recordings: check the sign and the zero of the displacement")]
+    /// The baseline has no finite force at these displacements.
+    #[error(
+        "the baseline gives no finite force for these recordings: check sign and zero of the displacement"
+    )]
     OutOfDomain,
+    /// The operating system refused the worker threads.
+    #[error("the worker threads could not be started ({0}): close other programs and try again")]
+    Threads(String),
 }
 
-/// How to diagnose.
+/// Options of a diagnosis.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct DiagnoseOptions {
-    /// Points that a recording is thinned to.
+    /// Number of points that a recording is thinned to.
     pub points: usize,
-    /// Cores; 0 for all. The result does not depend on it.
+    /// Number of worker threads; 0 for one per core. The result does not depend on it.
     pub threads: usize,
-    /// What the bench allows the next test; as fast as the recordings at most where `None`.
+    /// Limits of the bench for the next test. `None`: the test is no faster than the recordings.
     pub limits: Option<ProfileLimits>,
 }
 
@@ -75,10 +104,7 @@ impl Default for DiagnoseOptions {
     }
 }
 
-/// Models that take a tenth of a second for all recordings: a surrogate stands for them.
-const SLOW: [&str; 1] = ["leaf-pack"];
-
-/// Diagnoses recordings of one specimen. `progress` hears the share done, 0 to 1, and the step in words.
+/// Diagnoses recordings of one specimen. `progress` gets the share done, 0 to 1, and the current step.
 pub(crate) fn diagnose(
     recordings: &[Recording],
     baseline: &Baseline,
@@ -88,98 +114,56 @@ pub(crate) fn diagnose(
     if recordings.is_empty() {
         return Err(DiagnoseError::NoRecording);
     }
-    let mut setup = baseline::Setup::new(baseline)?;
+    let mut setup = Setup::new(baseline)?;
     progress(0.0, "conditioning the recordings");
-    let mut tracks = condition(recordings, options.points)?;
-    condition::share_out(&mut tracks);
-    let mut data = problem::Data::new(tracks);
-    let means = Means {
-        span: span(&data),
-        threads: match options.threads {
-            0 => std::thread::available_parallelism().map_or(1, usize::from),
-            n => n,
-        },
-        limits: options.limits,
-    };
+    let mut tracks = condition::condition(recordings, options.points)?;
+    splits::assign_splits(&mut tracks);
+    let mut data = Data::new(tracks);
+    let run = RunSettings::new(&data, options)?;
     progress(0.05, "refitting the baseline");
-    let slow = SLOW.contains(&setup.model.name);
-    if slow {
-        surrogate::install(&mut setup, &data, &means).ok_or(DiagnoseError::OutOfDomain)?;
-    }
-    let mut first = means
-        .bench(&setup, &data)
-        .baseline()
-        .ok_or(DiagnoseError::OutOfDomain)?;
-    let mut model_n = vec![0.0; data.len()];
-    problem::ModelStructure::new(&setup, &data, first.attached.clone())
-        .predict(&first.values, &mut model_n)
-        .map_err(BaselineError::from)?;
-    data.still_hum(&mut first.residuals, &model_n);
-    data.rescale(&mut first.residuals, &model_n);
-    if slow {
-        let coarse_n = surrogate::coarseness_n(&means.bench(&setup, &data), &first.values);
-        data.allow(&coarse_n.ok_or(DiagnoseError::OutOfDomain)?);
-    }
-    let started = means.bench(&setup, &data);
-    let nominal = started
+    let first = first_fit(&mut setup, &mut data, &run)?;
+    let context = run.context(&setup, &data);
+    let nominal = context
         .structure(setup.extras.clone())
-        .residuals(&started.start());
-    let (mut plain, tangent) = started.settled(&first).ok_or(DiagnoseError::OutOfDomain)?;
-    // The law of the baseline's friction is a choice of its author, no physics: it is freed before anything is missed.
-    let freed = setup.form.clone().and_then(|form| started.freed(&plain, form));
-    let mut heads = Vec::new();
-    if let Some((freed, form)) = freed.as_ref().zip(setup.form.clone()) {
-        heads = started.heads(&plain, &tangent, &form);
-        setup.extras.clone_from(&freed.attached);
+        .residuals(&context.start());
+    let mut start = friction_law::search_start(&context, &first).ok_or(DiagnoseError::OutOfDomain)?;
+    if start.generalised {
+        setup.extras.clone_from(&start.base.attached);
     }
-    let base = freed.unwrap_or_else(|| plain.clone());
     progress(0.15, "comparing candidates");
-    let mut search = select::search(&means.bench(&setup, &data), base.clone(), &heads, &mut |share| {
+    let context = run.context(&setup, &data);
+    let mut search = search::search(&context, start.base.clone(), &start.seeds, &mut |share| {
         progress(0.15 + 0.65 * share, "comparing candidates");
     });
-    if slow {
-        search = surrogate::confirm(&mut setup, &data, &means, (&mut plain, &base), search);
+    if setup.model.slow {
+        let fits = (&mut start.refitted, &start.base);
+        search = surrogate::confirm(&mut setup, &data, &run, fits, search);
     }
-    let bench = means.bench(&setup, &data);
-    progress(0.8, "looking for look-alikes and the next test");
-    let diagnosis = verdict::conclude(&bench, search, &plain, nominal);
+    progress(0.8, "checking alternatives and planning the next test");
+    let context = run.context(&setup, &data);
+    let diagnosis = verdict::conclude(&context, search, &start.refitted, nominal);
     progress(1.0, "done");
     Ok(diagnosis)
 }
 
-/// What stays the same while the baseline is settled.
-struct Means {
-    span: Span,
-    threads: usize,
-    limits: Option<ProfileLimits>,
-}
-
-impl Means {
-    fn bench<'a>(&self, setup: &'a baseline::Setup, data: &'a problem::Data) -> select::FitContext<'a> {
-        select::FitContext {
-            setup,
-            data,
-            span: self.span,
-            threads: self.threads,
-            limits: self.limits,
-        }
+/// Fits the baseline, then removes mains hum and sets the weights by what the fit leaves.
+fn first_fit(setup: &mut Setup, data: &mut Data, run: &RunSettings) -> Result<Node, DiagnoseError> {
+    if setup.model.slow {
+        surrogate::fit_surrogate(setup, data, run).ok_or(DiagnoseError::OutOfDomain)?;
     }
-}
-
-/// What the data cover.
-fn span(data: &problem::Data) -> Span {
-    let fold = |f: fn(&Track) -> &Vec<f64>| {
-        let values = data.tracks.iter().flat_map(|t| f(t).iter().copied());
-        values.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| {
-            [l.min(v), h.max(v)]
-        })
-    };
-    let most = |f: &dyn Fn(&Track) -> f64, least: f64| data.tracks.iter().map(f).fold(least, f64::max);
-    Span {
-        displacement_mm: fold(|t| &t.displacement_mm),
-        force_n: fold(|t| &t.force_n),
-        speed_mm_s: most(&Track::top_speed_mm_s, 0.0),
-        duration_s: most(&|t| t.time_s[t.len() - 1], 0.0),
-        cycles: most(&|t| f64::from(t.cycles), 1.0),
+    let mut first = run
+        .context(setup, data)
+        .baseline()
+        .ok_or(DiagnoseError::OutOfDomain)?;
+    let mut model_n = vec![0.0; data.len()];
+    ModelStructure::new(setup, data, first.attached.clone())
+        .predict(&first.values, &mut model_n)
+        .map_err(BaselineError::from)?;
+    data.remove_hum(&mut first.residuals, &model_n);
+    data.set_weights(&mut first.residuals, &model_n);
+    if setup.model.slow {
+        let error_n = surrogate::discretisation_error_n(&run.context(setup, data), &first.values);
+        data.add_model_error(&error_n.ok_or(DiagnoseError::OutOfDomain)?);
     }
+    Ok(first)
 }

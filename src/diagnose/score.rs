@@ -1,36 +1,36 @@
-//! Orthogonal scores: what a candidate would explain that the structure at hand cannot absorb, from one simulation each.
+//! Score test of a candidate from one simulation: what it would explain that the fitted structure cannot.
 //!
-//! `S` is the change of the weighted model force from a candidate's start, `S'` what is left of it after projection on
-//! the sensitivities `J` of the structure's own parameters. `(r . S')^2 / (2 S' . S')` is the gain in log-likelihood that a
-//! fit of the amplitude would bring; `|S'| / |S|` is the share that the structure cannot imitate (Rao 1948, Neyman's C(alpha)).
+//! `S` is the change of the weighted model force that a candidate makes, `S'` what is left of it after projection on the
+//! sensitivities `J` of the structure's own parameters. `(r . S')^2 / (2 S' . S')` is the gain in log-likelihood that a fit of the
+//! amplitude would bring. `|S'| / |S|` is the share that the structure cannot imitate (Rao 1948, Neyman's C(alpha)).
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::baseline::Attached;
-use super::problem::ModelStructure;
+use super::structure::ModelStructure;
 use crate::effect::Span;
 
-/// A structure's sensitivities at its values, ready to step and to project on.
+/// Sensitivities of a structure at its values, with the factors to step and to project.
 pub(super) struct Tangent {
-    /// Change of the residuals for a move of each parameter by its `scale`; held-out points zero, the prior's row last.
+    /// Change of the residuals when each parameter moves by its `scale`; held-out points are zero, the priors' rows are last.
     pub jacobian: DMatrix<f64>,
     pub normal: DMatrix<f64>,
     pub scale: Vec<f64>,
     factor: Cholesky<f64, Dyn>,
-    /// Residuals in the same rows.
+    /// Residuals in the rows of `jacobian`.
     residuals: DVector<f64>,
 }
 
-/// One start of one candidate against a structure.
+/// Score of one start of one candidate against a structure.
 #[derive(Clone)]
-pub(super) struct Score {
+pub(super) struct CandidateScore {
     /// Index in the list of candidates.
     pub candidate: usize,
-    /// Values to begin a fit from, amplitudes scaled to the best size.
+    /// Values to start a fit from, with the amplitudes scaled to the best size.
     pub start: Vec<f64>,
     /// Predicted gain in log-likelihood, for independent samples.
     pub gain: f64,
-    /// Share of the candidate's signature that survives the refit of the structure.
+    /// Share of the candidate's signature that a refit of the structure leaves.
     pub surviving: f64,
 }
 
@@ -41,7 +41,7 @@ impl Tangent {
         let normal = jacobian.tr_mul(&jacobian);
         let mut regular = normal.clone();
         for i in 0..normal.nrows() {
-            // A parameter without effect must not make the matrix singular.
+            // Regularised, because a parameter without effect makes the matrix singular.
             regular[(i, i)] = regular[(i, i)] * (1.0 + 1e-9) + 1e-9;
         }
         Some(Tangent {
@@ -53,12 +53,12 @@ impl Tangent {
         })
     }
 
-    /// What is left of a signature after the structure has absorbed what it can.
+    /// The part of a signature that is orthogonal to the structure's sensitivities.
     pub(super) fn project(&self, signature: &DVector<f64>) -> DVector<f64> {
         signature - &self.jacobian * self.factor.solve(&self.jacobian.tr_mul(signature))
     }
 
-    /// Scores every start of a candidate; the best first.
+    /// Scores of every start of a candidate, best first.
     pub(super) fn scores(
         &self,
         structure: &ModelStructure<'_>,
@@ -66,15 +66,15 @@ impl Tangent {
         index: usize,
         candidate: &Attached,
         span: &Span,
-    ) -> Vec<Score> {
+    ) -> Vec<CandidateScore> {
         let with = structure.with(candidate);
-        let mut scores: Vec<Score> = (candidate.effect.starts)(span)
+        let mut scores: Vec<CandidateScore> = (candidate.effect.starts)(span)
             .into_iter()
             .filter_map(|mut start| {
                 for (v, p) in start.iter_mut().zip(&candidate.parameters) {
                     *v = v.clamp(p.bounds[0], p.bounds[1]);
                 }
-                let moved = with.fitted(&spliced(values, &start))?;
+                let moved = with.fitted(&insert_group(values, &start))?;
                 let signature = &self.residuals - moved;
                 let left = self.project(&signature);
                 let (whole, power) = (signature.norm_squared(), left.norm_squared());
@@ -96,7 +96,7 @@ impl Tangent {
                     let [low, high] = candidate.parameters[a].bounds;
                     start[a] = (start[a] * size).clamp(low, high);
                 }
-                Some(Score {
+                Some(CandidateScore {
                     candidate: index,
                     start,
                     gain: size * along - 0.5 * size * size * power,
@@ -109,8 +109,8 @@ impl Tangent {
     }
 }
 
-/// Values with a candidate's group put before the zero.
-pub(super) fn spliced(values: &[f64], group: &[f64]) -> Vec<f64> {
-    let (zero, own) = values.split_last().expect("every structure has a zero");
+/// Values with a candidate's group inserted before the force zero.
+pub(super) fn insert_group(values: &[f64], group: &[f64]) -> Vec<f64> {
+    let (zero, own) = values.split_last().expect("the last value is the force zero");
     own.iter().chain(group).chain([zero]).copied().collect()
 }

@@ -1,22 +1,24 @@
-//! Takes the noise out of a displacement and gives its speed and acceleration with hindsight.
-//! No recording, no model: columns in, columns out.
+//! Smooths a displacement and gives its speed and acceleration, from samples before and after each instant.
+//!
+//! It knows neither recordings nor models: columns in, columns out.
 
 use nalgebra::{SMatrix, SVector};
 
-/// Half widths of the windows that are tried, in samples.
+/// Half widths of the windows that are tried, in samples, widest first.
 const HALVES: [usize; 6] = [96, 48, 24, 12, 6, 3];
 
-/// Noises that a sample and its neighbours may lie off the piece that explains them: of a wide window's squares those beyond a
-/// corner are little. The mean of three is noise beyond it once in 3000.
-const OUTLYING: f64 = 2.1;
-/// A sample that only a window so many times narrower explains is odd by itself: a corner is seen to one side about as far.
-const ODD: usize = 4;
-/// Where a window leaves more than the noise, but less than `BURST` times its power, and neighbours are not alike by more than
-/// `ALIKE` times what chance does (1 over the root of the count), the noise is larger there for a while. Fewer samples do not tell.
-const BURST: f64 = 4.0;
-const ALIKE: f64 = 1.5;
-const LEAST_BURST: usize = 25;
+/// Largest distance of the mean of a sample and its two neighbours from the polynomial, in noises: a corner adds little to the
+/// squares of a wide window, but moves this mean. Noise exceeds it once in 3000.
+const LARGEST_OFFSET: f64 = 2.1;
+/// A sample is an outlier if a window that explains it is at least this many times narrower than one that explains its neighbours.
+const OUTLIER_RATIO: usize = 4;
+/// A window with more than the noise is a burst of noise, not a misfit, if its variance is below `BURST_VARIANCE` and its lag-1
+/// autocorrelation below `BURST_CORRELATION` standard deviations of chance (1 / sqrt n). It needs `BURST_SAMPLES` samples.
+const BURST_VARIANCE: f64 = 4.0;
+const BURST_CORRELATION: f64 = 1.5;
+const BURST_SAMPLES: usize = 25;
 
+/// The upper median; 0 without values.
 pub(super) fn median(mut values: Vec<f64>) -> f64 {
     if values.is_empty() {
         return 0.0;
@@ -26,10 +28,10 @@ pub(super) fn median(mut values: Vec<f64>) -> f64 {
     values[middle]
 }
 
-/// Standard deviation of the white part, at even or uneven times.
+/// Standard deviation of the white noise, at even or uneven times.
 ///
-/// Divided differences leave nothing of a smooth motion: of seven samples none of a sine with 20 a cycle, of three none of a
-/// triangle, whose corners spoil the wider ones. The least of them is nearest to the noise.
+/// Divided differences remove a smooth motion: of seven samples a sine with 20 samples per cycle, of three a triangle, whose
+/// corners disturb the wider ones. The smallest of the estimates is nearest to the noise.
 pub(super) fn noise(time_s: &[f64], values: &[f64]) -> f64 {
     let from_differences = [
         differences::<3>(time_s, values),
@@ -43,7 +45,7 @@ pub(super) fn noise(time_s: &[f64], values: &[f64]) -> f64 {
     } else {
         0.0
     };
-    // A quantised channel may stand still most of the time; its step, the least distance of two values, is still uncertain.
+    // A quantised channel may stand still most of the time; then its step, the smallest distance of two values, is its noise.
     let scale = values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
     let mut levels = values.to_vec();
     levels.sort_unstable_by(f64::total_cmp);
@@ -52,7 +54,7 @@ pub(super) fn noise(time_s: &[f64], values: &[f64]) -> f64 {
         .map(|w| w[1] - w[0])
         .filter(|&d| d > 1e-9 * scale)
         .fold(f64::INFINITY, f64::min);
-    // A periodic motion repeats its values too, but they stand on no grid.
+    // A periodic motion repeats its values too, but not on a grid.
     let first = levels.first().copied().unwrap_or(0.0);
     let off_grid = |v: &f64| {
         let steps = (v - first) / step;
@@ -63,7 +65,7 @@ pub(super) fn noise(time_s: &[f64], values: &[f64]) -> f64 {
     from_differences.max(quantisation).max(1e-9 * scale)
 }
 
-/// Noise as the middle half of `N` samples' divided differences shows it.
+/// Noise from the middle half of the divided differences of `N` samples.
 fn differences<const N: usize>(time_s: &[f64], values: &[f64]) -> f64 {
     let found: Vec<f64> = values
         .windows(N)
@@ -87,7 +89,7 @@ fn differences<const N: usize>(time_s: &[f64], values: &[f64]) -> f64 {
     midmean(found) / MIDMEAN_OF_NORMAL
 }
 
-/// Mean of the middle half: as deaf to outliers as anybody needs, and steps of a converter do not make it jump as a median does.
+/// Mean of the middle half: robust against outliers, and the steps of a converter do not make it jump as they do a median.
 fn midmean(mut values: Vec<f64>) -> f64 {
     values.sort_unstable_by(f64::total_cmp);
     let quarter = values.len() / 4;
@@ -95,95 +97,95 @@ fn midmean(mut values: Vec<f64>) -> f64 {
     middle.iter().sum::<f64>() / middle.len() as f64
 }
 
-/// Of |normal|: 4 (phi(0.3186) - phi(1.1503)), phi the density.
+/// Midmean of the absolute value of a standard normal variable: 4 (phi(0.3186) - phi(1.1503)), phi its density.
 const MIDMEAN_OF_NORMAL: f64 = 0.69328;
 
-/// Displacement, speed and acceleration at one sample.
+/// Smoothed displacement, speed and acceleration at one sample.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Local {
     pub mm: f64,
     pub mm_s: f64,
     pub mm_s2: f64,
-    /// Samples of the smooth piece that explains them to within the noise; 0 where it only goes through the samples.
+    /// Number of samples of the window that explains them to within the noise; 0 where the samples are interpolated.
     pub window: usize,
 }
 
-/// Least-squares polynomials over the widest window that leaves nothing but noise: on both sides of a sample, or on one where
-/// the other is beyond a corner (Savitzky and Golay 1964; width after Lepski 1991).
+/// Least-squares polynomials over the widest window that leaves only noise: on both sides of a sample, or on one side of a corner
+/// (Savitzky and Golay 1964; width after Lepski 1991).
 pub(super) fn smoothed(time_s: &[f64], values: &[f64], noise: f64) -> Vec<Local> {
     (0..values.len())
-        .map(|i| explained(time_s, values, i, noise).unwrap_or_else(|| through(time_s, values, i)))
+        .map(|i| widest_fit(time_s, values, i, noise).unwrap_or_else(|| interpolated(time_s, values, i)))
         .collect()
 }
 
-/// The widest piece that explains a sample; none where nothing smooth is as fine as that.
-fn explained(time_s: &[f64], values: &[f64], i: usize, noise: f64) -> Option<Local> {
+/// The polynomial over the widest window that explains a sample; `None` if no window does.
+fn widest_fit(time_s: &[f64], values: &[f64], i: usize, noise: f64) -> Option<Local> {
     let n = values.len();
     let middle = |half: usize| {
         let inside = i >= half && i + half < n;
         inside
-            .then(|| fitted::<5>(time_s, values, i - half..i + half + 1, i, noise))
+            .then(|| fit_window::<5>(time_s, values, i - half..i + half + 1, i, noise))
             .flatten()
     };
-    // Beyond a corner only one side belongs to the sample: the one that it lies nearer to.
+    // At a corner only one side belongs to the sample: the one whose polynomial is nearer to it.
     let side = |half: usize| {
         let sides = [i.saturating_sub(2 * half)..i + 1, i..(i + 2 * half + 1).min(n)];
         sides
             .into_iter()
             .filter(|side| side.len() > half.max(4))
-            .filter_map(|side| fitted::<3>(time_s, values, side, i, noise))
-            .min_by(|a, b| a.off.total_cmp(&b.off))
+            .filter_map(|side| fit_window::<3>(time_s, values, side, i, noise))
+            .min_by(|a, b| a.offset.total_cmp(&b.offset))
     };
-    let belongs = |p: &FitWindow| p.off <= OUTLYING * noise;
-    // Half width of the widest window of which all is explained but the sample.
-    let mut odd: Option<(usize, Local)> = None;
+    let belongs = |p: &FitWindow| p.offset <= LARGEST_OFFSET * noise;
+    // Half width of the widest window that explains all samples but this one.
+    let mut outlier: Option<(usize, Local)> = None;
     let mut next = middle(HALVES[0]);
     for (k, &half) in HALVES.iter().enumerate() {
         let both = next;
-        let seen = both.filter(belongs).or_else(|| {
+        let found = both.filter(belongs).or_else(|| {
             next = HALVES.get(k + 1).and_then(|&h| middle(h));
-            // A bend that is too much for this window is seen by the next; one to the side would hide it in its parabola.
+            // A curvature that is too large for this window fits the next; a one-sided parabola would hide it.
             let corner = !next.as_ref().is_some_and(belongs);
             corner.then(|| side(half)).flatten().filter(belongs)
         });
-        match (seen, odd) {
-            (Some(_), Some((wide, local))) if ODD * half <= wide => return Some(local),
-            (Some(piece), _) => return Some(piece.local),
-            (None, None) => odd = both.map(|p| (half, p.local)),
+        match (found, outlier) {
+            (Some(_), Some((wide, local))) if OUTLIER_RATIO * half <= wide => return Some(local),
+            (Some(window), _) => return Some(window.local),
+            (None, None) => outlier = both.map(|p| (half, p.local)),
             (None, Some(_)) => {}
         }
     }
-    let (wide, local) = odd?;
-    (wide >= ODD * HALVES[HALVES.len() - 1]).then_some(local)
+    let (wide, local) = outlier?;
+    (wide >= OUTLIER_RATIO * HALVES[HALVES.len() - 1]).then_some(local)
 }
 
-/// Through the samples themselves.
-fn through(time_s: &[f64], values: &[f64], i: usize) -> Local {
+/// A polynomial through a sample and its neighbours.
+fn interpolated(time_s: &[f64], values: &[f64], i: usize) -> Local {
     let around = i.saturating_sub(2)..(i + 3).min(values.len());
-    let piece = if around.len() == 5 {
-        fitted::<5>(time_s, values, around, i, f64::INFINITY)
+    let window = if around.len() == 5 {
+        fit_window::<5>(time_s, values, around, i, f64::INFINITY)
     } else {
-        fitted::<3>(time_s, values, around, i, f64::INFINITY)
+        fit_window::<3>(time_s, values, around, i, f64::INFINITY)
     };
-    piece.map_or(
+    window.map_or(
         Local {
             mm: values[i],
             ..Local::default()
         },
-        |piece| piece.local,
+        |window| window.local,
     )
 }
 
-/// A polynomial at one sample of its window.
+/// A polynomial over a window, at one of its samples.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct FitWindow {
     pub local: Local,
-    /// How far the sample and its neighbours lie off it in the mean, mm.
-    pub off: f64,
+    /// Distance of the mean of the sample and its neighbours from the polynomial.
+    pub offset: f64,
 }
 
-/// Polynomial of `N` coefficients over a window, at sample `i`; none where it leaves more than noise.
-pub(super) fn fitted<const N: usize>(
+/// Polynomial of `N` coefficients over a window, at sample `i`; `None` if it leaves more than noise.
+pub(super) fn fit_window<const N: usize>(
     time_s: &[f64],
     values: &[f64],
     window: std::ops::Range<usize>,
@@ -210,7 +212,7 @@ pub(super) fn fitted<const N: usize>(
     for j in window.clone() {
         let row = row(j);
         normal += row * row.transpose();
-        // Near zero, so that nothing is lost to a large offset.
+        // Relative to the sample, so that a large offset costs no digits.
         right += row * (values[j] - values[i]);
     }
     let solved = normal.cholesky()?.solve(&right);
@@ -220,7 +222,7 @@ pub(super) fn fitted<const N: usize>(
     }
     let near = i.saturating_sub(1).max(window.start)..(i + 2).min(window.end);
     Some(FitWindow {
-        off: (near.clone().map(left).sum::<f64>() / near.len() as f64).abs(),
+        offset: (near.clone().map(left).sum::<f64>() / near.len() as f64).abs(),
         local: Local {
             mm: values[i] + solved[0],
             mm_s: solved[1] / width_s,
@@ -230,22 +232,24 @@ pub(super) fn fitted<const N: usize>(
     })
 }
 
-/// Is what a polynomial leaves, with `free` degrees of freedom, noise and nothing else?
+/// True if the residuals of a polynomial, with `free` degrees of freedom, are noise.
 fn is_noise(left: impl Iterator<Item = f64>, free: usize, noise: f64) -> bool {
-    let (mut count, mut squares, mut alike, mut before) = (0usize, 0.0, 0.0, 0.0);
+    let (mut count, mut squares, mut products, mut before) = (0usize, 0.0, 0.0, 0.0);
     for value in left {
         squares += value * value;
-        alike += value * before;
+        products += value * before;
         before = value;
         count += 1;
     }
     let free = free.max(1) as f64;
     let power = squares / (free * noise * noise);
     power.sqrt() <= 1.0 + 2.0 / (2.0 * free).sqrt()
-        || (count >= LEAST_BURST && power <= BURST && alike <= ALIKE * squares / (count as f64).sqrt())
+        || (count >= BURST_SAMPLES
+            && power <= BURST_VARIANCE
+            && products <= BURST_CORRELATION * squares / (count as f64).sqrt())
 }
 
-/// Least-squares monotone path between reversals, rising and falling in turn.
+/// Least-squares monotone path between reversals, rising and falling alternately.
 pub(super) fn monotone(values: &[f64], turns: &[usize]) -> Vec<f64> {
     let mut out = Vec::with_capacity(values.len());
     let mut ends: Vec<usize> = turns.iter().map(|t| t + 1).collect();
@@ -255,15 +259,15 @@ pub(super) fn monotone(values: &[f64], turns: &[usize]) -> Vec<f64> {
         if end <= start {
             continue;
         }
-        let piece = &values[start..end];
-        let sign = if piece[piece.len() - 1] >= piece[0] {
+        let half = &values[start..end];
+        let sign = if half[half.len() - 1] >= half[0] {
             1.0
         } else {
             -1.0
         };
         // Blocks of mean and count; a block that falls below its neighbour is pooled with it.
         let mut blocks: Vec<(f64, usize)> = Vec::new();
-        for &value in piece {
+        for &value in half {
             let mut block = (sign * value, 1);
             while let Some(&(mean, count)) = blocks.last() {
                 if mean <= block.0 {
@@ -290,8 +294,8 @@ pub(super) fn monotone(values: &[f64], turns: &[usize]) -> Vec<f64> {
 pub(super) mod tests {
     use super::*;
 
-    /// Uniform within one, the same for the same index.
-    pub fn noisy(i: usize) -> f64 {
+    /// Uniform within -1 to 1, the same for the same index.
+    pub(in crate::diagnose) fn noisy(i: usize) -> f64 {
         use rand::{RngExt, SeedableRng};
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(i as u64);
         2.0 * random.random::<f64>() - 1.0
@@ -331,7 +335,7 @@ pub(super) mod tests {
                 acceleration += (l.mm_s2 + 6.0 * omega * omega * (omega * t).sin()).powi(2);
             }
             let share = |sum: f64, peak: f64| (sum / 1140.0).sqrt() / peak;
-            // Interpolation of fourth order at 20 a cycle: (omega dt)^4 / 30 and / 90 of the peak; noise of 1 um at 400.
+            // Fourth-order interpolation at 20 samples per cycle: (omega dt)^4 / 30 and / 90 of the peak; at 400, noise of 1 um.
             assert!(share(speed, 6.0 * omega) < 3e-3, "{per_cycle}: {speed}");
             assert!(
                 share(acceleration, 6.0 * omega * omega) < 1.5e-2,
@@ -340,7 +344,7 @@ pub(super) mod tests {
         }
     }
 
-    /// 3 mm/s at 200 Hz, 15 um a sample: what a window to one side makes of the first sample beyond the corner is no travel.
+    /// 3 mm/s at 200 Hz, 15 um per sample: the one-sided window at the first sample after the corner must add no travel.
     #[test]
     fn a_ramp_that_stops_does_not_overshoot() {
         let time_s: Vec<f64> = (0..1600).map(|i| 0.005 * f64::from(i)).collect();
@@ -360,18 +364,18 @@ pub(super) mod tests {
         assert!(worst < 2.5 * noise_mm, "{worst} mm, noise {noise_mm} mm");
     }
 
-    /// A mass of 75 kg makes 1 N of 13 mm/s2: what is no more than an odd sample, or a while of more noise, must not be a force.
+    /// A mass of 75 kg turns 13 mm/s2 into 1 N: an outlier or a burst of noise must not become an inertia force.
     #[test]
-    fn odd_samples_and_bursts_of_noise_are_no_acceleration() {
+    fn outliers_and_bursts_of_noise_are_no_acceleration() {
         let omega = std::f64::consts::TAU;
         let time_s: Vec<f64> = (0..6000).map(|i| 1e-3 * f64::from(i)).collect();
         let x: Vec<f64> = time_s
             .iter()
             .enumerate()
             .map(|(i, t)| {
-                let odd = if i % 500 == 123 { 0.015 } else { 0.0 };
+                let outlier = if i % 500 == 123 { 0.015 } else { 0.0 };
                 let burst = if i % 1000 < 60 { 2.0 } else { 1.0 };
-                6.0 * (omega * t).sin() + 0.003 * burst * noisy(i) + odd
+                6.0 * (omega * t).sin() + 0.003 * burst * noisy(i) + outlier
             })
             .collect();
         let locals = smoothed(&time_s, &x, noise(&time_s, &x));

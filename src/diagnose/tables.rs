@@ -1,23 +1,27 @@
-//! The tables of a diagnosis: errors on what was fitted and what was not, candidates, parameters, curves to plot.
+//! The tables of a diagnosis: errors on fitted and held-out cycles, candidates, parameters, curves to plot.
 
-use super::baseline::Attached;
-use super::condition::Split;
+use super::context::{FitContext, Node};
+use super::data::Data;
 use super::diagnosis::*;
-use super::problem::Data;
-use super::select::{FitContext, Node, Search};
+use super::search::SearchResult;
+use super::splits::Split;
 use crate::identify::confidence::Confidence;
 
-/// Points of a curve in the report.
+/// Largest number of points of a curve in the report.
 const CURVE_POINTS: usize = 600;
+/// An effect cannot be tested if the baseline's parameters imitate all but this share of its signature.
+const TESTABLE: f64 = 0.05;
 
+/// Errors of baseline and improved model, and of the steps between them. `refitted` is the baseline with its own friction law,
+/// `nominal` its residuals before the fit.
 pub(super) fn errors(
-    bench: &FitContext<'_>,
-    search: &Search,
-    plain: &Node,
+    context: &FitContext<'_>,
+    search: &SearchResult,
+    refitted: &Node,
     nominal: Option<Vec<f64>>,
 ) -> FitErrors {
-    let extras = bench.setup.extras.len();
-    let data = bench.data;
+    let extras = context.setup.extras.len();
+    let data = context.data;
     let after = &search.nodes[search.chosen];
     let mut ladder = Vec::new();
     if let Some(residuals) = nominal {
@@ -28,11 +32,11 @@ pub(super) fn errors(
     }
     ladder.push(Rung {
         what: "baseline refitted".to_owned(),
-        errors: errors_of(data, &plain.residuals),
+        errors: errors_of(data, &refitted.residuals),
     });
-    if plain.attached.len() < extras {
+    if refitted.attached.len() < extras {
         ladder.push(Rung {
-            what: "its own friction in a freer form".to_owned(),
+            what: "with a general friction law".to_owned(),
             errors: errors_of(data, &search.nodes[0].residuals),
         });
     }
@@ -58,7 +62,7 @@ pub(super) fn errors(
         .map(|w| 1.0 / (w * w))
         .collect();
     FitErrors {
-        baseline: errors_of(data, &plain.residuals),
+        baseline: errors_of(data, &refitted.residuals),
         improved: errors_of(data, &after.residuals),
         noise_floor_nrmse: (floor.iter().sum::<f64>() / floor.len().max(1) as f64).sqrt()
             / data.force_range_n,
@@ -66,10 +70,11 @@ pub(super) fn errors(
     }
 }
 
+/// Errors of a model with these weighted residuals.
 pub(super) fn errors_of(data: &Data, residuals: &[f64]) -> Errors {
-    let rms = |parts: &[Split]| {
+    let rms = |splits: &[Split]| {
         let squares: Vec<f64> = (0..data.len())
-            .filter(|&i| data.weight[i] > 0.0 && parts.contains(&data.part[i]))
+            .filter(|&i| data.weight[i] > 0.0 && splits.contains(&data.split[i]))
             .map(|i| (residuals[i] / data.weight[i]).powi(2))
             .collect();
         (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt() / data.force_range_n
@@ -107,32 +112,34 @@ pub(super) fn errors_of(data: &Data, residuals: &[f64]) -> Errors {
     }
 }
 
+/// Parameters of the model, and of the effects that belong to the baseline.
 pub(super) fn baseline_parameters(
-    bench: &FitContext<'_>,
+    context: &FitContext<'_>,
     node: &Node,
     confidence: &Confidence,
 ) -> Vec<Value> {
-    let mut list = values_of(bench.setup.model.parameters, 0, node, confidence);
+    let mut list = values_of(context.setup.model.parameters, 0, node, confidence);
     for (k, attached) in node.attached.iter().enumerate().filter(|(_, a)| a.own) {
-        let from = offset(bench, &node.attached, k);
+        let from = context.offset(&node.attached, k);
         list.extend(values_of(&attached.parameters, from, node, confidence));
-        // The form's strengths stand beside the model's own friction: what a technician knows is their sum.
-        let freed: f64 = node.values[from..from + attached.parameters.len()].iter().sum();
-        if let Some(i) = list.iter().position(|v| v.name == "friction_ratio") {
-            let whole = Value {
-                name: "friction_ratio_in_all".to_owned(),
-                value: list[i].value + freed,
+        // The general friction law adds to the model's own friction ratio: a technician knows the sum.
+        let added: f64 = node.values[from..from + attached.parameters.len()].iter().sum();
+        if let Some(i) = context.setup.model.friction_ratio {
+            let sum = Value {
+                name: format!("{}_in_all", list[i].name),
+                value: list[i].value + added,
                 unit: list[i].unit.clone(),
                 ci95: None,
             };
-            list.insert(i + 1, whole);
+            list.insert(i + 1, sum);
         }
     }
     list
 }
 
-pub(super) fn candidates(bench: &FitContext<'_>, search: &Search) -> Vec<CandidateRow> {
-    let extras = bench.setup.extras.len();
+/// The fitted sets with their gains, best first.
+pub(super) fn candidates(context: &FitContext<'_>, search: &SearchResult) -> Vec<CandidateRow> {
+    let extras = context.setup.extras.len();
     let base = &search.nodes[0];
     let mut rows: Vec<CandidateRow> = search
         .nodes
@@ -144,8 +151,8 @@ pub(super) fn candidates(bench: &FitContext<'_>, search: &Search) -> Vec<Candida
                 .iter()
                 .map(|a| a.effect.code.to_owned())
                 .collect(),
-            gain: search.worth.gain(base.cost() - n.cost()),
-            gain_heldout: search.worth.gain(base.select - n.select),
+            gain: search.likelihood.gain(base.cost() - n.cost()),
+            gain_heldout: search.likelihood.gain(base.select - n.select),
             chosen: i == search.chosen,
         })
         .collect();
@@ -153,23 +160,24 @@ pub(super) fn candidates(bench: &FitContext<'_>, search: &Search) -> Vec<Candida
     rows
 }
 
-pub(super) fn not_testable(bench: &FitContext<'_>, baseline: &Node) -> Vec<NotTestable> {
-    let lists = bench
-        .settled(baseline)
-        .map_or_else(Vec::new, |(node, tangent)| bench.scores(&node, &tangent));
+/// Candidates that these recordings cannot show.
+pub(super) fn not_testable(context: &FitContext<'_>, baseline: &Node) -> Vec<NotTestable> {
+    let lists = context
+        .converged(baseline)
+        .map_or_else(Vec::new, |(node, tangent)| context.scores(&node, &tangent));
     let mut rows = Vec::new();
-    for (c, candidate) in bench.setup.candidates.iter().enumerate() {
+    for (c, candidate) in context.setup.candidates.iter().enumerate() {
         let surviving = lists
             .iter()
             .flatten()
             .filter(|s| s.candidate == c)
             .map(|s| s.surviving)
             .fold(0.0, f64::max);
-        if surviving < 0.05 {
+        if surviving < TESTABLE {
             rows.push(NotTestable {
                 code: candidate.effect.code.to_owned(),
                 surviving,
-                why: "the baseline's own parameters imitate it in these recordings, or they do not excite it"
+                why: "the recordings do not excite it, or the baseline's own parameters imitate it"
                     .to_owned(),
             });
         }
@@ -177,6 +185,7 @@ pub(super) fn not_testable(bench: &FitContext<'_>, baseline: &Node) -> Vec<NotTe
     rows
 }
 
+/// Curves of all tracks for the report, of the baseline (`before`) and of the improved model (`after`).
 pub(super) fn curves(data: &Data, before: &Node, after: &Node) -> Vec<Curve> {
     let mut from = 0;
     data.tracks
@@ -219,15 +228,7 @@ pub(super) fn curves(data: &Data, before: &Node, after: &Node) -> Vec<Curve> {
         .collect()
 }
 
-/// Where a group of values begins.
-pub(super) fn offset(bench: &FitContext<'_>, attached: &[Attached], place: usize) -> usize {
-    bench.setup.model.parameters.len()
-        + attached[..place]
-            .iter()
-            .map(|a| a.parameters.len())
-            .sum::<usize>()
-}
-
+/// Values of a group of parameters, the first at index `from` of the node, with their intervals.
 pub(super) fn values_of(
     parameters: &[crate::model::Parameter],
     from: usize,

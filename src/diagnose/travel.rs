@@ -1,23 +1,34 @@
-//! Where each sample stands between two turning points. Columns in, columns out.
+//! Position of each sample between two turning points: half cycle, direction, travel. Columns in, columns out.
 
 use super::condition::range;
 use super::smoothing::median;
-use super::turning::TurningPoint;
+use super::turning_points::TurningPoint;
 
-/// Half cycle, direction and travel since the reversal of every sample.
+/// Columns over the samples of a recording.
 pub(super) struct Travel {
+    /// Half cycle, from 0.
     pub half: Vec<u32>,
+    /// Direction of travel: 1 loading, -1 unloading.
     pub direction: Vec<f64>,
+    /// Travel since the last reversal in mm.
     pub since_mm: Vec<f64>,
     /// Travel to the next reversal in mm.
     pub until_mm: Vec<f64>,
+    /// Samples at which the motion turns, in order.
     pub turns: Vec<usize>,
 }
+
+/// The motion begins at rest at the unloaded end if the first displacement is within this share of the stroke from the lowest, and
+/// the first force within this share of the range.
+const REST_DISPLACEMENT: f64 = 0.03;
+const REST_FORCE: f64 = 0.05;
+/// Share of the stroke after which a motion from rest is compared.
+const FIRST_TRAVEL: f64 = 0.1;
 
 impl Travel {
     pub(super) fn new(x: &[f64], turns: &[usize]) -> Travel {
         let n = x.len();
-        let mut motion = Travel {
+        let mut travel = Travel {
             half: Vec::with_capacity(n),
             direction: Vec::with_capacity(n),
             since_mm: Vec::with_capacity(n),
@@ -37,19 +48,19 @@ impl Travel {
             } else {
                 -1.0
             };
-            motion.half.push(half as u32);
-            motion.direction.push(sign);
-            motion.since_mm.push((x[i] - x[bounds[half]]).abs());
-            motion.until_mm.push((x[bounds[half + 1]] - x[i]).abs());
+            travel.half.push(half as u32);
+            travel.direction.push(sign);
+            travel.since_mm.push((x[i] - x[bounds[half]]).abs());
+            travel.until_mm.push((x[bounds[half + 1]] - x[i]).abs());
         }
-        motion
+        travel
     }
 
-    /// Turning points on either side of a sample, the lower first; without limit where the recording begins or ends.
-    pub(super) fn reach(&self, i: usize, turned: &[TurningPoint]) -> [f64; 2] {
+    /// Displacement in mm of the turning points before and after a sample, the lower first; infinite at the ends of a recording.
+    pub(super) fn reach(&self, i: usize, points: &[TurningPoint]) -> [f64; 2] {
         let half = self.half[i] as usize;
-        let before = half.checked_sub(1).and_then(|k| turned.get(k)).map(|t| t.mm);
-        let after = turned.get(half).map(|t| t.mm);
+        let before = half.checked_sub(1).and_then(|k| points.get(k)).map(|t| t.mm);
+        let after = points.get(half).map(|t| t.mm);
         let end = [f64::NEG_INFINITY, f64::INFINITY];
         let [low, high] = if self.direction[i] > 0.0 {
             [before, after]
@@ -59,12 +70,13 @@ impl Travel {
         [low.unwrap_or(end[0]), high.unwrap_or(end[1])]
     }
 
-    /// How far the turning point before a sample may be off.
-    pub(super) fn turn_error_mm(&self, i: usize, turned: &[TurningPoint]) -> f64 {
+    /// Error in mm of the turning point before a sample.
+    pub(super) fn turn_error_mm(&self, i: usize, points: &[TurningPoint]) -> f64 {
         let before = (self.half[i] as usize).checked_sub(1);
-        before.and_then(|k| turned.get(k)).map_or(0.0, |t| t.error_mm)
+        before.and_then(|k| points.get(k)).map_or(0.0, |t| t.error_mm)
     }
 
+    /// Frequency from the median half cycle; 0 with fewer than two reversals.
     pub(super) fn frequency_hz(&self, time_s: &[f64]) -> f64 {
         let halves: Vec<f64> = self
             .turns
@@ -79,19 +91,20 @@ impl Travel {
     }
 }
 
-/// First sample that is judged: the hysteresis has forgotten where it came from.
+/// First sample that is compared: there the hysteresis no longer depends on the state before the recording.
 ///
-/// From rest at the unloaded end a tenth of the stroke is enough (every drag of less than that length has turned round);
-/// from anywhere else the first half cycle goes, unless there is nothing else.
-pub(super) fn settled_from(x: &[f64], force_n: &[f64], turns: &[usize], stroke_mm: f64) -> usize {
+/// From rest at the unloaded end that is after a tenth of the stroke, because all shorter friction elements slide. From any other
+/// state it is after the first half cycle, unless there is only one.
+pub(super) fn first_compared(x: &[f64], force_n: &[f64], turns: &[usize], stroke_mm: f64) -> usize {
     let lowest_n = force_n.iter().copied().fold(f64::INFINITY, f64::min);
     let low_mm = x.iter().copied().fold(f64::INFINITY, f64::min);
-    let from_rest = x[0] - low_mm < 0.03 * stroke_mm && force_n[0] - lowest_n < 0.05 * range(force_n);
+    let from_rest =
+        x[0] - low_mm < REST_DISPLACEMENT * stroke_mm && force_n[0] - lowest_n < REST_FORCE * range(force_n);
     match turns {
         [first, _, ..] if !from_rest || turns.len() > 3 => *first,
         _ => x
             .iter()
-            .position(|v| (v - x[0]).abs() > 0.1 * stroke_mm)
+            .position(|v| (v - x[0]).abs() > FIRST_TRAVEL * stroke_mm)
             .unwrap_or(0),
     }
 }

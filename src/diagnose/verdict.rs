@@ -1,459 +1,301 @@
-//! From a search to a diagnosis: findings with confidence, alternatives, what is unexplained, errors, the improved model.
+//! From a search to a diagnosis: the verdict, findings, locations, alarms and the improved model.
 
-use super::bank;
-use super::choose::without;
-use super::condition::Split;
+use nalgebra::DMatrix;
+
+use super::alternatives::{JudgedEffect, RivalSet, alternative, judge, nearest};
+use super::binning;
+use super::context::{FitContext, Node};
 use super::diagnosis::*;
-use super::fit::profile;
+use super::friction_law;
+use super::intervals::intervals;
+use super::lack_of_fit::{LackOfFit, lack_of_fit};
+use super::location::{locate, words};
 use super::next_test;
-use super::problem::ModelStructure;
-use super::residual;
-use super::select::{FitContext, Node, Search, Worth};
-use super::surrogate;
-use super::tables::{baseline_parameters, candidates, curves, errors, not_testable, offset, values_of};
+use super::search::SearchResult;
+use super::splits::Split;
+use super::tables::{baseline_parameters, candidates, curves, errors, not_testable, values_of};
 use crate::effect::Axis;
 use crate::identify::Residuals;
-use crate::identify::confidence::{Confidence, Warning, confidence};
-use crate::identify::evaluator::Evaluator;
+use crate::identify::confidence::{Confidence, Warning};
+use crate::model::Parameter;
 
-/// Left by everything that was tried, and found again by the bank on other cycles: in mean square of the noise, as a share
-/// of what the baseline left, in log-likelihood.
-const LEFT_POWER: f64 = 0.06;
-const LEFT_SHARE: f64 = 0.15;
-const LEFT_GAIN: f64 = 10.0;
-/// Mean square above the noise on reporting cycles: chance and a form that is a little off stay below.
-const LEFT_REPORTED: f64 = 0.45;
-/// Mean square on selecting cycles, in units of the noise, above which a fit is none, and the share of the baseline's that
-/// it must then be; far above it nothing is explained, whatever the share.
-const NO_FIT: f64 = 3.0;
+/// The lack of fit is unexplained structure if it exceeds all three: a mean square in units of the noise, a share of what the
+/// effects explain, a gain in log-likelihood. Chosen so that noise and the inexact form of an effect stay below.
+const LACK_POWER: f64 = 0.06;
+const LACK_SHARE: f64 = 0.15;
+const LACK_GAIN: f64 = 10.0;
+/// Mean square above the noise on reporting cycles that chance and the inexact form of an effect do not reach.
+const REPORT_POWER: f64 = 0.45;
+/// A set does not fit if it leaves this mean square on selecting cycles, in units of the noise, and this share of the baseline's.
+const NO_FIT_POWER: f64 = 3.0;
 const NO_FIT_SHARE: f64 = 0.5;
-const FAR_OFF: f64 = 25.0;
-/// Sets within this share of the best gain are named as the nearest where nothing explains.
-const NEAREST: f64 = 0.05;
-/// Two explanations closer than this in log-likelihood, or this share of what the finding brings, are not told apart.
-const CLOSE_GAIN: f64 = 6.0;
-const CLOSE_SHARE: f64 = 0.04;
-/// Whatever the finding brings: a mean square above the best, in units of the noise, that is told apart.
-pub(super) const ALIKE: f64 = 0.04;
-/// Temperature of the confidence: of the claims that two runs of 400 sealed cases (seeds 404 and 777) were 71 % sure of, 97 % were
-/// right; with this exponent of the doubt they are 93 % sure.
-const SHARPNESS: f64 = 3.0;
-/// Rise of the sum of squares, in variances, at the ends of a 95 % interval.
-const RISE: f64 = 3.84;
+/// Such residuals must also be correlated over this many samples: a noise that was estimated too low is not.
+const NO_FIT_CORRELATION: f64 = 4.0;
+/// A set that leaves this mean square explains nothing, whatever the share.
+const FAR_OFF_POWER: f64 = 25.0;
+/// A force zero beyond this many standard deviations raises an alarm.
+const ZERO_ALARM: f64 = 4.0;
+/// A tensile force above this share of the range raises an alarm.
+const TENSION_ALARM: f64 = 0.05;
+/// Highest confidence that is reported.
+const MOST_CONFIDENCE: f64 = 0.99;
 
-/// A finding before it is put into words.
-struct Named {
-    place: usize,
-    /// Node that lacks it.
-    without: usize,
-    loss: f64,
-    confidence: f64,
-    /// Code, node and lack of gain of what could replace it.
-    rivals: Vec<(&'static str, usize, f64)>,
-}
-
+/// Judges the chosen set and puts everything together. `refitted` is the baseline with its own friction law, `nominal` its
+/// residuals before the fit.
 pub(super) fn conclude(
-    bench: &FitContext<'_>,
-    mut search: Search,
-    plain: &Node,
+    context: &FitContext<'_>,
+    mut search: SearchResult,
+    refitted: &Node,
     nominal: Option<Vec<f64>>,
 ) -> Diagnosis {
-    let extras = bench.setup.extras.len();
-    let (data, worth) = (bench.data, search.worth);
     let chosen = search.chosen;
-    let places: Vec<usize> = (extras..search.nodes[chosen].attached.len())
+    let judged: Vec<JudgedEffect> = (context.setup.extras.len()..search.nodes[chosen].attached.len())
         .filter(|&k| !search.nodes[chosen].attached[k].own)
-        .collect();
-    let named: Vec<Named> = places
+        .collect::<Vec<_>>()
         .into_iter()
-        .map(|k| rivals(bench, &mut search, k))
+        .map(|k| judge(context, &mut search, k))
         .collect();
     let (before, after) = (&search.nodes[0], &search.nodes[chosen]);
-    let left = bank::left(data, &after.residuals);
-    let explained = (before.select - after.select).max(0.0);
-    let unexplained_share = (left.sum.max(0.0) / (explained + left.sum.max(1e-9))).clamp(0.0, 1.0);
-    let counted = data.count(Split::Select).max(1) as f64;
-    let repeats = left.power > LEFT_POWER
-        && unexplained_share > LEFT_SHARE
-        && 0.5 * left.sum / worth.correlation > LEFT_GAIN;
-    // Something that does not repeat from cycle to cycle escapes the bank, but not the noise.
-    let (power, power_before) = (after.select / counted, before.select / counted);
-    let no_fit =
-        power > NO_FIT && worth.correlation > 4.0 && power - 1.0 > NO_FIT_SHARE * (power_before - 1.0);
-    // What only the reporting cycles show (a specimen that changed late) is beyond a fit, but no reason to call it adequate.
-    let reported = data.sum(&after.residuals, Split::Report) / data.count(Split::Report).max(1) as f64;
-    let changed = reported > NO_FIT.max(2.0 * power);
-    // What is left where nothing was fitted or chosen: above the noise, and no small part of what there was.
-    let reported_before =
-        data.sum(&before.residuals, Split::Report) / data.count(Split::Report).max(1) as f64;
-    let beyond = reported > 1.0 + LEFT_REPORTED && reported - 1.0 > LEFT_SHARE * (reported_before - 1.0);
-    let unexplained = repeats || no_fit || changed || beyond || power > FAR_OFF;
-    let confidence = intervals(bench, after, worth);
-    let alarms = alarms(bench, after, &confidence);
-    let verdict = match (unexplained, named.is_empty()) {
+    let left = lack_of_fit(context.data, &after.residuals);
+    let unexplained_share = unexplained_share(before, after, left);
+    let unexplained = is_unexplained(context, &search, left, unexplained_share);
+    let verdict = match (unexplained, judged.is_empty()) {
         (true, _) => Verdict::Unexplained,
         (false, false) => Verdict::MissingPhysics,
         (false, true) => Verdict::Adequate,
     };
-    let mut effects = Vec::new();
-    let mut alternatives = Vec::new();
-    for n in &named {
-        let finding = finding(bench, after, n, &confidence, unexplained_share);
-        for &(code, _, lack) in &n.rivals {
-            alternatives.push(alternative(bench, after, n, code, lack));
-        }
-        if !unexplained {
-            effects.push(finding);
-        }
-    }
-    if unexplained {
-        alternatives = turn_round(bench, plain, before);
-        for other in nearest(bench, &search) {
-            if alternatives.iter().all(|a| a.code != other.code) {
-                alternatives.push(other);
-            }
-        }
-    }
-    let next_test = named.iter().filter(|n| !n.rivals.is_empty()).find_map(|n| {
-        let rival = |&(code, node, lack): &(&'static str, usize, f64)| next_test::Rival {
-            code,
-            node: &search.nodes[node],
-            lack,
-        };
-        let question = next_test::Question {
-            chosen: after,
-            code: after.attached[n.place].effect.code,
-            without: rival(&("nothing", n.without, n.loss)),
-            rivals: n.rivals.iter().map(rival).collect(),
-        };
-        next_test::propose(bench, &question)
-    });
-    let location = locations(bench, [plain, before, after], &named, unexplained);
-    let fit = errors(bench, &search, plain, nominal);
-    let summary = summary(verdict, &effects, &location, &fit);
+    let confidence = intervals(context, after, search.likelihood);
+    let effects: Vec<Finding> = judged
+        .iter()
+        .filter(|_| !unexplained)
+        .map(|j| finding(context, after, j, &confidence, unexplained_share))
+        .collect();
+    let location = if unexplained {
+        unexplained_locations(context, [refitted, before, after])
+    } else {
+        effect_locations(context, [before, after], &judged)
+    };
+    let fit = errors(context, &search, refitted, nominal);
     Diagnosis {
         verdict,
-        summary,
-        alternatives,
+        summary: summary(verdict, &effects, &location, &fit),
+        alternatives: alternatives(context, &search, refitted, &judged, unexplained),
         location,
-        next_test,
-        baseline_parameters: baseline_parameters(bench, after, &confidence),
-        alarms,
-        candidates: candidates(bench, &search),
-        not_testable: not_testable(bench, before),
+        next_test: next_test(context, &search, &judged),
+        baseline_parameters: baseline_parameters(context, after, &confidence),
+        alarms: alarms(context, after, &confidence),
+        candidates: candidates(context, &search),
+        not_testable: not_testable(context, before),
         unexplained_share,
-        curves: curves(data, plain, after),
-        maps: residual::maps(data, &plain.residuals, &after.residuals),
-        improved: improved(bench, after),
+        curves: curves(context.data, refitted, after),
+        maps: binning::maps(context.data, &refitted.residuals, &after.residuals),
+        improved: improved(context, after),
         effects,
         fit,
     }
 }
 
-/// Did freeing the form of the baseline's own friction take most of the difference away?
-fn turns_otherwise(bench: &FitContext<'_>, plain: &Node, freed: &Node) -> bool {
-    let freed_form = plain.attached.len() < bench.setup.extras.len();
-    freed_form && freed.select <= NO_FIT_SHARE * plain.select
+/// Share of the baseline's residuals above the noise that the chosen set leaves.
+fn unexplained_share(before: &Node, after: &Node, left: LackOfFit) -> f64 {
+    let explained = (before.select - after.select).max(0.0);
+    (left.sum.max(0.0) / (explained + left.sum.max(1e-9))).clamp(0.0, 1.0)
 }
 
-/// Where it did, the group that acts after a reversal is nearest, though the baseline is said to have it.
-fn turn_round(bench: &FitContext<'_>, plain: &Node, freed: &Node) -> Vec<Alternative> {
-    let Some(presliding) = crate::effect::find("presliding").ok() else {
-        return Vec::new();
-    };
-    if !turns_otherwise(bench, plain, freed) {
-        return Vec::new();
+/// True if the chosen set leaves structure above the noise.
+fn is_unexplained(
+    context: &FitContext<'_>,
+    search: &SearchResult,
+    left: LackOfFit,
+    unexplained_share: f64,
+) -> bool {
+    let data = context.data;
+    let correlation_time = search.likelihood.correlation_time;
+    let (before, after) = (&search.nodes[0], &search.nodes[search.chosen]);
+    let repeats = left.power > LACK_POWER
+        && unexplained_share > LACK_SHARE
+        && 0.5 * left.sum / correlation_time > LACK_GAIN;
+    // Structure that does not repeat from cycle to cycle is not found by regressions, but it exceeds the noise.
+    let counted = data.count(Split::Select).max(1) as f64;
+    let (power, power_before) = (after.select / counted, before.select / counted);
+    let no_fit = power > NO_FIT_POWER
+        && correlation_time > NO_FIT_CORRELATION
+        && power - 1.0 > NO_FIT_SHARE * (power_before - 1.0);
+    // A change that only the reporting cycles show, as of a specimen that changed late.
+    let reporting = data.count(Split::Report).max(1) as f64;
+    let reported = data.sum(&after.residuals, Split::Report) / reporting;
+    let changed = reported > NO_FIT_POWER.max(2.0 * power);
+    // The rest on reporting cycles exceeds the noise and is a considerable share of what the baseline leaves there.
+    let reported_before = data.sum(&before.residuals, Split::Report) / reporting;
+    let above_noise = reported > 1.0 + REPORT_POWER && reported - 1.0 > LACK_SHARE * (reported_before - 1.0);
+    repeats || no_fit || changed || above_noise || power > FAR_OFF_POWER
+}
+
+fn finding(
+    context: &FitContext<'_>,
+    node: &Node,
+    judged: &JudgedEffect,
+    confidence: &Confidence,
+    unexplained_share: f64,
+) -> Finding {
+    let attached = &node.attached[judged.place];
+    let from = context.offset(&node.attached, judged.place);
+    let group = &node.values[from..from + attached.parameters.len()];
+    Finding {
+        code: attached.effect.code.to_owned(),
+        confidence: (judged.confidence * (1.0 - unexplained_share * unexplained_share))
+            .clamp(0.0, MOST_CONFIDENCE),
+        statement: (attached.effect.statement)(group),
+        parameters: values_of(&attached.parameters, from, node, confidence),
+        gain: Some(judged.loss),
     }
-    let errors =
-        [plain, freed].map(|n| 100.0 * super::tables::errors_of(bench.data, &n.residuals).nrmse_heldout);
-    let why = format!(
-        "the baseline's friction, free to turn round after a reversal as the recordings ask, takes the error on cycles not fitted on from {:.2} to {:.2} %",
-        errors[0], errors[1]
-    );
-    let alternative = |code: &str, why: String, test: &str| Alternative {
-        code: code.to_owned(),
-        instead_of: "unknown".to_owned(),
-        why,
-        test: test.to_owned(),
-    };
-    let play = presliding.confusable_with.iter().find(|r| r.code == "backlash");
-    let test = play.map_or("reversals of several sizes", |r| r.test);
-    let mut group = vec![alternative("presliding", why, test)];
-    group.extend(play.map(|r| alternative(r.code, format!("not told from presliding: {}", r.why), r.test)));
-    group
 }
 
-/// Codes of the sets that come nearest where nothing explains, best set first, each with why it was refused.
-fn nearest(bench: &FitContext<'_>, search: &Search) -> Vec<Alternative> {
-    let rows = candidates(bench, search);
-    let best = rows.first().map_or(0.0, |r| r.gain);
-    let mut codes: Vec<String> = Vec::new();
-    for row in rows
-        .iter()
-        .filter(|r| r.gain > 0.0 && r.gain >= (1.0 - NEAREST) * best)
-    {
-        for code in &row.codes {
-            let named = bench.setup.candidates.iter().any(|c| c.effect.code == code);
-            if named && !codes.contains(code) && codes.len() < 5 {
-                codes.push(code.clone());
+/// Rivals of the findings; where nothing explains the recordings, the look-alikes of the friction law and the nearest effects.
+fn alternatives(
+    context: &FitContext<'_>,
+    search: &SearchResult,
+    refitted: &Node,
+    judged: &[JudgedEffect],
+    unexplained: bool,
+) -> Vec<Alternative> {
+    if unexplained {
+        let mut list = friction_law::look_alikes(context, refitted, &search.nodes[0]);
+        for other in nearest(context, search) {
+            if list.iter().all(|a| a.code != other.code) {
+                list.push(other);
             }
         }
+        return list;
     }
-    let power = |n: &Node| n.select / bench.data.count(Split::Select).max(1) as f64;
-    let least = search.nodes.iter().map(power).fold(f64::INFINITY, f64::min);
-    codes
-        .into_iter()
-        .map(|code| Alternative {
-            code,
-            instead_of: "unknown".to_owned(),
-            why: format!(
-                "it is among the nearest in the library, but the best set still leaves {:.1} times the noise on cycles that it was not fitted on, and that repeats",
-                least.sqrt()
-            ),
-            test: "look at the located place on the specimen".to_owned(),
+    let attached = &search.nodes[search.chosen].attached;
+    judged
+        .iter()
+        .flat_map(|j| {
+            j.rivals
+                .iter()
+                .map(|r| alternative(attached[j.place].effect, j, r))
         })
         .collect()
 }
 
-/// Lack of gain from which a rival of a finding that brings `loss` is told apart; `alike` is [`ALIKE`] over all samples.
-/// The allowance for a form that is a little off is not made where the rival has gone as far as it can.
-pub(super) fn told_apart(rival: &Node, loss: f64, alike: f64) -> f64 {
-    if strained(rival) {
-        return CLOSE_GAIN;
-    }
-    CLOSE_GAIN.max((CLOSE_SHARE * loss).min(alike))
-}
-
-/// Is a parameter of an effect held by a bound that nobody believes in?
-fn strained(node: &Node) -> bool {
-    let named = node.attached.iter().rev().take_while(|a| !a.own);
-    let parameters = named.flat_map(|a| a.parameters.iter().rev());
-    let values = node.values.iter().rev().skip(1);
-    parameters.zip(values).any(|(p, v)| p.strained_by(*v))
-}
-
-/// What could stand in the place of one effect of the chosen set.
-fn rivals(bench: &FitContext<'_>, search: &mut Search, place: usize) -> Named {
-    let extras = bench.setup.extras.len();
-    let chosen = search.chosen;
-    let code = search.nodes[chosen].attached[place].effect.code;
-    let minus = without(bench, &mut search.nodes, chosen, place);
-    let loss = search
-        .worth
-        .gain(search.nodes[minus].cost() - search.nodes[chosen].cost());
-    let seen: Vec<_> = search.nodes.iter().map(|n| n.key(extras)).collect();
-    let parent = search.nodes[minus].clone();
-    if let Some((settled, tangent)) = bench.settled(&parent) {
-        let children = bench.children(&settled, &tangent, &seen, 8);
-        search.nodes.extend(children);
-        surrogate::refit_rivals(bench, search, &parent.key(extras));
-    }
-    let base = parent.key(extras);
-    let counted = bench.data.counted() as f64;
-    let alike = search.worth.gain(ALIKE * search.worth.spread * counted);
-    let mut rivals: Vec<(&'static str, usize, f64)> = Vec::new();
-    let mut doubt = 0.0;
-    for (i, node) in search.nodes.iter().enumerate() {
-        if node.attached.len() != base.len() + extras + 1 {
-            continue;
-        }
-        let mut rest = node.key(extras);
-        rest.retain(|code| !base.contains(code));
-        let &[other] = rest.as_slice() else {
-            continue;
-        };
-        if other == code || rivals.iter().any(|r| r.0 == other) {
-            continue;
-        }
-        let lack = search.worth.gain(node.cost() - search.nodes[chosen].cost());
-        doubt += (-lack / (2.0 + 0.02 * loss)).exp();
-        if lack < told_apart(node, loss, alike) {
-            rivals.push((other, i, lack));
-        }
-    }
-    rivals.sort_by(|a, b| a.2.total_cmp(&b.2));
-    Named {
-        place,
-        without: minus,
-        loss,
-        confidence: 1.0 / (1.0 + doubt.powf(SHARPNESS)),
-        rivals,
-    }
-}
-
-fn intervals(bench: &FitContext<'_>, node: &Node, worth: Worth) -> Confidence {
-    let structure = ModelStructure::new(bench.setup, bench.data, node.attached.clone());
-    let mut evaluator = Evaluator::new(&structure, bench.threads);
-    let mut residuals = vec![0.0; structure.count()];
-    evaluator.residuals(&node.values, &mut residuals);
-    let mut found = confidence(&mut evaluator, &node.values, &residuals, 1e-5);
-    // Zeros of held-out points pass for a perfect fit there; only what was fitted tells the variance.
-    let wider = (residuals.len() as f64 / bench.data.count(Split::Fit).max(1) as f64).sqrt();
-    for ((interval, sigma), value) in found.ci95.iter_mut().zip(&mut found.sigma).zip(&node.values) {
-        *sigma *= wider;
-        if let Some(ends) = interval {
-            *ends = ends.map(|end| value + wider * (end - value));
-        }
-    }
-    if let Some((settled, tangent)) = bench.settled(node) {
-        let rise = RISE * worth.spread * worth.correlation;
-        for (k, attached) in node.attached.iter().enumerate() {
-            for &(i, axis) in attached.effect.kinks {
-                let place = offset(bench, &node.attached, k) + i;
-                let width = bench.span.width(axis);
-                let profiled = profile(&structure, &settled, &tangent, place, width, rise);
-                found.ci95[place] = match (found.ci95[place], profiled) {
-                    (Some(a), Some(b)) => Some([a[0].min(b[0]), a[1].max(b[1])]),
-                    (a, b) => a.or(b),
-                };
-            }
-        }
-    }
-    found
-}
-
-fn alarms(bench: &FitContext<'_>, node: &Node, confidence: &Confidence) -> Vec<String> {
-    let own = bench.setup.model.parameters.len();
-    let names: Vec<&str> = bench.setup.model.parameters.iter().map(|p| p.name).collect();
-    // Held parameters are no finding of the fit; what they are is said below.
-    let held = |warning: &Warning| {
-        let of = |name: &str| {
-            bench
-                .setup
-                .surrogate
-                .as_ref()
-                .zip(names.iter().position(|n| *n == name))
-        };
-        matches!(warning, Warning::NotIdentifiable { names, .. } if names.iter().any(|n| of(n).is_some_and(|(s, k)| s.holds(k))))
+/// The test for the first finding that has rivals and that a test can separate from them.
+fn next_test(context: &FitContext<'_>, search: &SearchResult, judged: &[JudgedEffect]) -> Option<NextTest> {
+    let rival = |code, node: usize, lack| next_test::Rival {
+        code,
+        node: &search.nodes[node],
+        lack,
     };
-    let mut alarms: Vec<String> = confidence
-        .warnings
-        .iter()
-        .filter(|w| !held(w))
-        .map(ToString::to_string)
-        .filter(|text| names.iter().any(|n| text.contains(n)))
-        .collect();
-    alarms.extend(bench.setup.surrogate.iter().flat_map(|s| s.remarks()));
-    let zero_n = node.values[node.values.len() - 1];
-    if zero_n.abs() > 4.0 * bench.data.zero_sigma_n {
-        alarms.push(format!(
-            "the force channel's zero is off by {zero_n:.1} N: check the tare"
-        ));
-    }
-    debug_assert!(own <= node.values.len());
-    let lowest_n = bench.span.force_n[0];
-    if lowest_n < -0.05 * bench.data.force_range_n {
-        alarms.push(format!(
-            "the force goes down to {lowest_n:.0} N: a spring under a pusher cannot pull, so check sign and zero, or another device was measured"
-        ));
-    }
-    for track in &bench.data.tracks {
-        alarms.extend(track.remarks.iter().map(|r| format!("{}: {r}", track.name)));
-    }
-    alarms
+    let chosen = &search.nodes[search.chosen];
+    judged.iter().filter(|j| !j.rivals.is_empty()).find_map(|j| {
+        let of_set = |r: &RivalSet| rival(r.code, r.node, r.lack);
+        let question = next_test::Question {
+            chosen,
+            code: chosen.attached[j.place].effect.code,
+            without: rival("nothing", j.without, j.loss),
+            rivals: j.rivals.iter().map(of_set).collect(),
+        };
+        next_test::propose(context, &question)
+    })
 }
 
-fn finding(
-    bench: &FitContext<'_>,
-    node: &Node,
-    named: &Named,
-    confidence: &Confidence,
-    left: f64,
-) -> Finding {
-    let attached = &node.attached[named.place];
-    let from = offset(bench, &node.attached, named.place);
-    let group = &node.values[from..from + attached.parameters.len()];
-    Finding {
-        code: attached.effect.code.to_owned(),
-        confidence: (named.confidence * (1.0 - left * left)).clamp(0.0, 0.99),
-        statement: (attached.effect.statement)(group),
-        parameters: values_of(&attached.parameters, from, node, confidence),
-        gain: Some(named.loss),
-    }
+/// Weighted sensitivities of a node.
+fn sensitivities(context: &FitContext<'_>, node: &Node) -> DMatrix<f64> {
+    let structure = context.structure(node.attached.clone());
+    structure.fitted(&node.values).map_or_else(
+        || DMatrix::zeros(structure.count(), 0),
+        |r| structure.sensitivities(&node.values, &r).0,
+    )
 }
 
-fn alternative(bench: &FitContext<'_>, node: &Node, named: &Named, code: &str, lack: f64) -> Alternative {
-    let effect = node.attached[named.place].effect;
-    let other = crate::effect::find(code).ok();
-    let known = effect
-        .confusable_with
-        .iter()
-        .find(|r| r.code == code)
-        .or_else(|| other.and_then(|o| o.confusable_with.iter().find(|r| r.code == effect.code)));
-    let reason = known.map_or("the recordings do not excite the difference", |r| r.why);
-    debug_assert!(bench.threads > 0);
-    Alternative {
-        code: code.to_owned(),
-        instead_of: effect.code.to_owned(),
-        why: format!(
-            "{reason}; it fits worse by only {lack:.1} of {:.0} in log-likelihood",
-            named.loss
-        ),
-        test: known
-            .map_or("a recording at another speed, mean load and amplitude", |r| {
-                r.test
-            })
-            .to_owned(),
+/// Where the refitted baseline differs from the recordings, then where the chosen set still does.
+fn unexplained_locations(context: &FitContext<'_>, [refitted, before, after]: [&Node; 3]) -> Vec<Location> {
+    let data = context.data;
+    let mut list = locate(data, &refitted.residuals, &sensitivities(context, refitted));
+    if friction_law::explains_most(context, refitted, before) {
+        // What a general friction law explains is after the reversals, even if it also shows along other axes.
+        list.sort_by_key(|l| l.axis != Axis::DistanceFromReversalMm);
     }
+    let left = locate(data, &after.residuals, &sensitivities(context, after));
+    list.extend(left.into_iter().filter(|l| l.share > LACK_SHARE));
+    list
 }
 
-fn locations(
-    bench: &FitContext<'_>,
-    [plain, before, after]: [&Node; 3],
-    named: &[Named],
-    unexplained: bool,
+/// Where the effects say that they act, then where the baseline differs along other axes.
+fn effect_locations(
+    context: &FitContext<'_>,
+    [before, after]: [&Node; 2],
+    judged: &[JudgedEffect],
 ) -> Vec<Location> {
-    let jacobian = |node: &Node| {
-        let structure = ModelStructure::new(bench.setup, bench.data, node.attached.clone());
-        let residuals = structure.fitted(&node.values);
-        residuals.map_or_else(
-            || nalgebra::DMatrix::zeros(structure.count(), 0),
-            |r| structure.sensitivities(&node.values, &r).0,
-        )
-    };
-    if unexplained {
-        // Where the baseline goes wrong, then where what is left lies: freeing its friction may have moved it.
-        let mut list = residual::locate(bench.data, &plain.residuals, &jacobian(plain));
-        if turns_otherwise(bench, plain, before) {
-            // What a freer turn-round takes away lies after the reversals, wherever else it shows.
-            list.sort_by_key(|l| l.axis != Axis::DistanceFromReversalMm);
-        }
-        let left = residual::locate(bench.data, &after.residuals, &jacobian(after));
-        list.extend(left.into_iter().filter(|l| l.share > LEFT_SHARE));
-        return list;
+    if judged.is_empty() {
+        return Vec::new();
     }
     let mut list = Vec::new();
-    for n in named {
-        let attached = &after.attached[n.place];
-        let from = offset(bench, &after.attached, n.place);
+    for j in judged {
+        let attached = &after.attached[j.place];
+        let from = context.offset(&after.attached, j.place);
         let group = &after.values[from..from + attached.parameters.len()];
-        if let Some(place) = (attached.effect.place)(group, &bench.span) {
-            let share = residual::share_in(bench.data, &before.residuals, &place);
+        if let Some(place) = (attached.effect.place)(group, &context.span) {
+            let share = binning::share_in(context.data, &before.residuals, &place);
             list.push(Location {
                 axis: place.axis,
                 from: place.from,
                 to: place.to,
                 direction: place.branch,
                 share,
-                words: residual::words(place.axis, place.from, place.to, place.branch, share),
+                words: words(place.axis, place.from, place.to, place.branch, share),
             });
         }
     }
-    let found = residual::locate(bench.data, &before.residuals, &jacobian(before));
-    if !named.is_empty() {
-        list.extend(
-            found
-                .into_iter()
-                .filter(|f| list.iter().all(|l: &Location| l.axis != f.axis))
-                .collect::<Vec<_>>(),
-        );
+    let own = list.len();
+    for found in locate(context.data, &before.residuals, &sensitivities(context, before)) {
+        if list[..own].iter().all(|l: &Location| l.axis != found.axis) {
+            list.push(found);
+        }
     }
     list
 }
 
-fn improved(bench: &FitContext<'_>, node: &Node) -> ImprovedModel {
-    let model = bench.setup.model;
-    let named = |parameters: &[crate::model::Parameter], from: usize| -> Vec<(String, f64)> {
+/// Parameters that are suspect, and remarks on the recordings: findings about the input.
+fn alarms(context: &FitContext<'_>, node: &Node, confidence: &Confidence) -> Vec<String> {
+    let parameters = context.setup.model.parameters;
+    let surrogate = context.setup.surrogate.as_ref();
+    // Parameters that a surrogate fixes are reported by its own remarks.
+    let is_fixed = |name: &&str| {
+        let index = parameters.iter().position(|p| p.name == *name);
+        surrogate.zip(index).is_some_and(|(s, i)| s.is_fixed(i))
+    };
+    let about_fixed =
+        |w: &Warning| matches!(w, Warning::NotIdentifiable { names, .. } if names.iter().any(is_fixed));
+    let mut alarms: Vec<String> = confidence
+        .warnings
+        .iter()
+        .filter(|w| !about_fixed(w))
+        .map(ToString::to_string)
+        .filter(|text| parameters.iter().any(|p| text.contains(p.name)))
+        .collect();
+    alarms.extend(surrogate.iter().flat_map(|s| s.remarks()));
+    let zero_n = node.values[node.values.len() - 1];
+    if zero_n.abs() > ZERO_ALARM * context.data.zero_sigma_n {
+        alarms.push(format!(
+            "the zero of the force channel is off by {zero_n:.1} N: check the tare"
+        ));
+    }
+    let lowest_n = context.span.force_n[0];
+    if lowest_n < -TENSION_ALARM * context.data.force_range_n {
+        alarms.push(format!(
+            "the force falls to {lowest_n:.0} N, but a pusher cannot pull a spring: check sign and zero of the force, and which device was measured"
+        ));
+    }
+    for track in &context.data.tracks {
+        alarms.extend(track.remarks.iter().map(|r| format!("{}: {r}", track.name)));
+    }
+    alarms
+}
+
+/// The model of a node, with its effects in the order in which they are attached.
+fn improved(context: &FitContext<'_>, node: &Node) -> ImprovedModel {
+    let model = context.setup.model;
+    let values = |parameters: &[Parameter], from: usize| -> Vec<(String, f64)> {
         parameters
             .iter()
             .enumerate()
@@ -464,13 +306,13 @@ fn improved(bench: &FitContext<'_>, node: &Node) -> ImprovedModel {
     order.sort_by_key(|&k| (node.attached[k].effect.stage, node.attached[k].effect.code));
     ImprovedModel {
         model: model.name.to_owned(),
-        parameters: named(model.parameters, 0),
-        structure: bench.setup.structure.clone(),
+        parameters: values(model.parameters, 0),
+        structure: context.setup.structure.clone(),
         effects: order
             .into_iter()
             .map(|k| AttachedEffect {
                 code: node.attached[k].effect.code.to_owned(),
-                parameters: named(&node.attached[k].parameters, offset(bench, &node.attached, k)),
+                parameters: values(&node.attached[k].parameters, context.offset(&node.attached, k)),
             })
             .collect(),
         force_zero_n: node.values[node.values.len() - 1],
@@ -478,25 +320,25 @@ fn improved(bench: &FitContext<'_>, node: &Node) -> ImprovedModel {
 }
 
 fn summary(verdict: Verdict, effects: &[Finding], location: &[Location], fit: &FitErrors) -> String {
+    let percent = |share: f64| format!("{:.2} %", 100.0 * share);
+    let noise = percent(fit.noise_floor_nrmse);
+    let improved = percent(fit.improved.nrmse_heldout);
     match verdict {
-        Verdict::Adequate => format!(
-            "The baseline explains the recordings: {:.2} % error on cycles it was not fitted on, noise {:.2} %.",
-            100.0 * fit.improved.nrmse_heldout,
-            100.0 * fit.noise_floor_nrmse
-        ),
-        Verdict::MissingPhysics => format!(
-            "Missing: {}. The error on cycles not fitted on falls from {:.2} % to {:.2} %, noise {:.2} %.",
-            effects
-                .iter()
-                .map(|e| e.code.replace('_', " "))
-                .collect::<Vec<_>>()
-                .join(" and "),
-            100.0 * fit.baseline.nrmse_heldout,
-            100.0 * fit.improved.nrmse_heldout,
-            100.0 * fit.noise_floor_nrmse
-        ),
+        Verdict::Adequate => {
+            format!(
+                "The baseline explains the recordings: error {improved} on held-out cycles, noise {noise}."
+            )
+        }
+        Verdict::MissingPhysics => {
+            let codes: Vec<String> = effects.iter().map(|e| e.code.replace('_', " ")).collect();
+            let baseline = percent(fit.baseline.nrmse_heldout);
+            format!(
+                "Missing: {}. The error on held-out cycles falls from {baseline} to {improved}, noise {noise}.",
+                codes.join(" and ")
+            )
+        }
         Verdict::Unexplained => format!(
-            "Nothing in the library explains the difference{}.",
+            "No effect in the library explains the difference{}.",
             location
                 .first()
                 .map_or(String::new(), |l| format!(": {}", l.words))

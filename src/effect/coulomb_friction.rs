@@ -54,6 +54,14 @@ pub(crate) const EFFECT: Effect = Effect {
             inside,
         )
     },
+    if_known: |effect, knows| {
+        let mut parameters = effect.parameters.to_vec();
+        if !knows("presliding") {
+            // A gradual transition is missing physics then: 0.06 mm is too short to stand for it.
+            parameters[1].bounds = [1e-3, 0.06];
+        }
+        Some(parameters)
+    },
     place: everywhere,
     confusable_with: &[
         LookAlike {

@@ -11,7 +11,7 @@
 //! The force is linear in the ratios, so the result of a fit does not depend on its start.
 
 use super::motion::BandedTravel;
-use super::{Effect, Stage, Wrap, everywhere, load_n, wrapped};
+use super::{Effect, LookAlike, Stage, Wrap, everywhere, load_n, wrapped};
 use crate::model::friction::elements::Elements;
 use crate::model::{Motion, Parameter, Plant};
 
@@ -83,8 +83,23 @@ pub(crate) const FORM: Effect = Effect {
             inside,
         )
     },
+    if_known: |effect, knows| {
+        let known = knows("load_dependent_friction") && knows("presliding");
+        known.then(|| effect.parameters.to_vec())
+    },
     place: everywhere,
-    confusable_with: &[],
+    confusable_with: &[
+        LookAlike {
+            code: "presliding",
+            why: "the baseline's friction turns round after a reversal in another way than the recorded one",
+            test: "reversal nests of 0.2 to 2 mm: play is used up at a fixed travel, friction turns round over a travel that grows with its own strength",
+        },
+        LookAlike {
+            code: "backlash",
+            why: "play and presliding both take force away after each reversal",
+            test: "reversal nests of 0.2 to 2 mm: play is used up at a fixed travel, friction turns round over a travel that grows with its own strength",
+        },
+    ],
 };
 
 #[derive(Clone)]

@@ -49,6 +49,7 @@ pub(crate) const EFFECT: Effect = Effect {
             inside,
         )
     },
+    if_known: super::unchanged,
     place: |v, s| {
         (v[0] > s.displacement_mm[0]).then(|| Place {
             axis: Axis::DisplacementMm,

@@ -63,6 +63,7 @@ pub(crate) const EFFECT: Effect = Effect {
             inside,
         )
     },
+    if_known: super::unchanged,
     place: everywhere,
     confusable_with: &[LookAlike {
         code: "coulomb_friction",

@@ -4,7 +4,7 @@
 //! Which effect is missing is decided in `diagnose`. A new effect needs one file, one line in [`EFFECTS`] and one row in
 //! `docs/formats.md`.
 
-use crate::model::{BuildError, Motion, Parameter, Plant};
+use crate::model::{BuildError, Knows, Motion, Parameter, Plant};
 
 pub(crate) mod backlash;
 pub(crate) mod channel_delay;
@@ -135,6 +135,14 @@ pub(crate) struct LookAlike {
 /// Wraps a plant in an effect that has these parameter values.
 pub(crate) type Attach = fn(values: &[f64], inside: Box<dyn Plant>) -> Box<dyn Plant>;
 
+/// See [`Effect::if_known`].
+pub(crate) type IfKnown = fn(&Effect, &Knows<'_>) -> Option<Vec<Parameter>>;
+
+/// For effects that a baseline gets with their usual bounds.
+pub(crate) fn unchanged(effect: &Effect, _knows: &Knows<'_>) -> Option<Vec<Parameter>> {
+    Some(effect.parameters.to_vec())
+}
+
 /// One entry of [`EFFECTS`].
 pub(crate) struct Effect {
     /// Code of physics, as in `docs/formats.md`.
@@ -155,6 +163,8 @@ pub(crate) struct Effect {
     pub statement: fn(values: &[f64]) -> String,
     /// Wraps a plant; takes one checked value for each parameter.
     pub attach: Attach,
+    /// Parameters of the effect in a baseline that already knows this physics; `None` if the model itself provides it.
+    pub if_known: IfKnown,
     /// Where on the loop the effect acts; `None` if it acts everywhere.
     pub place: fn(values: &[f64], span: &Span) -> Option<Place>,
     pub confusable_with: &'static [LookAlike],

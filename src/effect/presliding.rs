@@ -79,6 +79,7 @@ pub(crate) const EFFECT: Effect = Effect {
             inside,
         )
     },
+    if_known: |_, _| None,
     place: |v, _| {
         Some(Place {
             axis: Axis::DistanceFromReversalMm,

@@ -66,6 +66,7 @@ pub(crate) const EFFECT: Effect = Effect {
             inside,
         )
     },
+    if_known: super::unchanged,
     place: |v, s| {
         (v[1] < s.displacement_mm[1]).then(|| Place {
             axis: Axis::DisplacementMm,

@@ -72,6 +72,7 @@ pub(crate) const EFFECT: Effect = Effect {
             inside,
         )
     },
+    if_known: |_, _| None,
     place: everywhere,
     confusable_with: &[LookAlike {
         code: "stribeck",

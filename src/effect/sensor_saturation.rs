@@ -37,6 +37,7 @@ pub(crate) const EFFECT: Effect = Effect {
         )
     },
     attach: |v, inside| wrapped(SensorSaturation { limit_n: v[0] }, inside),
+    if_known: super::unchanged,
     place: |v, s| {
         Some(Place {
             axis: Axis::ForceN,

@@ -44,6 +44,7 @@ pub(crate) const EFFECT: Effect = Effect {
             inside,
         )
     },
+    if_known: super::unchanged,
     place: everywhere,
     confusable_with: &[LookAlike {
         code: "geometric_stiffness",

@@ -66,6 +66,7 @@ pub(crate) const EFFECT: Effect = Effect {
             inside,
         )
     },
+    if_known: super::unchanged,
     place: |v, _| {
         Some(Place {
             axis: Axis::VelocityMmS,

@@ -43,6 +43,7 @@ pub(crate) const EFFECT: Effect = Effect {
             inside,
         )
     },
+    if_known: super::unchanged,
     place: everywhere,
     confusable_with: &[LookAlike {
         code: "channel_delay",

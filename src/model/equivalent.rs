@@ -16,7 +16,7 @@
 //! E reaches zero the pusher has left the spring.
 
 use super::friction::{self, DragLaw};
-use super::{BuildError, Model, Motion, Parameter, Plant, structure_numbers_beside};
+use super::{BuildError, Knows, Model, Motion, Parameter, Plant, structure_numbers_beside};
 
 const NAME: &str = "equivalent";
 
@@ -63,8 +63,35 @@ pub(crate) const MODEL: Model = Model {
         "load_dependent_friction",
         "presliding",
     ],
+    slow: false,
+    friction_ratio: Some(2),
+    limit_friction: Some(known_friction),
     build: |values, structure| Ok(Box::new(Equivalent::from_structure(values, structure)?)),
 };
+
+/// Structure entry that leaves the known friction in the model: see [`Model::limit_friction`].
+fn known_friction(knows: &Knows<'_>) -> (&'static str, &'static str) {
+    let load = knows("load_dependent_friction");
+    let any = load || knows("presliding") || knows("rate_independent_friction");
+    let option = if !any || (!load && knows("coulomb_friction")) {
+        "none"
+    } else if !knows("rate_independent_friction") && !knows("presliding") {
+        "tanh"
+    } else if knows("presliding") {
+        "presliding"
+    } else {
+        "sharp"
+    };
+    ("friction", option)
+}
+
+/// Structure of a model whose friction fades below a speed of `transition_mm_s`, in mm/s.
+pub(crate) fn rate_dependent_friction(transition_mm_s: f64) -> toml::Table {
+    toml::Table::from_iter([
+        ("friction".to_owned(), "tanh".into()),
+        ("transition_velocity_mm_s".to_owned(), transition_mm_s.into()),
+    ])
+}
 
 fn refused(reason: String) -> BuildError {
     BuildError::Structure { model: NAME, reason }
@@ -248,6 +275,20 @@ mod tests {
             error("friction = \"tanh\"\ntransition_velocity_mm_s = 3\ndatum_mm = 1"),
             None
         );
+    }
+
+    #[test]
+    fn friction_option_follows_the_known_physics() {
+        for (known, option) in [
+            (&["viscous_damping"][..], "none"),
+            (&["coulomb_friction"], "none"),
+            (&["load_dependent_friction"], "tanh"),
+            (&["load_dependent_friction", "rate_independent_friction"], "sharp"),
+            (&["load_dependent_friction", "presliding"], "presliding"),
+        ] {
+            let found = known_friction(&|code| known.contains(&code));
+            assert_eq!(found, ("friction", option), "{known:?}");
+        }
     }
 
     #[test]

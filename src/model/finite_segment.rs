@@ -121,6 +121,9 @@ pub(crate) const MODEL: Model = Model {
         "progressive_stiffness",
         "geometric_stiffness",
     ],
+    slow: false,
+    friction_ratio: None,
+    limit_friction: None,
     build: |values, structure| {
         FiniteSegment::new(values, structure).map(|plant| Box::new(plant) as Box<dyn Plant>)
     },

@@ -109,6 +109,9 @@ pub(crate) const MODEL: Model = Model {
         "load_dependent_friction",
         "geometric_stiffness",
     ],
+    slow: false,
+    friction_ratio: None,
+    limit_friction: None,
     build: |values, structure| {
         FiveLink::new(values, structure).map(|plant| Box::new(plant) as Box<dyn Plant>)
     },

@@ -105,6 +105,12 @@ pub(crate) enum BuildError {
 pub(crate) type BuildPlant =
     fn(values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, BuildError>;
 
+/// Tells whether the physics with a code is known.
+pub(crate) type Knows<'a> = dyn Fn(&str) -> bool + 'a;
+
+/// See [`Model::limit_friction`].
+pub(crate) type LimitFriction = fn(&Knows<'_>) -> (&'static str, &'static str);
+
 /// One entry of [`MODELS`].
 pub(crate) struct Model {
     /// Name in files and on the command line.
@@ -115,6 +121,12 @@ pub(crate) struct Model {
     pub parameters: &'static [Parameter],
     /// Codes of physics (docs/formats.md) that the model already has.
     pub physics: &'static [&'static str],
+    /// True where one run over all recordings takes about 0.1 s: a diagnosis then searches on a surrogate.
+    pub slow: bool,
+    /// Index of the parameter that is friction as a ratio of the carried load; the generalised friction law adds to it.
+    pub friction_ratio: Option<usize>,
+    /// Structure entry (key, value) that leaves the known friction in the model and switches the rest off.
+    pub limit_friction: Option<LimitFriction>,
     /// Builds a plant from one value per parameter and the model's own structure table (geometry, options; may be empty).
     pub build: BuildPlant,
 }

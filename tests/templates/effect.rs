@@ -5,7 +5,7 @@
 //! ```
 //! Source: put author, year and equation here. Range: small deflections, where the fixture is linear.
 
-use crate::effect::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
+use crate::effect::{Effect, LookAlike, Stage, Wrap, everywhere, unchanged, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// The entry of [`EFFECTS`](crate::effect::EFFECTS).
@@ -26,6 +26,7 @@ pub(crate) const EFFECT: Effect = Effect {
     starts: |_| vec![vec![1.0]],
     statement: |v| format!("The fixture carries {:.2} N for each mm of travel.", v[0]),
     attach: |v, inside| wrapped(FixtureStiffness { rate_n_per_mm: v[0] }, inside),
+    if_known: unchanged,
     place: everywhere,
     confusable_with: &[LookAlike {
         code: "progressive_stiffness",

@@ -30,6 +30,9 @@ pub(crate) const MODEL: Model = Model {
         },
     ],
     physics: &[],
+    slow: false,
+    friction_ratio: None,
+    limit_friction: None,
     build: |values, structure| {
         if let Some(key) = structure.keys().next() {
             return Err(BuildError::Structure {

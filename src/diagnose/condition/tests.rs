@@ -1,10 +1,11 @@
+use super::super::splits::assign_splits;
 use super::*;
 
 fn one(recording: &Recording) -> Result<Track, ConditionError> {
     Ok(condition(std::slice::from_ref(recording), 3000)?.swap_remove(0))
 }
 
-/// A sine of 5 mm about 6 mm at 1 Hz with noise that repeats, force 80 N/mm.
+/// A sine of 5 mm about 6 mm at 1 Hz with reproducible noise, force 80 N/mm.
 fn sine(rate_hz: f64, seconds: f64, noise_mm: f64) -> Recording {
     let n = (rate_hz * seconds) as usize;
     let time_s: Vec<f64> = (0..n).map(|i| i as f64 / rate_hz).collect();
@@ -35,7 +36,7 @@ fn sine(rate_hz: f64, seconds: f64, noise_mm: f64) -> Recording {
 }
 
 #[test]
-fn travel_is_the_motions_not_the_noises() {
+fn noise_adds_no_travel() {
     for rate_hz in [20.0, 100.0, 1000.0] {
         let track = one(&sine(rate_hz, 10.0, 0.005)).expect("conditioned");
         let path: f64 = track
@@ -43,7 +44,7 @@ fn travel_is_the_motions_not_the_noises() {
             .windows(2)
             .map(|w| (w[1] - w[0]).abs())
             .sum();
-        // Ten cycles of 20 mm; the last sample is one short; turning points are known to some noise.
+        // Ten cycles of 20 mm, one sample short; the turning points have an error of some noise.
         assert!((path - 200.0).abs() < 0.4, "{rate_hz} Hz: {path}");
         assert!((track.frequency_hz - 1.0).abs() < 0.03);
         assert!(track.len() <= 3100, "{}", track.len());
@@ -51,10 +52,10 @@ fn travel_is_the_motions_not_the_noises() {
 }
 
 #[test]
-fn noise_is_seen_at_any_rate() {
+fn noise_is_estimated_at_any_rate() {
     for rate_hz in [20.0, 1000.0] {
         let track = one(&sine(rate_hz, 20.0, 0.005)).expect("conditioned");
-        // Uniform within one: 1 / sqrt 3 = 0.577; the median of few differences is good to a third.
+        // Uniform within 1 N: 1 / sqrt 3 = 0.577; few differences know it to a third.
         assert!(
             (0.4..0.8).contains(&track.noise_n),
             "{rate_hz}: {}",
@@ -79,12 +80,12 @@ fn a_corner_stays_a_corner() {
     };
     let track = one(&recording).expect("conditioned");
     let top = track.displacement_mm.iter().copied().fold(0.0, f64::max);
-    // A third of a sample's travel; without the corner it would be half of one, always too low.
+    // A third of the travel between two samples; without the corner it would be half of it, always too low.
     assert!((top - 10.0).abs() < 0.0034, "{top}");
 }
 
 #[test]
-fn clipped_displacement_is_masked_and_named() {
+fn clipped_displacement_is_masked_with_a_remark() {
     let mut recording = sine(200.0, 5.0, 0.0005);
     recording.displacement_mm.iter_mut().for_each(|x| *x = x.min(9.0));
     let track = one(&recording).expect("conditioned");
@@ -123,10 +124,10 @@ fn bad_input_is_refused_with_its_row() {
         change(&mut recording);
         one(&recording).expect_err("refused").to_string()
     };
-    assert!(refuse(&|r| r.force_n[7] = f64::NAN).contains("row 8"));
-    assert!(refuse(&|r| r.time_s[9] = 0.0).contains("row 10"));
+    assert!(refuse(&|r| r.force_n[7] = f64::NAN).contains("row 9"));
+    assert!(refuse(&|r| r.time_s[9] = 0.0).contains("row 11"));
     assert!(refuse(&|r| r.displacement_mm.fill(1.0)).contains("displacement"));
-    assert!(refuse(&|r| r.force_n.truncate(3)).contains("length"));
+    assert!(refuse(&|r| r.force_n.truncate(3)).contains("row 5"));
     assert!(
         refuse(&|r| {
             for column in [&mut r.time_s, &mut r.displacement_mm, &mut r.force_n] {
@@ -140,12 +141,12 @@ fn bad_input_is_refused_with_its_row() {
 #[test]
 fn whole_cycles_are_held_out() {
     let mut tracks = vec![one(&sine(100.0, 12.0, 0.001)).expect("conditioned")];
-    share_out(&mut tracks);
+    assign_splits(&mut tracks);
     let track = &tracks[0];
     for i in 1..track.len() {
-        assert!(track.part[i] == track.part[i - 1] || track.cycle[i] != track.cycle[i - 1]);
+        assert!(track.split[i] == track.split[i - 1] || track.cycle[i] != track.cycle[i - 1]);
     }
-    for part in [Split::Fit, Split::Select, Split::Report] {
-        assert!(track.part.contains(&part));
+    for split in [Split::Fit, Split::Select, Split::Report] {
+        assert!(track.split.contains(&split));
     }
 }

@@ -224,6 +224,9 @@ pub(crate) const MODEL: Model = Model {
         "geometric_stiffness",
         "lift_off",
     ],
+    slow: true,
+    friction_ratio: None,
+    limit_friction: None,
     build,
 };
 

@@ -1,17 +1,18 @@
-//! What comes again from cycle to cycle, however fine it is: every point with its nearest neighbours on other cycles of the
-//! same recording, going the same way.
+//! Near replicates: every point is predicted by its nearest neighbours in displacement, on other cycles of the same recording and
+//! in the same direction.
 //!
-//! Where the samples are too sparse for a ripple, neighbours in time differ by all of it and it passes for noise; neighbours in
-//! place do not: what they have in common is lack of fit, the rest is pure error (Draper and Smith 1998, chapter 2; without exact
-//! repeats Daniel and Wood 1980).
+//! A ripple that is finer than the distance of samples looks like noise to neighbours in time, but not to neighbours in
+//! displacement. What these have in common is lack of fit, the rest is pure error (Draper and Smith 1998, chapter 2; without
+//! exact replicates Daniel and Wood 1980).
 
-use super::condition::{Split, Track};
-use super::problem::Data;
+use super::condition::Track;
+use super::data::Data;
+use super::splits::Split;
 
-/// Neighbours that predict a point.
+/// Number of neighbours that predict a point.
 const NEIGHBOURS: usize = 6;
 
-/// Points of one track that go one way, in order of displacement.
+/// Points of a track with rising and with falling displacement, each in order of displacement.
 fn branches(track: &Track, counts: impl Fn(usize) -> bool) -> [Vec<usize>; 2] {
     [1.0, -1.0].map(|direction| {
         let mut branch: Vec<usize> = (0..track.len())
@@ -22,7 +23,7 @@ fn branches(track: &Track, counts: impl Fn(usize) -> bool) -> [Vec<usize>; 2] {
     })
 }
 
-/// The nearest points on other cycles that `others` lets in, nearest first; `at` is a place in `branch`.
+/// The nearest points on other cycles for which `others` is true, nearest first; `at` is an index in `branch`.
 fn nearest(track: &Track, branch: &[usize], at: usize, others: impl Fn(usize) -> bool) -> Vec<usize> {
     let here = branch[at];
     let fits = |&i: &usize| track.cycle[i] != track.cycle[here] && others(i);
@@ -37,15 +38,15 @@ fn nearest(track: &Track, branch: &[usize], at: usize, others: impl Fn(usize) ->
     std::iter::from_fn(next).take(NEIGHBOURS).collect()
 }
 
-/// Sum of squares on selecting cycles that the fitted cycles' residuals at the same place take away.
+/// Fall of the sum of squares on selecting cycles when the fitted cycles' residuals at the same displacement predict them.
 pub(super) fn gain(data: &Data, residuals: &[f64]) -> f64 {
-    // How far the neighbours' mean can be trusted, told by the fitted cycles alone.
-    let (mut together, mut alone) = (0.0, 0.0);
+    // The neighbours' mean is shrunk by a factor from the fitted cycles alone.
+    let (mut product, mut square) = (0.0, 0.0);
     let mut pairs = Vec::new();
     let mut from = 0;
     for (track, &length) in data.tracks.iter().zip(&data.lengths) {
         let counts = |i: usize| data.weight[from + i] > 0.0;
-        let fitted = |i: usize| data.part[from + i] == Split::Fit;
+        let fitted = |i: usize| data.split[from + i] == Split::Fit;
         for branch in branches(track, counts) {
             for at in 0..branch.len() {
                 let here = from + branch[at];
@@ -54,10 +55,10 @@ pub(super) fn gain(data: &Data, residuals: &[f64]) -> f64 {
                     continue;
                 }
                 let mean = near.iter().map(|i| residuals[from + i]).sum::<f64>() / near.len() as f64;
-                match data.part[here] {
+                match data.split[here] {
                     Split::Fit => {
-                        together += residuals[here] * mean;
-                        alone += mean * mean;
+                        product += residuals[here] * mean;
+                        square += mean * mean;
                     }
                     Split::Select => pairs.push((residuals[here], mean)),
                     Split::Report => {}
@@ -66,28 +67,28 @@ pub(super) fn gain(data: &Data, residuals: &[f64]) -> f64 {
         }
         from += length;
     }
-    let trust = (together / alone.max(1e-12)).clamp(0.0, 1.0);
+    let shrinkage = (product / square.max(1e-12)).clamp(0.0, 1.0);
     pairs
         .iter()
-        .map(|(here, mean)| here.powi(2) - (here - trust * mean).powi(2))
+        .map(|(here, mean)| here.powi(2) - (here - shrinkage * mean).powi(2))
         .sum()
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::residual::tests::sampled;
+    use super::super::binning::tests::sampled;
     use super::*;
 
-    /// Twenty samples a cycle over 10 mm: a ripple of 2 mm changes its sign between one sample and the next.
+    /// 20 samples per cycle over 10 mm: a ripple of 2 mm changes its sign between one sample and the next.
     #[test]
-    fn a_ripple_that_the_samples_are_too_sparse_for_comes_again() {
+    fn a_ripple_finer_than_the_sampling_is_found() {
         let (data, noise) = sampled(0.0507, 40.0, |_, _| 0.0);
         let selecting = data.count(Split::Select) as f64;
         let none = gain(&data, &noise);
         assert!(none < 0.05 * selecting, "{none} of {selecting}");
         let (data, ripple) = sampled(0.0507, 40.0, |x, _| (std::f64::consts::PI * x).sin());
         let found = gain(&data, &ripple);
-        // Half a unit of mean square; six neighbours of unit noise give most of it back.
+        // The ripple has a mean square of 0.5; six neighbours of unit noise predict most of it.
         assert!(found > 0.2 * selecting, "{found} of {selecting}");
     }
 }

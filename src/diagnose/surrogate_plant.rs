@@ -1,4 +1,5 @@
-//! The surrogate of a slow model as a plant: the forces it was given along the recordings, and `H` beside them (see `surrogate`).
+//! The surrogate of a slow model as a plant: forces along the recordings, and the hysteresis operator `H` beside them (see
+//! `surrogate`).
 
 use std::sync::Arc;
 
@@ -7,13 +8,15 @@ use nalgebra::{DMatrix, DVector};
 use crate::model::friction::elements::Elements;
 use crate::model::{Motion, Plant};
 
-/// Elements of `H`, shortest and longest in mm, and powers of its polynomial; three powers make the strengths.
+/// Number of elastic-plastic elements of `H`, with the shortest and the longest length in mm.
 const ELEMENTS: usize = 16;
 const LENGTHS_MM: [f64; 2] = [0.01, 20.0];
+/// Number of powers of its polynomial. The strength of each element is a polynomial of three powers.
 const POWERS: usize = 6;
+/// Number of terms of `H`.
 pub(super) const TERMS: usize = POWERS + 3 * ELEMENTS;
 
-/// Displacements to about -1 to 1.
+/// Maps displacements to about -1 to 1.
 #[derive(Clone, Copy)]
 pub(super) struct Scale {
     middle_mm: f64,
@@ -29,19 +32,19 @@ impl Scale {
     }
 }
 
-/// The terms of `H`, with their memory.
+/// The terms of `H` with their state.
 #[derive(Clone)]
-pub(super) struct Operator {
+pub(super) struct HysteresisOperator {
     elements: Elements<ELEMENTS>,
     at_mm: f64,
     scale: Scale,
 }
 
-impl Operator {
-    pub(super) fn new(scale: Scale) -> Operator {
+impl HysteresisOperator {
+    pub(super) fn new(scale: Scale) -> HysteresisOperator {
         let [shortest, longest] = LENGTHS_MM;
         let step = (longest / shortest).powf(1.0 / (ELEMENTS - 1) as f64);
-        Operator {
+        HysteresisOperator {
             elements: Elements::new(std::array::from_fn(|k| shortest * step.powi(k as i32))),
             at_mm: 0.0,
             scale,
@@ -74,41 +77,41 @@ impl Operator {
     }
 }
 
-/// The surrogate as a plant. It knows where it is by how often it was told of the motion.
+/// The surrogate as a plant. It counts the calls of `told` to know its point in the recordings.
 #[derive(Clone)]
-pub(super) struct Traced {
-    /// Force at every point as recorded.
+pub(super) struct SurrogatePlant {
+    /// Force at every recorded point, N.
     force_n: Arc<DVector<f64>>,
     strengths: Arc<DVector<f64>>,
     recorded_mm: Arc<Vec<f64>>,
     recorded_terms: Arc<DMatrix<f64>>,
-    operator: Operator,
-    /// Points that it was told of.
-    told: usize,
-    /// An effect has moved it elsewhere since the last reset: until then `H` cancels.
+    operator: HysteresisOperator,
+    /// Number of points announced by `told`.
+    point: usize,
+    /// True if an effect has shifted the displacement since the last reset. Until then `H` cancels.
     shifted: bool,
 }
 
-impl Traced {
-    /// From forces and strengths of `H`, and from displacements and terms of `H` as recorded.
+impl SurrogatePlant {
+    /// From forces and strengths of `H`, and from displacements and terms of `H` at the recorded points.
     pub(super) fn new(
         (force_n, strengths): (Arc<DVector<f64>>, Arc<DVector<f64>>),
         (recorded_mm, recorded_terms): (Arc<Vec<f64>>, Arc<DMatrix<f64>>),
         scale: Scale,
-    ) -> Traced {
-        Traced {
+    ) -> SurrogatePlant {
+        SurrogatePlant {
             force_n,
             strengths,
             recorded_mm,
             recorded_terms,
-            operator: Operator::new(scale),
-            told: 0,
+            operator: HysteresisOperator::new(scale),
+            point: 0,
             shifted: false,
         }
     }
 }
 
-impl Plant for Traced {
+impl Plant for SurrogatePlant {
     fn reset(&mut self) {
         self.operator.reset();
         self.shifted = false;
@@ -116,7 +119,7 @@ impl Plant for Traced {
 
     fn step(&mut self, displacement_mm: f64, _dt_s: f64) -> f64 {
         self.operator.move_to(displacement_mm);
-        let here = self.told.saturating_sub(1).min(self.force_n.len() - 1);
+        let here = self.point.saturating_sub(1).min(self.force_n.len() - 1);
         self.shifted |= displacement_mm != self.recorded_mm[here];
         if !self.shifted {
             return self.force_n[here];
@@ -128,7 +131,7 @@ impl Plant for Traced {
     }
 
     fn told(&mut self, _motion: &Motion) {
-        self.told += 1;
+        self.point += 1;
     }
 
     fn boxed_clone(&self) -> Box<dyn Plant> {

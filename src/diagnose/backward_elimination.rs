@@ -1,0 +1,216 @@
+//! Chooses one of the fitted sets: the largest penalised gain, then backward elimination of effects that bring too little.
+
+use super::context::{FitContext, Key, LikelihoodScale, Node};
+use super::data::Data;
+use super::fit::converge;
+use super::search::lowest;
+use super::smoothing::median;
+use super::splits::Split;
+
+/// Penalty per effect in log-likelihood. For one parameter it is a likelihood ratio of 16, which chance exceeds once in 16 000.
+pub(super) const PENALTY: f64 = 8.0;
+/// Share of the whole gain that an effect must bring.
+pub(super) const LEAST_SHARE: f64 = 5e-4;
+/// Share of the rest above the noise that an effect must take away: less is the error of another effect's form.
+const LEAST_SHARE_OF_REST: f64 = 0.2;
+/// Mean square that an effect must take away, in units of the noise: an RMS of 7 % of the noise is no finding.
+const LEAST_POWER: f64 = 0.005;
+/// The same for a slow model: the error of its coarse steps repeats in every cycle and does not average out.
+const LEAST_POWER_SLOW: f64 = 0.2;
+/// RMS force that an effect must take away, as a share of the range: one seventh of `data::LINEARITY`.
+const LEAST_FORCE_SHARE: f64 = 3e-5;
+/// Share of the required gain that must also show on selecting cycles alone.
+const LEAST_HELD_OUT: f64 = 0.25;
+/// An amplitude below this share of its bounds is zero.
+const ZERO_AMPLITUDE: f64 = 1e-9;
+
+/// Index of the chosen set. Sets that are needed for the comparison and not fitted yet are added to `nodes`.
+pub(super) fn choose(context: &FitContext<'_>, nodes: &mut Vec<Node>, likelihood: LikelihoodScale) -> usize {
+    let extras = context.setup.extras.len();
+    // A set that drives a parameter of the baseline to an implausible bound is penalised like one with one more effect.
+    let strained = |node: &Node| {
+        implausible_bounds(context, node).saturating_sub(implausible_bounds(context, &nodes[0]))
+    };
+    let penalty = |node: &Node| PENALTY * (node.attached.len() - extras + strained(node)) as f64;
+    let mut chosen = lowest(nodes, |n| likelihood.gain(n.cost()) + penalty(n));
+    while let Some(smaller) = eliminate(context, nodes, likelihood, chosen) {
+        chosen = smaller;
+    }
+    chosen
+}
+
+/// The set without the effect that falls shortest of what it must bring; `None` if every effect brings enough.
+fn eliminate(
+    context: &FitContext<'_>,
+    nodes: &mut Vec<Node>,
+    likelihood: LikelihoodScale,
+    chosen: usize,
+) -> Option<usize> {
+    let total = likelihood.gain(nodes[0].cost() - nodes[chosen].cost());
+    let mut removed: Option<(f64, usize)> = None;
+    for place in context.setup.extras.len()..nodes[chosen].attached.len() {
+        let smaller = best_without(context, nodes, chosen, place);
+        let loss = likelihood.gain(nodes[smaller].cost() - nodes[chosen].cost());
+        let needed = required_gain(context, likelihood, &nodes[smaller], total);
+        let held_out = likelihood.gain(nodes[smaller].select - nodes[chosen].select);
+        let excess = if is_negligible(context, &nodes[smaller], &nodes[chosen], place) {
+            loss.min(needed) - needed - PENALTY
+        } else {
+            loss - needed
+        };
+        if (excess < 0.0 || held_out < LEAST_HELD_OUT * needed.min(PENALTY))
+            && removed.is_none_or(|(least, _)| excess < least)
+        {
+            removed = Some((excess, smaller));
+        }
+    }
+    removed.map(|(_, smaller)| smaller)
+}
+
+/// The best smaller set without the effect at `place`. Two effects that cancel each other both look necessary, so other sets
+/// without this effect count too.
+fn best_without(context: &FitContext<'_>, nodes: &mut Vec<Node>, chosen: usize, place: usize) -> usize {
+    let extras = context.setup.extras.len();
+    let code = nodes[chosen].attached[place].effect.code;
+    let mut best = without(context, nodes, chosen, place);
+    for (k, node) in nodes.iter().enumerate() {
+        let lacks = node.attached[extras..].iter().all(|a| a.effect.code != code);
+        let smaller = node.attached.len() < nodes[chosen].attached.len();
+        if lacks && smaller && node.cost() < nodes[best].cost() {
+            best = k;
+        }
+    }
+    best
+}
+
+/// Gain in log-likelihood that an effect must bring over the set without it; `total` is the gain of all effects.
+fn required_gain(context: &FitContext<'_>, likelihood: LikelihoodScale, without: &Node, total: f64) -> f64 {
+    let counted = context.data.counted() as f64;
+    let power = if context.setup.surrogate.is_some() {
+        LEAST_POWER_SLOW
+    } else {
+        LEAST_POWER
+    };
+    let of_noise = likelihood.gain(power * likelihood.variance * counted);
+    let of_rest = likelihood.gain(LEAST_SHARE_OF_REST * (without.cost() - counted).max(0.0));
+    PENALTY.max(LEAST_SHARE * total).max(of_noise).max(of_rest)
+}
+
+/// True for an effect that is too small to be real, however often it repeats.
+fn is_negligible(context: &FitContext<'_>, without: &Node, with: &Node, place: usize) -> bool {
+    explained_force_n(context.data, without, with) < LEAST_FORCE_SHARE * context.data.force_range_n
+        || below_displacement_noise(context, with, place)
+        || is_zero(context, with, place)
+}
+
+/// RMS force in N by which one node improves on another; points count by their weight.
+fn explained_force_n(data: &Data, without: &Node, with: &Node) -> f64 {
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for (i, &weight) in data.weight.iter().enumerate() {
+        if data.split[i] != Split::Report {
+            sum += without.residuals[i].powi(2) - with.residuals[i].powi(2);
+            weights += weight * weight;
+        }
+    }
+    (sum.max(0.0) / f64::max(weights, f64::MIN_POSITIVE)).sqrt()
+}
+
+/// True for an effect that moves the displacement by less than the LVDT noise. Its mean over many reversals may be significant,
+/// but the errors of the reversals are too.
+fn below_displacement_noise(context: &FitContext<'_>, node: &Node, place: usize) -> bool {
+    let from = context.offset(&node.attached, place);
+    let attached = &node.attached[place];
+    let noise_mm = median(context.data.tracks.iter().map(|t| t.noise_mm).collect());
+    let sizes = attached
+        .parameters
+        .iter()
+        .zip(attached.effect.neutral)
+        .enumerate();
+    sizes
+        .filter(|(_, (p, neutral))| p.unit == "mm" && **neutral == 0.0)
+        .any(|(i, _)| node.values[from + i].abs() < noise_mm)
+}
+
+/// True for an effect whose amplitudes are zero. What its node gained is then due to the other effects.
+fn is_zero(context: &FitContext<'_>, node: &Node, place: usize) -> bool {
+    let from = context.offset(&node.attached, place);
+    let attached = &node.attached[place];
+    let amplitudes = attached.effect.amplitudes;
+    !amplitudes.is_empty()
+        && amplitudes.iter().all(|&i| {
+            let [low, high] = attached.parameters[i].bounds;
+            node.values[from + i].abs() < ZERO_AMPLITUDE * (high - low)
+        })
+}
+
+/// Number of the baseline's parameters that are at a bound outside their plausible range.
+fn implausible_bounds(context: &FitContext<'_>, node: &Node) -> usize {
+    let own = context.setup.model.parameters.iter().zip(&node.values);
+    own.filter(|(p, v)| p.strained_by(**v)).count()
+}
+
+/// Index of the set without one effect of another set. It is fitted if it is not in `nodes`, and again if the effect is zero.
+pub(super) fn without(context: &FitContext<'_>, nodes: &mut Vec<Node>, of: usize, place: usize) -> usize {
+    let extras = context.setup.extras.len();
+    let mut attached = nodes[of].attached.clone();
+    let from = context.offset(&attached, place);
+    let mut values = nodes[of].values.clone();
+    values.drain(from..from + attached[place].parameters.len());
+    attached.remove(place);
+    let mut key: Key = attached[extras..].iter().map(|a| a.effect.code).collect();
+    key.sort_unstable();
+    let known = (0..nodes.len())
+        .filter(|&i| nodes[i].key(extras) == key)
+        .min_by(|&a, &b| nodes[a].fit.total_cmp(&nodes[b].fit));
+    if let Some(known) = known
+        && !is_zero(context, &nodes[of], place)
+    {
+        return known;
+    }
+    let fitted = converge(&context.structure(attached), values).map(|(node, _)| node);
+    match (fitted, known) {
+        (Some(node), Some(known)) => {
+            if node.cost() < nodes[known].cost() {
+                nodes[known] = node;
+            }
+            known
+        }
+        (Some(node), None) => {
+            nodes.push(node);
+            nodes.len() - 1
+        }
+        (None, known) => known.unwrap_or(0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two recordings with a noise of 1 N and of 10 N. An error of 2 N leaves the first; the second changes by chance.
+    #[test]
+    fn a_noisy_recording_does_not_hide_what_a_good_one_shows() {
+        let data = Data {
+            tracks: Vec::new(),
+            force_n: vec![0.0; 200],
+            weight: [[1.0; 100], [0.1; 100]].concat(),
+            split: vec![Split::Fit; 200],
+            lengths: vec![100, 100],
+            zero_sigma_n: 1.0,
+            force_range_n: 1000.0,
+        };
+        let node = |good: f64, noisy: f64| Node {
+            attached: Vec::new(),
+            values: Vec::new(),
+            residuals: [[good; 100], [noisy; 100]].concat(),
+            fit: 0.0,
+            select: 0.0,
+        };
+        // The first falls from 2 N to 0, the second rises from 10 to 10.4 N: without weights the error would have risen.
+        let taken = explained_force_n(&data, &node(2.0, 1.0), &node(0.0, 1.04));
+        assert!(
+            (taken - f64::sqrt((4.0 - 0.0816) / 1.01)).abs() < 1e-12,
+            "{taken}"
+        );
+    }
+}

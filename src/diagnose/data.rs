@@ -1,0 +1,161 @@
+//! All tracks of a specimen, laid end to end, with weights that follow from the noise.
+
+use super::condition::{Track, range};
+use super::smoothing::noise;
+use super::splits::Split;
+
+/// Best linearity of a load cell as a share of the range. No point is weighted as if its force were known better.
+pub(super) const LINEARITY: f64 = 2e-4;
+/// Standard deviation of the force zero that a tare leaves, as a share of the range.
+const ZERO_SIGMA: f64 = 2e-3;
+/// Largest slope of the force that counts for the noise, in mean rates: steeper ones come from two samples at one place.
+pub(super) const STEEPEST: f64 = 100.0;
+/// The white noise of the residuals changes the weights of a track only if at least this many points show it.
+const LEAST_POINTS: usize = 20;
+/// Range in which the white noise changes the weights, in units of the noise that was estimated before.
+const NOISE_RANGE: [f64; 2] = [0.05, 200.0];
+
+/// Columns over the points of all tracks.
+pub(super) struct Data {
+    pub tracks: Vec<Track>,
+    pub force_n: Vec<f64>,
+    pub weight: Vec<f64>,
+    pub split: Vec<Split>,
+    pub lengths: Vec<usize>,
+    /// Standard deviation of the force channel's zero in N.
+    pub zero_sigma_n: f64,
+    /// Measured range of the force in N over all tracks.
+    pub force_range_n: f64,
+}
+
+impl Data {
+    pub(super) fn new(tracks: Vec<Track>) -> Data {
+        let chain =
+            |f: fn(&Track) -> &Vec<f64>| tracks.iter().flat_map(|t| f(t).clone()).collect::<Vec<f64>>();
+        let force_n = chain(|t| &t.force_n);
+        let force_range_n = range(&force_n);
+        Data {
+            weight: chain(|t| &t.weight),
+            split: tracks.iter().flat_map(|t| t.split.clone()).collect(),
+            lengths: tracks.iter().map(Track::len).collect(),
+            zero_sigma_n: ZERO_SIGMA * force_range_n,
+            force_range_n,
+            force_n,
+            tracks,
+        }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.force_n.len()
+    }
+
+    /// Sum of squares of weighted residuals over one split.
+    pub(super) fn sum(&self, residuals: &[f64], split: Split) -> f64 {
+        residuals
+            .iter()
+            .zip(&self.split)
+            .filter(|(_, s)| **s == split)
+            .map(|(r, _)| r * r)
+            .sum()
+    }
+
+    /// Number of points of one split that have a weight.
+    pub(super) fn count(&self, split: Split) -> usize {
+        self.weight
+            .iter()
+            .zip(&self.split)
+            .filter(|(w, s)| **w > 0.0 && **s == split)
+            .count()
+    }
+
+    /// Number of points that are fitted or compared.
+    pub(super) fn counted(&self) -> usize {
+        self.count(Split::Fit) + self.count(Split::Select)
+    }
+
+    /// Removes mains hum from the recordings whose residuals show it.
+    pub(super) fn remove_hum(&mut self, residuals: &mut [f64], model_n: &[f64]) {
+        let mut from = 0;
+        for (track, &length) in self.tracks.iter_mut().zip(&self.lengths) {
+            let points = from..from + length;
+            let left_n: Vec<f64> = points.clone().map(|i| self.force_n[i] - model_n[i]).collect();
+            if let Some(hum) = super::mains_hum::detect(track, &self.weight[points.clone()], &left_n) {
+                for (i, at) in points.enumerate() {
+                    let hum_n = hum.mean_n(track.time_s[i], track.width_s[i]);
+                    track.force_n[i] -= hum_n;
+                    self.force_n[at] -= hum_n;
+                    residuals[at] -= self.weight[at] * hum_n;
+                }
+                track.remarks.push(format!(
+                    "mains hum of {:.2} N at {:.2} Hz was removed from the force: check shielding and grounding",
+                    hum.amplitude_n(),
+                    hum.frequency_hz
+                ));
+            }
+            from += length;
+        }
+    }
+
+    /// Sets the weights by a fit of the baseline. First errors in variables: displacement noise counts by the local slope of the
+    /// force, which after a reversal is far above the mean rate. Then the white noise of the residuals, track by track.
+    pub(super) fn set_weights(&mut self, residuals: &mut [f64], model_n: &[f64]) {
+        let mut from = 0;
+        for (track, &length) in self.tracks.iter().zip(&self.lengths) {
+            let points = from..from + length;
+            for (i, factor) in slope_factors(track, &model_n[points.clone()]) {
+                self.weight[from + i] *= factor;
+                residuals[from + i] *= factor;
+            }
+            let (times_s, counted): (Vec<f64>, Vec<f64>) = points
+                .clone()
+                .filter(|&i| self.weight[i] > 0.0)
+                .map(|i| (track.time_s[i - from], residuals[i]))
+                .unzip();
+            let white = noise(&times_s, &counted);
+            if counted.len() > LEAST_POINTS && white > 0.0 {
+                let finest = 1.0 / (LINEARITY * self.force_range_n);
+                let [low, high] = NOISE_RANGE;
+                for i in points {
+                    self.weight[i] = (self.weight[i] / white.clamp(low, high)).min(finest);
+                }
+            }
+            from += length;
+        }
+    }
+
+    /// Lowers the weights by an error of the model itself, in N at each point.
+    pub(super) fn add_model_error(&mut self, error_n: &[f64]) {
+        for (weight, error_n) in self.weight.iter_mut().zip(error_n) {
+            *weight /= (1.0f64).hypot(*weight * error_n);
+        }
+    }
+}
+
+/// Points of a track whose force is steeper than the mean rate, with the factor for their weight.
+fn slope_factors(track: &Track, model_n: &[f64]) -> Vec<(usize, f64)> {
+    let rate = range(&track.force_n) / range(&track.displacement_mm);
+    let plain_n = track.noise_n.hypot(rate * track.noise_mm);
+    let slope = |i: usize| {
+        let dx = (track.displacement_mm[i] - track.displacement_mm[i - 1]).abs();
+        let df = (model_n[i] - model_n[i - 1]).abs();
+        (df / dx.max(0.5 * track.noise_mm).max(1e-9)).min(STEEPEST * rate)
+    };
+    let factor = |i: usize| {
+        // The geometric mean of both sides is the exact slope of an exponential, however sparse the samples are.
+        let next = if i + 1 < track.len() {
+            slope(i + 1)
+        } else {
+            slope(i)
+        };
+        let here = (slope(i) * next).sqrt();
+        // Friction depends on the travel since the reversal: its error is an error of the force.
+        let reversal_n = (here - rate).max(0.0) * track.turn_error_mm[i];
+        let steep_n = track
+            .noise_n
+            .hypot(here * track.noise_mm)
+            .hypot(reversal_n)
+            .max(plain_n);
+        (plain_n > 0.0 && steep_n > plain_n).then(|| (i, plain_n / steep_n))
+    };
+    (1..track.len()).filter_map(factor).collect()
+}
