@@ -17,7 +17,7 @@ use crate::daemon::{self, DaemonSettings};
 use crate::link::priority::raise_this_thread;
 use crate::link::{self, Link, Side, loopback};
 
-/// Own the rig: connect, serve the technician's page and the other commands, record runs
+/// Control the rig: connect, serve the technician's page and the other commands, record runs
 #[derive(Debug, Args)]
 #[command(
     after_help = "SIGTERM or Ctrl-C ends the daemon: within 5 s it unloads the rig and closes the run's file."
@@ -111,7 +111,7 @@ fn log_to_stderr() {
         .try_init();
 }
 
-/// Ends the process at the first panic: a daemon that went on would renew the rig's lease. Without a lease the rig unloads by itself.
+/// Ends the process at the first panic: otherwise the daemon could renew the rig's lease and control nothing. Without a lease the rig unloads by itself.
 fn end_with_the_first_panic() {
     let report = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {

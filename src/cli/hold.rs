@@ -6,7 +6,7 @@ use super::shared::client::DataArg;
 use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::client_types::Nothing;
 
-/// Keep the rig's position; the run may resume
+/// Pause the run: the rig keeps its position until `leafbench resume`
 #[derive(Debug, Args)]
 pub(super) struct HoldArgs {
     #[command(flatten)]

@@ -91,9 +91,8 @@ fn held_value(text: &str) -> Result<(String, f64), String> {
 impl CliCommand for IdentifyArgs {
     const NAME: &'static str = "identify";
     const EXAMPLES: &'static [&'static str] = &[
-        "leafbench identify --model equivalent loops/RUN.csv",
-        "leafbench identify --specimen bench-configs/specimens/samurai-front-equivalent.toml --fix preload_n=0 \
-         --out found.toml loops/RUN.csv",
+        "leafbench identify --model equivalent --fix preload_n=0 loops/RUN.csv",
+        "leafbench identify --specimen bench-configs/specimens/samurai-front-equivalent.toml loops/RUN.csv --out found.toml",
     ];
 
     fn run(self, output: &Output) -> Result<Done, CliError> {

@@ -10,7 +10,7 @@ use super::{CliCommand, CliError, Done, Output};
 use crate::link::priority::raise_this_thread;
 use crate::link::{self, Side};
 
-/// Be a rig at the far end of a CAN bus or serial line: firmware, hydraulics, sensors and a spring
+/// Act as a rig at the far end of a CAN bus or serial line: firmware, hydraulics, sensors and a spring
 #[derive(Debug, Args)]
 #[command(after_help = "Runs in real time until Ctrl-C or until the line is closed.")]
 pub(super) struct MockRigArgs {

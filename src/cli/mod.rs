@@ -40,7 +40,7 @@ trait CliCommand: Args {
     /// Complete command lines for the end of the help; they use the shipped profiles and benches only.
     const EXAMPLES: &'static [&'static str];
 
-    /// Does what the command is for.
+    /// Executes the command.
     fn run(self, output: &Output) -> Result<Done, CliError>;
 }
 
@@ -121,7 +121,7 @@ const EXIT_CODES: &str = "Exit codes: 0 done; 1 the run ended without completing
 #[derive(Debug, Clone, Copy, Args)]
 pub(crate) struct Output {
     /// Results as JSON on stdout, errors as JSON on stderr
-    #[arg(long, global = true)]
+    #[arg(long, global = true, display_order = 900)]
     pub json: bool,
 }
 

@@ -6,7 +6,7 @@ use super::shared::client::DataArg;
 use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::client_types::Nothing;
 
-/// Go on with the run after a hold, at the cycle that was cut
+/// Continue the run after a hold, from the start of the interrupted cycle
 #[derive(Debug, Args)]
 pub(super) struct ResumeArgs {
     #[command(flatten)]

@@ -44,11 +44,6 @@ impl Flags {
         .union(Flags::DISPLACEMENT_INVALID)
         .union(Flags::STUCK)
         .union(Flags::SPIKE);
-
-    /// True where all bits of `other` are set.
-    pub(crate) fn has(self, other: Flags) -> bool {
-        self.contains(other)
-    }
 }
 
 /// One sample of a run in physical units, with the counts it came from.

@@ -19,7 +19,7 @@ use crate::effect;
 use crate::model;
 use crate::recording::{Recording, csv};
 
-/// Say which physics the baseline model leaves out of recordings, and write the model with it added
+/// Name the physics that recordings show and the baseline model lacks, and write the model with it added
 #[derive(Debug, Args)]
 #[command(after_help = codes_of_physics())]
 pub(super) struct DiagnoseArgs {
@@ -300,9 +300,47 @@ fn text(d: &Diagnosis, folder: &Path) -> String {
     if let Some(next) = &d.next_test {
         lines.push(format!("  next test: {}", next.why));
     }
+    let next_test = if d.next_test.is_some() {
+        format!(", {}", files::NEXT_TEST)
+    } else {
+        String::new()
+    };
     lines.push(format!(
-        "  {}: report.html, diagnosis.json, improved.toml",
-        folder.display()
+        "  {}: {}, {}, {}{next_test}",
+        folder.display(),
+        files::REPORT,
+        files::DIAGNOSIS,
+        files::IMPROVED
     ));
     lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::truth::Case;
+
+    #[test]
+    fn a_round_gets_every_file_of_its_diagnosis() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let bench = Bench::shipped().expect("built in");
+        let baseline = Baseline::of(model::find("equivalent").expect("listed"));
+        let job = DiagnoseJob {
+            bench: &bench,
+            baseline: &baseline,
+            folder: folder.path(),
+            output: &Output { json: true },
+        };
+        let round = folder.path().join("round-0");
+        // One recording alone leaves a look-alike of this case, which a next test can settle.
+        let case = Case::draw(1, 3, None);
+        let diagnosis = job
+            .diagnose(&case.recordings[..1], Some(&round))
+            .expect("diagnosed");
+        assert!(diagnosis.next_test.is_some(), "choose a case with a next test");
+        for name in [files::DIAGNOSIS, files::REPORT, files::IMPROVED, files::NEXT_TEST] {
+            let read = |folder: &Path| std::fs::read_to_string(folder.join(name)).expect(name);
+            assert_eq!(read(&round), read(folder.path()));
+        }
+    }
 }

@@ -84,9 +84,9 @@ impl Progress {
     }
 }
 
-/// Remaining time at the speed so far; none where nothing is done yet.
+/// Remaining time at the speed so far; none where nothing or all is done.
 fn remaining_s(share: f64, elapsed_s: f64) -> Option<f64> {
-    (share > 0.0).then(|| elapsed_s * (1.0 - share) / share)
+    (share > 0.0 && share < 1.0).then(|| elapsed_s * (1.0 - share) / share)
 }
 
 /// `step, 1 min 30 s left`, without the part that is not known.
@@ -132,5 +132,6 @@ mod tests {
     fn the_remaining_time_follows_from_the_speed_so_far() {
         assert_eq!(remaining_s(0.25, 30.0), Some(90.0));
         assert_eq!(remaining_s(0.0, 30.0), None);
+        assert_eq!(remaining_s(1.0, 30.0), None);
     }
 }

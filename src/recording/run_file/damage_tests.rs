@@ -159,7 +159,7 @@ fn every_flipped_byte_of_a_block_is_found_and_costs_that_block() {
                 .find(|s| s.tick == 310)
                 .unwrap()
                 .flags
-                .has(Flags::AFTER_GAP)
+                .contains(Flags::AFTER_GAP)
         );
     }
 }
