@@ -119,13 +119,20 @@ pub(crate) fn run(
         let labels = labels.par_iter().with_max_len(1);
         labels
             .map(|label| {
-                let score = scored(request.case(label.number), label);
+                let score = on_own_thread(|| scored(request.case(label.number), label));
                 done(finished.fetch_add(1, Ordering::Relaxed) + 1);
                 score
             })
             .collect()
     });
     scores.into_iter().collect()
+}
+
+/// Runs `work` on a new thread and waits for it. A diagnosis has a rayon pool of its own; a rayon thread that waits for another
+/// pool starts further jobs meanwhile, so the duration of a case would contain other cases.
+fn on_own_thread<R: Send>(work: impl FnOnce() -> R + Send) -> R {
+    let done = std::thread::scope(|scope| scope.spawn(work).join());
+    done.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
 /// Diagnoses a case on one core, runs its further tests if it needs them, opens its label and scores the answer.
