@@ -176,7 +176,7 @@ impl Values {
     }
 
     /// One value per parameter, in the order of [`PARAMETERS`].
-    pub(crate) fn to_array(&self) -> [f64; 11] {
+    pub(crate) fn to_array(self) -> [f64; 11] {
         [
             self.thickness_correction_mm,
             self.clamp_length_mm,
