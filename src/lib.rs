@@ -1,10 +1,75 @@
-//! leafbench: controller of a hardware-in-the-loop test bench for leaf springs.
+//! leafbench: controller of a hardware-in-the-loop test bench for leaf springs, with a virtual twin that explains its own misfit.
 //!
-//! One daemon drives a hydraulic load frame over CAN or serial, records the load cell and the LVDT, and steps a
-//! leaf-spring model beside the rig as a virtual twin. Where they differ, `diagnose` says which physics is missing.
+//! One daemon drives a hydraulic load frame over CAN or serial, records the load cell and the LVDT, and steps a leaf-spring
+//! model beside the rig as a virtual twin. Where they differ, [`diagnose`] says which physics the model lacks. The program is
+//! the way to run a bench (`leafbench --help`); this library is for programs that use its parts.
+//!
+//! # Run a profile on the mock rig
+//! The mock rig stands where no hardware is. It runs here in memory and in virtual time.
+//! ```
+//! use leafbench::{Bench, Profile, record};
+//!
+//! let ramp = r#"
+//!     name = "ramp"
+//!     control = "displacement"
+//!     [[block]]
+//!     segment = [
+//!         { kind = "ramp", to_mm = 5.0, duration_s = 2.0 },
+//!         { kind = "ramp", to_mm = 0.0, duration_s = 2.0 },
+//!     ]
+//! "#;
+//! let recording = record(&Bench::shipped()?, &Profile::from_toml(ramp, "ramp")?)?;
+//! let peak_n = recording.force_n.iter().copied().fold(0.0, f64::max);
+//! // 72 N/mm over 5 mm, and 15 % friction on the way up.
+//! assert!((peak_n - 72.0 * 5.0 * 1.15).abs() < 5.0);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # Diagnose a recording
+//! A CSV needs the columns `time_s`, `displacement_mm` and `force_n`. This one was not made by the model that it is compared with:
+//! beyond 6 mm a second leaf carries as well.
+//! ```
+//! use leafbench::{Baseline, DiagnoseOptions, Verdict, diagnose, find_model, read_csv};
+//!
+//! let mut csv = String::from("time_s,displacement_mm,force_n\n");
+//! for i in 0..3000 {
+//!     let time_s = f64::from(i) * 0.004;
+//!     let phase = std::f64::consts::TAU * 0.25 * time_s;
+//!     let x_mm = 5.0 - 5.0 * phase.cos();
+//!     let dry_friction = 0.1 * phase.sin().signum();
+//!     let force_n = (70.0 * x_mm + 25.0 * (x_mm - 6.0).max(0.0)) * (1.0 + dry_friction);
+//!     csv += &format!("{time_s:.3},{x_mm:.5},{force_n:.3}\n");
+//! }
+//! let file = std::env::temp_dir().join(format!("leafbench-doc-{}.csv", std::process::id()));
+//! std::fs::write(&file, csv)?;
+//!
+//! let recording = read_csv(&file)?;
+//! let baseline = Baseline::of(find_model("equivalent")?);
+//! let diagnosis = diagnose(&[recording], &baseline, &DiagnoseOptions::default(), &mut |_, _| {})?;
+//! assert_ne!(diagnosis.verdict, Verdict::Adequate);
+//! println!("{}", diagnosis.summary);
+//! # std::fs::remove_file(&file)?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # Step a model by hand
+//! ```
+//! use leafbench::find_model;
+//!
+//! let model = find_model("equivalent")?;
+//! // preload_n, rate_n_per_mm, friction_ratio, presliding_mm
+//! let mut plant = model.plant(&[50.0, 80.0, 0.12, 0.4], &Default::default())?;
+//! let loading_n = plant.step(5.0, 0.1);
+//! plant.step(9.0, 0.1);
+//! let unloading_n = plant.step(5.0, 0.1);
+//! assert!((loading_n - 450.0 * 1.12).abs() < 0.1);
+//! assert!((unloading_n - 450.0 * 0.88).abs() < 0.1);
+//! # Ok::<(), leafbench::BuildError>(())
+//! ```
 //!
 //! # Layers
-//! A module uses only modules of a lower rank. `tests/architecture.rs` reads this table and every `use crate::` line.
+//! A module uses only modules of a lower rank. `tests/architecture.rs` compares this table with every `use crate::` line.
+//! `docs/architecture.md` explains the parts.
 //!
 //! | rank | modules |
 //! |---|---|
@@ -17,11 +82,10 @@
 //! | 6 | diagnose, daemon |
 //! | 7 | report, blind |
 //! | 8 | cli |
+//! | 9 | library |
 //!
-//! # The walk of a sample
-//! `link` (frame) → `protocol::message` (counts) → `control::channel` (newtons, millimetres) → `control` (command,
-//! segment, cycle, flags) → `twin` (model force beside it) → `recording::run_file` → `recording::csv`.
-//! A command walks the same files backwards, from `bench-configs/profiles/` on.
+//! A sample goes through `link`, `protocol`, `control`, `twin`, `recording`, in this order. A command goes the other way, from
+//! `profile`.
 #![forbid(unsafe_code)]
 #![warn(missing_docs, unreachable_pub)]
 
@@ -33,6 +97,7 @@ mod daemon;
 mod diagnose;
 mod effect;
 mod identify;
+mod library;
 mod link;
 mod mockrig;
 mod model;
@@ -46,6 +111,12 @@ mod twin;
 mod units;
 
 pub use cli::main;
+pub use config::Bench;
+pub use diagnose::{Baseline, DiagnoseOptions, Diagnosis, Finding, Verdict, diagnose};
+pub use library::{RecordError, find_model, read_csv, record};
+pub use model::{BuildError, Model, Parameter, Plant};
+pub use profile::Profile;
+pub use recording::Recording;
 
 #[cfg(feature = "benchmarks")]
 #[doc(hidden)]

@@ -6,7 +6,7 @@
 /// Which channel the rig's servo loop closes on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub(crate) enum Mode {
+pub enum Mode {
     /// The LVDT's displacement is the feedback.
     Displacement,
     /// The load cell's force is the feedback.

@@ -90,7 +90,7 @@ impl<'a> Document<'a> {
 
 impl Bench {
     /// Reads a bench file and the specimen file that it names.
-    pub(crate) fn load(path: &Path) -> Result<Bench, ConfigError> {
+    pub fn load(path: &Path) -> Result<Bench, ConfigError> {
         let text = read_text(path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         Bench::parse_with(&text, &path.display().to_string(), &|file| {
@@ -100,12 +100,12 @@ impl Bench {
 
     /// Reads a bench from a text; `origin` is for messages. A specimen file is looked for in the working folder.
     #[cfg(test)]
-    pub(crate) fn parse(text: &str, origin: &str) -> Result<Bench, ConfigError> {
+    pub fn parse(text: &str, origin: &str) -> Result<Bench, ConfigError> {
         Bench::parse_with(text, origin, &|file| Specimen::load(Path::new(file)))
     }
 
     /// The shipped mock bench, compiled into the program, for use without its file.
-    pub(crate) fn shipped() -> Result<Bench, ConfigError> {
+    pub fn shipped() -> Result<Bench, ConfigError> {
         let bench = include_str!("../../bench-configs/benches/mock.toml");
         let specimen = include_str!("../../bench-configs/specimens/samurai-front-equivalent.toml");
         Bench::parse_with(bench, "the built-in mock bench", &|file| {

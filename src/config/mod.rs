@@ -21,7 +21,7 @@ use crate::recording::ChannelScale;
 
 /// Why a bench or specimen file cannot be used.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum ConfigError {
+pub enum ConfigError {
     #[error("{} cannot be read ({reason}): check the path and the permissions", path.display())]
     Read { path: PathBuf, reason: String },
     #[error("{origin}, line {line}, column {column}, {key}: {reason}")]
@@ -41,22 +41,34 @@ pub(crate) enum ConfigError {
 
 /// A bench. It is checked when it is read, so its users need not check it again.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct Bench {
+pub struct Bench {
     /// Name for run headers and messages.
     pub name: String,
     /// How the rig is reached.
-    pub link: LinkConfig,
-    pub force_channel: ForceChannel,
-    pub displacement_channel: DisplacementChannel,
-    pub limits: BenchLimits,
-    pub daemon: DaemonConfig,
+    pub(crate) link: LinkConfig,
+    pub(crate) force_channel: ForceChannel,
+    pub(crate) displacement_channel: DisplacementChannel,
+    pub(crate) limits: BenchLimits,
+    pub(crate) daemon: DaemonConfig,
     /// The spring on the rig.
-    pub specimen: Specimen,
+    pub(crate) specimen: Specimen,
     /// The model of the twin and of the dry run: that of the bench, or else that of the specimen.
-    pub model: ModelConfig,
+    pub(crate) model: ModelConfig,
     /// Settings of the mock rig as in the file. The mock rig checks them when it starts.
     #[serde(skip_serializing_if = "toml::Table::is_empty")]
-    pub mock_rig: toml::Table,
+    pub(crate) mock_rig: toml::Table,
+}
+
+impl Bench {
+    /// The bench with one more effect in the specimen of its mock rig. Twin and diagnosis do not know of it.
+    #[must_use]
+    pub fn with_concealed_effect(mut self, code: &str, parameters: &[(&str, f64)]) -> Bench {
+        self.specimen.model.effects.push(EffectConfig {
+            code: code.to_owned(),
+            parameters: parameters.iter().map(|(n, v)| ((*n).to_owned(), *v)).collect(),
+        });
+        self
+    }
 }
 
 /// How the rig is reached.

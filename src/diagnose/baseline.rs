@@ -9,7 +9,7 @@ use crate::model::{BuildError, Model, Parameter, Plant};
 
 /// The model that a diagnosis starts from.
 #[derive(Clone)]
-pub(crate) struct Baseline {
+pub struct Baseline {
     pub model: &'static Model,
     /// Structure table of the model.
     pub structure: toml::Table,
@@ -21,7 +21,7 @@ pub(crate) struct Baseline {
 
 impl Baseline {
     /// A model with an empty structure and its own start values and physics.
-    pub(crate) fn of(model: &'static Model) -> Baseline {
+    pub fn of(model: &'static Model) -> Baseline {
         Baseline {
             model,
             structure: toml::Table::new(),
@@ -33,7 +33,7 @@ impl Baseline {
 
 /// Why a baseline cannot be used.
 #[derive(Debug, thiserror::Error, PartialEq)]
-pub(crate) enum BaselineError {
+pub enum BaselineError {
     /// The model refuses the structure or the start values.
     #[error("the baseline cannot be built: {0}")]
     Build(#[from] BuildError),

@@ -33,7 +33,7 @@ const FIRST_ROW: usize = 2;
 
 /// Why a recording cannot be used.
 #[derive(Debug, thiserror::Error, PartialEq)]
-pub(crate) enum ConditionError {
+pub enum ConditionError {
     /// Too few samples without a flag.
     #[error("{name}: {have} usable samples, at least {LEAST_SAMPLES} are needed: record longer")]
     TooShort { name: String, have: usize },

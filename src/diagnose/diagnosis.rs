@@ -7,7 +7,7 @@ pub(crate) use crate::effect::{Axis, Branch};
 /// The answer of a diagnosis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Verdict {
+pub enum Verdict {
     /// The baseline explains the recordings down to the noise.
     Adequate,
     /// Effects of the library are missing, and they explain the recordings.
@@ -18,7 +18,7 @@ pub(crate) enum Verdict {
 
 /// A value with its confidence interval.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct Value {
+pub struct Value {
     /// Name with its unit at the end.
     pub name: String,
     pub value: f64,
@@ -30,7 +30,7 @@ pub(crate) struct Value {
 
 /// A missing effect.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct Finding {
+pub struct Finding {
     /// Code of physics (`docs/formats.md`).
     pub code: String,
     /// From 0 to 0.99.
@@ -45,7 +45,7 @@ pub(crate) struct Finding {
 
 /// An effect that could replace a finding.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct Alternative {
+pub struct Alternative {
     /// Code of physics (`docs/formats.md`).
     pub code: String,
     /// Code of the finding that it could replace, or `unknown`.
@@ -58,7 +58,7 @@ pub(crate) struct Alternative {
 
 /// A place on the loop where model and recordings differ.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct Location {
+pub struct Location {
     pub axis: Axis,
     /// Lower end, in the unit of the axis.
     pub from: f64,
@@ -73,7 +73,7 @@ pub(crate) struct Location {
 
 /// Errors of one model. For tables `E` is an option, because some errors need whole curves.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub(crate) struct Errors<E = f64> {
+pub struct Errors<E = f64> {
     /// rms(measured - model) / (max - min of measured force) on fitted cycles.
     pub nrmse_train: E,
     /// The same on reporting cycles or recordings: no parameter was fitted to them and no set chosen by them.
@@ -86,7 +86,7 @@ pub(crate) struct Errors<E = f64> {
 
 /// Errors before and after the diagnosis.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub(crate) struct FitErrors<E = f64> {
+pub struct FitErrors<E = f64> {
     /// The baseline with its own parameters refitted.
     pub baseline: Errors<E>,
     /// The baseline with the missing effects.
@@ -100,7 +100,7 @@ pub(crate) struct FitErrors<E = f64> {
 
 /// One step of the ladder.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct Rung {
+pub struct Rung {
     /// What was added in this step.
     pub what: String,
     /// The errors after this step.
@@ -109,7 +109,7 @@ pub(crate) struct Rung {
 
 /// The profile to run next.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct NextTest {
+pub struct NextTest {
     /// Text of the profile file.
     pub profile_toml: String,
     /// What the test separates.
@@ -122,7 +122,7 @@ pub(crate) struct NextTest {
 
 /// One line of the table of candidates.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct CandidateRow {
+pub struct CandidateRow {
     /// Codes of the effects in the set.
     pub codes: Vec<String>,
     /// Gain over the refitted baseline on fitted and selecting cycles, in log-likelihood of effective samples.
@@ -135,7 +135,7 @@ pub(crate) struct CandidateRow {
 
 /// An effect that these recordings cannot show.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct NotTestable {
+pub struct NotTestable {
     /// Code of physics (`docs/formats.md`).
     pub code: String,
     /// Share of its signature that the baseline cannot imitate, 0 to 1.
@@ -146,7 +146,7 @@ pub(crate) struct NotTestable {
 
 /// A recording for the report: columns of equal length, thinned.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct Curve {
+pub struct Curve {
     /// Name of the recording.
     pub name: String,
     pub time_s: Vec<f64>,
@@ -166,7 +166,7 @@ pub(crate) struct Curve {
 
 /// Mean residual over one axis.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct Map {
+pub struct Map {
     pub axis: Axis,
     /// Edges of the bins, in the unit of the axis; one more than bins.
     pub edges: Vec<f64>,
@@ -182,7 +182,7 @@ pub(crate) struct Map {
 
 /// An effect of the improved model, ready for a config file.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct AttachedEffect {
+pub struct AttachedEffect {
     /// Code, or the name of a form.
     pub code: String,
     /// Names and values of its parameters.
@@ -191,7 +191,7 @@ pub(crate) struct AttachedEffect {
 
 /// The model with the missing effects, for twin, simulator and mock rig.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct ImprovedModel {
+pub struct ImprovedModel {
     /// Name of the model.
     pub model: String,
     /// Names and values of its parameters.
@@ -206,7 +206,7 @@ pub(crate) struct ImprovedModel {
 
 /// The result of a diagnosis.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct Diagnosis {
+pub struct Diagnosis {
     pub verdict: Verdict,
     /// The verdict as a sentence.
     pub summary: String,

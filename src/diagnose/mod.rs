@@ -51,9 +51,10 @@ mod travel;
 mod turning_points;
 mod verdict;
 
-pub(crate) use baseline::{Baseline, BaselineError};
+pub use baseline::Baseline;
+pub(crate) use baseline::BaselineError;
 pub(crate) use condition::ConditionError;
-pub(crate) use diagnosis::{Diagnosis, Verdict};
+pub use diagnosis::{Diagnosis, Finding, Verdict};
 
 use crate::profile::ProfileLimits;
 use crate::recording::Recording;
@@ -64,7 +65,7 @@ use structure::ModelStructure;
 
 /// Why there is no diagnosis. All reasons are about the input; what the physics does is in the verdict.
 #[derive(Debug, thiserror::Error, PartialEq)]
-pub(crate) enum DiagnoseError {
+pub enum DiagnoseError {
     #[error("no recording was given: name at least one")]
     NoRecording,
     /// A recording cannot be used.
@@ -85,13 +86,13 @@ pub(crate) enum DiagnoseError {
 
 /// Options of a diagnosis.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct DiagnoseOptions {
+pub struct DiagnoseOptions {
     /// Number of points that a recording is thinned to.
     pub points: usize,
     /// Number of worker threads; 0 for one per core. The result does not depend on it.
     pub threads: usize,
     /// Limits of the bench for the next test. `None`: the test is no faster than the recordings.
-    pub limits: Option<ProfileLimits>,
+    pub(crate) limits: Option<ProfileLimits>,
 }
 
 impl Default for DiagnoseOptions {
@@ -105,7 +106,7 @@ impl Default for DiagnoseOptions {
 }
 
 /// Diagnoses recordings of one specimen. `progress` gets the share done, 0 to 1, and the current step.
-pub(crate) fn diagnose(
+pub fn diagnose(
     recordings: &[Recording],
     baseline: &Baseline,
     options: &DiagnoseOptions,

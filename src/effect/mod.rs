@@ -47,7 +47,7 @@ pub(crate) enum Stage {
 /// Axis on which a difference between model and recording is located; names as in `docs/formats.md`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Axis {
+pub enum Axis {
     DisplacementMm,
     ForceN,
     /// Magnitude of the speed, mm/s.
@@ -68,7 +68,7 @@ pub(crate) enum Axis {
 /// Branch of the force-displacement loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Branch {
+pub enum Branch {
     /// The branch with rising displacement.
     Loading,
     /// The branch with falling displacement.
@@ -196,7 +196,7 @@ pub(crate) static FORMS: &[Effect] = &[friction_form::FORM];
 
 /// Errors of attaching effects.
 #[derive(Debug, thiserror::Error, PartialEq)]
-pub(crate) enum EffectError {
+pub enum EffectError {
     #[error("no effect has the code \"{code}\": use one of {known}")]
     UnknownCode { code: String, known: String },
     #[error("effect {code} takes {wanted} values, {given} were given: enter one value for each of {names}")]

@@ -9,7 +9,7 @@ pub(crate) mod friction;
 pub(crate) mod leaf_pack;
 
 /// A model ready to step. It is always driven by displacement, also where the profile controls force. Same input, same bits.
-pub(crate) trait Plant: Send {
+pub trait Plant: Send {
     /// Back to the virgin state at zero displacement.
     fn reset(&mut self);
     /// Moves to `displacement_mm` within `dt_s` and returns the force in N. Loading is positive.
@@ -26,7 +26,7 @@ pub(crate) trait Plant: Send {
 
 /// Motion at one instant, smoothed over samples before and after it. Differences of noisy samples are far worse.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Motion {
+pub struct Motion {
     pub velocity_mm_s: f64,
     pub acceleration_mm_s2: f64,
     /// Displacement at the reversals before and after this instant, the lower first, in mm.
@@ -41,7 +41,7 @@ impl Clone for Box<dyn Plant> {
 
 /// One parameter of a model, law or effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Parameter {
+pub struct Parameter {
     /// Name with its unit at the end, as in a config file: `rate_n_per_mm`.
     pub name: &'static str,
     /// Unit for people: `N/mm`; empty for a pure number.
@@ -69,7 +69,7 @@ impl Parameter {
 
 /// Why a model could not be built.
 #[derive(Debug, thiserror::Error, PartialEq)]
-pub(crate) enum BuildError {
+pub enum BuildError {
     #[error("no model is called \"{name}\": use one of {known}")]
     UnknownModel {
         name: String,
@@ -102,17 +102,16 @@ pub(crate) enum BuildError {
 }
 
 /// How a [`Model`] is built.
-pub(crate) type BuildPlant =
-    fn(values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, BuildError>;
+pub type BuildPlant = fn(values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, BuildError>;
 
 /// Tells whether the physics with a code is known.
-pub(crate) type Knows<'a> = dyn Fn(&str) -> bool + 'a;
+pub type Knows<'a> = dyn Fn(&str) -> bool + 'a;
 
 /// See [`Model::limit_friction`].
-pub(crate) type LimitFriction = fn(&Knows<'_>) -> (&'static str, &'static str);
+pub type LimitFriction = fn(&Knows<'_>) -> (&'static str, &'static str);
 
 /// One entry of [`MODELS`].
-pub(crate) struct Model {
+pub struct Model {
     /// Name in files and on the command line.
     pub name: &'static str,
     /// What it is, with its source, as the error text for an unknown name shows it.
@@ -140,7 +139,7 @@ pub(crate) static MODELS: &[Model] = &[
 ];
 
 /// The model called `name`.
-pub(crate) fn find(name: &str) -> Result<&'static Model, BuildError> {
+pub fn find(name: &str) -> Result<&'static Model, BuildError> {
     MODELS
         .iter()
         .find(|m| m.name == name)
@@ -156,7 +155,7 @@ pub(crate) fn find(name: &str) -> Result<&'static Model, BuildError> {
 
 impl Model {
     /// The start value of every parameter.
-    pub(crate) fn start_values(&self) -> Vec<f64> {
+    pub fn start_values(&self) -> Vec<f64> {
         self.parameters.iter().map(|p| p.start).collect()
     }
 
@@ -178,11 +177,7 @@ impl Model {
     }
 
     /// Builds after checking that every value is finite and within bounds.
-    pub(crate) fn plant(
-        &self,
-        values: &[f64],
-        structure: &toml::Table,
-    ) -> Result<Box<dyn Plant>, BuildError> {
+    pub fn plant(&self, values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, BuildError> {
         for (p, &value) in self.parameters.iter().zip(values) {
             let [low, high] = p.bounds;
             if !(value >= low && value <= high) {

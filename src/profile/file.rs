@@ -64,7 +64,7 @@ pub(crate) fn line_column(text: &str, byte: usize) -> (usize, usize) {
 
 impl Profile {
     /// Reads and checks the text of a profile file; `name_for_messages` is the name of the file.
-    pub(crate) fn from_toml(text: &str, name_for_messages: &str) -> Result<Profile, ProfileError> {
+    pub fn from_toml(text: &str, name_for_messages: &str) -> Result<Profile, ProfileError> {
         let reader = Reader {
             text,
             name: name_for_messages,

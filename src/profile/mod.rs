@@ -22,7 +22,7 @@ use crate::units::Mode;
 
 /// Why a profile cannot be used. `name` is that of the profile; segments count from 1 with all repeats written out.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub(crate) enum ProfileError {
+pub enum ProfileError {
     #[error("profile {name} has no segment: add a [[block]] with at least one [[block.segment]]")]
     Empty { name: String },
     #[error(
@@ -74,15 +74,15 @@ pub(crate) enum ProfileError {
 
 /// A test as it is written in a profile file. docs/profiles-and-benches.md lists its keys.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Profile {
+pub struct Profile {
     /// 1 to 64 letters, digits, dashes, points and underscores.
     pub name: String,
     /// One sentence for the list of profiles.
     pub description: String,
     /// What the rig controls, for the whole profile.
-    pub mode: Mode,
+    pub(crate) mode: Mode,
     /// Blocks in the order in which they are played.
-    pub blocks: Vec<Block>,
+    pub(crate) blocks: Vec<Block>,
 }
 
 /// Segments that are played several times.

@@ -6,7 +6,6 @@ pub(crate) mod csv;
 pub(crate) mod cycles;
 pub(crate) mod datapackage;
 pub(crate) mod export;
-#[cfg(test)]
 pub(crate) mod memory;
 pub(crate) mod metrics;
 pub(crate) mod play;
@@ -261,7 +260,7 @@ impl<R: Recorder + ?Sized> Recorder for Box<R> {
 
 /// A recording in memory, from this bench or from another program: columns of equal length, time strictly increasing.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(crate) struct Recording {
+pub struct Recording {
     /// File name or run id, for messages.
     pub name: String,
     /// Time in s, strictly increasing, evenly spaced or not.
@@ -282,11 +281,11 @@ pub(crate) struct Recording {
 
 impl Recording {
     /// Number of samples in every column.
-    pub(crate) fn len(&self) -> usize {
+    pub fn len(&self) -> usize {
         self.time_s.len()
     }
 
-    pub(crate) fn is_empty(&self) -> bool {
+    pub fn is_empty(&self) -> bool {
         self.time_s.is_empty()
     }
 }

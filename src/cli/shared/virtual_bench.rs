@@ -14,8 +14,9 @@ use crate::link::{Link, loopback};
 use crate::mockrig::MockRig;
 use crate::profile::{Player, Profile};
 use crate::protocol::message::SAMPLE_RATE_HZ;
+use crate::recording::memory::Memory;
 use crate::recording::run_file::{EXTENSION, RunFile, RunFileWriter};
-use crate::recording::{Event, Header, Outcome, Recorder, Sample};
+use crate::recording::{Ending, Event, Header, Outcome, Recorder, Sample};
 use crate::twin::Twin;
 
 /// Period of both loops.
@@ -166,6 +167,24 @@ pub(crate) fn record_run(
         file: RunFile::open(&path)?,
         virtual_s: virtual_bench.now_ns() as f64 * 1e-9,
     })
+}
+
+/// Plays one profile on the bench's mock rig and keeps the run in memory, without a twin.
+pub(crate) fn record_in_memory(bench: &Bench, profile: &Profile) -> Result<Memory, CliError> {
+    let mut memory = Memory::default();
+    let order = RunOrder {
+        header: header_of(bench, profile, String::new())?,
+        profile: profile.clone(),
+        first_cycle: 1,
+    };
+    let outcome = VirtualBench::new(bench, None)?.play(order, &mut memory, |_| {})?;
+    match outcome.ending {
+        Ending::Completed => Ok(memory),
+        _ => Err(CliError::Input(format!(
+            "profile {} did not run to its end on the mock rig: {}",
+            profile.name, outcome.cause
+        ))),
+    }
 }
 
 fn header_of(bench: &Bench, profile: &Profile, profile_toml: String) -> Result<Header, CliError> {

@@ -4,7 +4,7 @@ use super::NEEDED;
 
 /// Why a CSV is not a recording. `name` is the name of the file; rows are lines of the file, the header is row 1.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum CsvError {
+pub enum CsvError {
     #[error("{name} cannot be read: check the path and the permissions")]
     Io { name: String, source: std::io::Error },
     /// The file has no row at all.

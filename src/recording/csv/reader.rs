@@ -35,7 +35,7 @@ const OTHER_UNITS: &[(&str, &str, f64)] = &[
 ];
 
 /// Reads a CSV file.
-pub(crate) fn read_file(path: &Path) -> Result<Recording, CsvError> {
+pub fn read_file(path: &Path) -> Result<Recording, CsvError> {
     let name = path.display().to_string();
     match File::open(path) {
         Ok(file) => read(&name, file),
