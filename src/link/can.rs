@@ -14,7 +14,7 @@ use nix::libc;
 use nix::sys::socket::{ControlMessageOwned, MsgFlags, getsockopt, recvmsg, setsockopt, sockopt};
 use socketcan::{CanFilter, CanFrame, CanSocket, EmbeddedFrame, Socket, SocketOptions, StandardId};
 
-use super::{Backend, Link, LinkHealth, Port, Reach, Side};
+use super::{Access, Backend, Link, LinkHealth, Port, Side};
 use crate::protocol::cob;
 use crate::protocol::frame::Frame;
 
@@ -23,7 +23,7 @@ pub(super) const BACKEND: Backend = Backend {
     scheme: "can",
     place: "INTERFACE",
     what: "CAN interface of the kernel (SocketCAN): can:can0",
-    reach: Reach::Port(open),
+    access: Access::Port(open),
 };
 
 /// Requested receive buffer in bytes: some 20 000 frames. The kernel's usual 208 KiB hold 278.

@@ -4,14 +4,14 @@
 use std::sync::Arc;
 
 use super::rings::{Outlet, Rings};
-use super::{Backend, Link, LinkHealth, RING_FRAMES, Reach};
+use super::{Access, Backend, Link, LinkHealth, RING_FRAMES};
 
 /// The mock rig in this process.
 pub(super) const BACKEND: Backend = Backend {
     scheme: "mock",
     place: "",
     what: "mock rig in this process: mock:",
-    reach: Reach::InProcess,
+    access: Access::InProcess,
 };
 
 /// Host end and rig end.

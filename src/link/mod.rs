@@ -32,11 +32,11 @@ struct Backend {
     place: &'static str,
     /// One sentence with an example.
     what: &'static str,
-    reach: Reach,
+    access: Access,
 }
 
 /// How a link reaches the rig.
-enum Reach {
+enum Access {
     /// Both ends are in this process; [`loopback::pair`] makes them.
     InProcess,
     /// Over a port. The function opens the part of the address after the colon, or returns what is wrong and what to do.
@@ -198,7 +198,7 @@ pub(crate) fn is_address(address: &str) -> bool {
 
 /// True if both ends of the link are in this process: the rig is a mock rig in memory.
 pub(crate) fn is_in_process(address: &str) -> bool {
-    matches!(find(address), Some((backend, _)) if matches!(backend.reach, Reach::InProcess))
+    matches!(find(address), Some((backend, _)) if matches!(backend.access, Access::InProcess))
 }
 
 /// The forms of all addresses for help texts: `mock:, can:INTERFACE or serial:PORT`.
@@ -214,7 +214,7 @@ pub(crate) fn port_forms() -> String {
 fn ports() -> impl Iterator<Item = &'static Backend> {
     BACKENDS
         .iter()
-        .filter(|backend| matches!(backend.reach, Reach::Port(_)))
+        .filter(|backend| matches!(backend.access, Access::Port(_)))
 }
 
 fn list_of_forms(backends: impl Iterator<Item = &'static Backend>) -> String {
@@ -230,7 +230,7 @@ fn list_of_forms(backends: impl Iterator<Item = &'static Backend>) -> String {
 pub(crate) fn open(address: &str, side: Side) -> Result<Link, LinkError> {
     let Some((
         Backend {
-            reach: Reach::Port(open),
+            access: Access::Port(open),
             ..
         },
         place,

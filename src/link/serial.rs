@@ -10,7 +10,7 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio_serial::{ErrorKind, SerialPortBuilderExt};
 
 use super::service::{self, Ends, Inlet, Lane};
-use super::{Backend, Link, LinkHealth, Reach, Side};
+use super::{Access, Backend, Link, LinkHealth, Side};
 use crate::protocol::serial_framing::{self, Decoder, PACKET_MAX};
 
 /// Serial ports and pseudo-terminals.
@@ -18,7 +18,7 @@ pub(super) const BACKEND: Backend = Backend {
     scheme: "serial",
     place: "PORT",
     what: "serial port, 921600 Bd unless the address says otherwise: serial:/dev/ttyUSB0?baud=460800",
-    reach: Reach::Port(open),
+    access: Access::Port(open),
 };
 
 /// Bits per second if the address gives none.

@@ -82,7 +82,7 @@ pub(crate) const LIMIT_COUNT: usize = 13;
 
 impl Limits {
     /// The limits in the order of sub-indices 1 to 13.
-    pub(crate) fn to_array(&self) -> [i32; LIMIT_COUNT] {
+    pub(crate) fn to_array(self) -> [i32; LIMIT_COUNT] {
         [
             self.force_max_counts,
             self.force_min_counts,

@@ -46,7 +46,7 @@ struct TestRig {
     keeps_lease: bool,
     /// Counters of lease, command and request.
     counters: [u8; 3],
-    motion: Option<(WireMode, Motion)>,
+    motion: Option<(WireMode, CommandedMotion)>,
     sent_until: u64,
     received: Vec<FromRig>,
     /// Tick, force in N and displacement in mm.
@@ -58,7 +58,7 @@ struct TestRig {
 }
 
 /// Set point in counts at a tick, and whether it is the last; `None` after the end.
-type Motion = Box<dyn Fn(u64) -> Option<(i32, bool)>>;
+type CommandedMotion = Box<dyn Fn(u64) -> Option<(i32, bool)>>;
 
 /// Commands are sent this many ticks ahead.
 const KEEP_AHEAD: u64 = 100;
