@@ -12,9 +12,10 @@ use super::progress::{Progress, ProgressMark};
 use super::{CliError, Command, Done, Output, stop_on_ctrl_c};
 use crate::config::{ModelConfig, Specimen};
 use crate::identify::curve::Initial;
-use crate::identify::targets::{TargetProblem, read_targets};
+use crate::identify::target_table::read_targets;
+use crate::identify::targets::TargetProblem;
 use crate::identify::{
-    CurveOptions, CurveProblem, Fit, FitControl, FitEnding, FitOptions, IdentifyError, Method, Residuals,
+    CurveProblem, Fit, FitControl, FitEnding, FitOptions, IdentifyError, Method, Residuals,
     differential_evolution, fit, least_squares, nelder_mead,
 };
 use crate::model::{self, Model};
@@ -218,7 +219,7 @@ fn problem<'a>(
                 path.display()
             )));
         }
-        let factory = move |values: &[f64], _: &_| model.plant(values, structure);
+        let factory = move |values: &[f64]| model.plant(values, structure);
         return Ok(Box::new(TargetProblem::new(
             model.parameters.to_vec(),
             Box::new(factory),
@@ -239,15 +240,12 @@ fn problem<'a>(
         .into_iter()
         .map(|path| csv::read_file(path))
         .collect::<Result<Vec<_>, _>>()?;
-    let options = CurveOptions {
-        initial: match matches.get_one::<String>("begin").map(String::as_str) {
-            Some("rest") => Initial::FromRest,
-            Some("cycling") => Initial::ReplayFirstCycle,
-            _ => Initial::Unknown,
-        },
-        ..CurveOptions::default()
+    let initial = match matches.get_one::<String>("begin").map(String::as_str) {
+        Some("rest") => Initial::FromRest,
+        Some("cycling") => Initial::ReplayFirstCycle,
+        _ => Initial::Unknown,
     };
-    let problem = CurveProblem::of_model(model, structure, &recordings, &options)?;
+    let problem = CurveProblem::of_model(model, structure, &recordings, initial)?;
     Ok(Box::new(problem))
 }
 

@@ -11,9 +11,8 @@ use super::{CliError, Done, Output, diagnose};
 use crate::config::Bench;
 use crate::diagnose::Baseline;
 use crate::diagnose::aggregates::{AggregateDiagnosis, TableReader, TableRow, diagnose_table};
-use crate::identify::targets::{LoopTarget, TargetProblem};
+use crate::identify::targets::{Aggregate, LoopTarget, TargetProblem};
 use crate::identify::{FitControl, FitOptions, IdentifyError, fit};
-use crate::papers::first::Two;
 use crate::report::aggregates::page;
 
 /// Reads the tables, diagnoses, writes and tells.
@@ -61,16 +60,14 @@ pub(super) fn run(
 }
 
 /// The baseline, its own parameters refitted to the rows, over their motions.
-fn simulate(rows: &[TableRow], baseline: &Baseline) -> Result<Vec<Two>, IdentifyError> {
+fn simulate(rows: &[TableRow], baseline: &Baseline) -> Result<Vec<Aggregate>, IdentifyError> {
     let targets = rows.iter().filter_map(|r| {
         Some(LoopTarget {
-            profile: r.name.clone(),
             motion: r.motion?,
-            peak_force_n: r.measured.peak_n,
-            loop_energy_j: r.measured.loop_j,
+            measured: r.measured,
         })
     });
-    let factory = |values: &[f64], _: &LoopTarget| baseline.model.plant(values, &baseline.structure);
+    let factory = |values: &[f64]| baseline.model.plant(values, &baseline.structure);
     let problem = TargetProblem::new(
         baseline.model.parameters.to_vec(),
         Box::new(factory),
@@ -81,11 +78,7 @@ fn simulate(rows: &[TableRow], baseline: &Baseline) -> Result<Vec<Two>, Identify
         ..FitOptions::default()
     };
     let fit = fit(&problem, &options, &mut |_| FitControl::Continue)?;
-    let pairs = problem.measure(&fit.values)?.into_iter().map(|a| Two {
-        peak_n: a.peak_force_n,
-        loop_j: a.loop_energy_j,
-    });
-    Ok(pairs.collect())
+    Ok(problem.measure(&fit.values)?)
 }
 
 fn write_all(folder: &Path, diagnosis: &AggregateDiagnosis, bench: &Bench) -> Result<(), CliError> {
