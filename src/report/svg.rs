@@ -99,6 +99,18 @@ pub(crate) fn xy_plot(x_label: &str, y_label: &str, curves: &[PlotCurve]) -> Str
     plot.render()
 }
 
+/// A picture that stands alone: with a title, and a legend of the curves' names.
+pub(crate) fn titled_plot(title: &str, x_label: &str, y_label: &str, curves: &[PlotCurve]) -> String {
+    let plot = Plot {
+        x_label,
+        y_label,
+        curves,
+        bands: &[],
+        size: LARGE,
+    };
+    plot.render_with(Some(title))
+}
+
 /// A plot with regions of the abscissa marked.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Plot<'a> {
@@ -117,8 +129,13 @@ pub(crate) struct Plot<'a> {
 impl Plot<'_> {
     /// As SVG text.
     pub(crate) fn render(&self) -> String {
+        self.render_with(None)
+    }
+
+    /// With a title, the plot also gets a legend.
+    fn render_with(&self, title: Option<&str>) -> String {
         let mut text = String::new();
-        let drawn = self.draw(&mut text);
+        let drawn = self.draw(title, &mut text);
         // Drawing into a string has nothing that can fail; a defect shows in the page instead of ending the report.
         drawn.map_or_else(
             |error| {
@@ -131,7 +148,7 @@ impl Plot<'_> {
         )
     }
 
-    fn draw(&self, text: &mut String) -> Result<(), String> {
+    fn draw(&self, title: Option<&str>, text: &mut String) -> Result<(), String> {
         let finite = |points: &[(f64, f64)]| -> Vec<(f64, f64)> {
             points
                 .iter()
@@ -139,12 +156,16 @@ impl Plot<'_> {
                 .filter(|(x, y)| x.is_finite() && y.is_finite())
                 .collect()
         };
-        let curves: Vec<_> = self.curves.iter().map(|c| (c.ink, finite(&c.points))).collect();
+        let curves: Vec<_> = self.curves.iter().map(|c| (c, finite(&c.points))).collect();
         let all = || curves.iter().flat_map(|(_, points)| points);
         let (x, y) = (range(all().map(|p| p.0)), range(all().map(|p| p.1)));
         let root = SVGBackend::with_string(text, self.size).into_drawing_area();
         let failed = |e: DrawingAreaErrorKind<_>| format!("{e:?}");
-        let mut chart = ChartBuilder::on(&root)
+        let mut builder = ChartBuilder::on(&root);
+        if let Some(title) = title {
+            builder.caption(title, ("sans-serif", 19, &QUIET));
+        }
+        let mut chart = builder
             .margin(12)
             .x_label_area_size(48)
             .y_label_area_size(72)
@@ -168,10 +189,22 @@ impl Plot<'_> {
                 chart.draw_series([region]).map_err(failed)?;
             }
         }
-        for (ink, points) in curves {
-            let style = ink.colour().stroke_width(ink.width());
+        for (curve, points) in curves {
+            let style = curve.ink.colour().stroke_width(curve.ink.width());
             chart
                 .draw_series(LineSeries::new(points, style))
+                .map_err(failed)?
+                .label(curve.name.as_str())
+                .legend(move |(x, y)| PathElement::new([(x, y), (x + 24, y)], style));
+        }
+        if title.is_some() {
+            chart
+                .configure_series_labels()
+                .position(SeriesLabelPosition::UpperLeft)
+                .margin(16)
+                .legend_area_size(32)
+                .label_font(("sans-serif", 16, &QUIET))
+                .draw()
                 .map_err(failed)?;
         }
         root.present().map_err(failed)?;
@@ -207,6 +240,17 @@ mod tests {
         assert!(svg.starts_with("<svg") && svg.contains("x in mm"));
         assert!(svg.matches("<polyline").count() >= 2);
         assert!(svg.contains("#1C71C4") && svg.contains("#DE751A"), "both inks");
+    }
+
+    #[test]
+    fn a_titled_plot_names_its_curves() {
+        let curve = PlotCurve::measured("Table 5-1", vec![(0.0, 1.0), (2.0, 3.0)]);
+        let svg = titled_plot("A loop", "x in mm", "y in N", &[curve]);
+        assert!(
+            ["A loop", "Table 5-1", "x in mm", "y in N"]
+                .iter()
+                .all(|word| svg.contains(word))
+        );
     }
 
     #[test]
