@@ -192,7 +192,7 @@ fn shuffled_energies_give_no_finding() {
 fn the_models_own_rows_as_measurement_are_adequate() {
     let mut table = paper();
     for row in &mut table.rows {
-        row.measured = row.model.expect("simulated beside measured");
+        row.measured = row.model.expect("the table has simulated rows");
     }
     let d = diagnose(table);
     assert_eq!(d.verdict, Verdict::Adequate, "{}", d.summary);

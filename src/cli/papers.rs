@@ -143,7 +143,7 @@ fn pair_json(pair: Aggregate) -> serde_json::Value {
 
 fn reading_json(reading: &ReadingRerun) -> serde_json::Value {
     let own: Vec<_> = reading
-        .own
+        .tanh
         .rows
         .iter()
         .map(|o| {

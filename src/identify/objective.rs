@@ -1,5 +1,5 @@
 //! What a fit minimises: residuals of a plant against measurements, and the objectives of two papers.
-//! Recordings are in `curve`, rows of tests (objective 9) in `targets`; the searches know only [`Residuals`].
+//! Recordings are in `curve`, rows of tests (objective 9) in `targets`; the searches use only [`Residuals`].
 
 use super::IdentifyError;
 use super::drive::ForceDriver;

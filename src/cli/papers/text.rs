@@ -6,7 +6,7 @@ use super::Papers;
 use crate::identify::leaf_pack_rows::{AmplitudeReading, PARAMETERS, RowFit, TESTS, mount_index, mount_name};
 use crate::identify::loop_points::FiveLinkComparison;
 use crate::model::leaf_pack::{self, PackStructure};
-use crate::papers::first::{self, LeafPackRerun, OwnRow, ReadingRerun};
+use crate::papers::first::{self, LeafPackRerun, ReadingRerun, TanhRow};
 use crate::papers::third::WagonRow;
 
 /// All tables of the three papers.
@@ -24,7 +24,7 @@ fn first_paper(out: &mut String, rerun: &LeafPackRerun) -> Result {
     two_numbers(out, rerun)?;
     ranges(out)?;
     for reading in &rerun.readings {
-        own_model(out, reading)?;
+        tanh_model(out, reading)?;
         for fit in &reading.fits {
             leaf_pack_fit(out, reading.reading, fit)?;
         }
@@ -83,7 +83,7 @@ fn two_numbers(out: &mut String, rerun: &LeafPackRerun) -> Result {
     )
 }
 
-/// The ranges of the fits, beside what the leaf-pack model believes.
+/// The ranges of the fits, and the believed ranges of the leaf-pack model.
 fn ranges(out: &mut String) -> Result {
     writeln!(
         out,
@@ -133,20 +133,20 @@ fn model_belief(name: &str) -> Option<[f64; 2]> {
     }
 }
 
-fn own_model(out: &mut String, reading: &ReadingRerun) -> Result {
+fn tanh_model(out: &mut String, reading: &ReadingRerun) -> Result {
     writeln!(
         out,
         "### Tables 2 and 3, {}\n\nThe paper's kind of model: friction between leaves only, tanh law, coefficient 0.1. The troughs of \
          the sines, {:.1} mm (shackle) and {:.1} mm (no shackle), follow from the paper's own simulated peaks.\n",
         reading.reading.name(),
-        reading.own.trough_mm[0],
-        reading.own.trough_mm[1]
+        reading.tanh.trough_mm[0],
+        reading.tanh.trough_mm[1]
     )?;
     writeln!(
         out,
         "| mounting | test | measured kN | paper | ours | measured J | paper | ours | at most |\n|---|---|---|---|---|---|---|---|---|"
     )?;
-    for row in &reading.own.rows {
+    for row in &reading.tanh.rows {
         writeln!(
             out,
             "| {} | {} | {:.3} | {:.3} | {:.3} | {:.3} | {:.3} | {:.3} | {:.3} |",
@@ -161,8 +161,8 @@ fn own_model(out: &mut String, reading: &ReadingRerun) -> Result {
             row.at_most_j
         )?;
     }
-    let sines = || reading.own.rows.iter().filter(|r| r.name != TESTS[0].name);
-    let times = |r: &OwnRow| r.simulated.loop_energy_j / r.at_most_j;
+    let sines = || reading.tanh.rows.iter().filter(|r| r.name != TESTS[0].name);
+    let times = |r: &TanhRow| r.simulated.loop_energy_j / r.at_most_j;
     writeln!(
         out,
         "\n\"At most\" is the loop energy of the same coefficient with rate-independent friction: no transition velocity gives more. \

@@ -1,7 +1,7 @@
 //! Laws of the loop energy over rate, load and stroke, fitted to peak forces and loop energies.
 //!
 //! ```text
-//! rate    ln E = a_mount + p_mount ln F + q ln f        q = 0 where friction does not know the rate
+//! rate    ln E = a_mount + p_mount ln F + q ln f        q = 0 where friction does not depend on the rate
 //! stroke  ln E = c + e ln S                             e = 1 for constant friction, above where friction grows with load
 //! load    E / S = 2 Fc (1 - r/(1+r)) + 2 r/(1+r) F_mean    level at no load: constant friction; slope: friction that grows with load
 //! pairs   E(f2) / E(f1) - 1 = s (f2 / f1 - 1)           s: viscous share of the loss at f1, same stroke

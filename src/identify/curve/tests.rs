@@ -1,7 +1,8 @@
 use super::*;
 use crate::model;
 
-/// A sine recording of an equivalent spring, `cycles` from its mean, stepped four times finer than recorded.
+/// A sine recording of an equivalent spring: `cycles` from its mean, four steps per sample. Without `rest` one cycle comes
+/// before it.
 fn recording(values: &[f64], cycles: usize, rest: bool) -> Recording {
     let mut plant = model::find("equivalent")
         .and_then(|m| m.plant(values, &toml::Table::new()))
@@ -45,15 +46,15 @@ fn worst(problem: &CurveProblem<'_>) -> f64 {
 
 #[test]
 fn initial_state_is_made_by_replaying_or_left_out() {
-    // The recorded samples are exact for the equivalent spring at any step; 0.3 mm of presliding forget 4 mm by
-    // exp(-13) and a cycle altogether.
+    // The equivalent spring is exact at any step. With 0.3 mm of presliding, the state before a 4 mm stroke counts exp(-13)
+    // after it, and nothing after a cycle.
     let from_rest = worst(&problem(recording(&TRUTH, 3, false), Initial::FromRest));
     assert!(
         from_rest < 1e-6,
-        "loading from below ends in full drag anyway: {from_rest}"
+        "loading from below ends in full friction: {from_rest}"
     );
     let late = |initial| {
-        // From the valley-bound branch: begin a quarter cycle after the peak.
+        // Starts on the unloading branch, a quarter cycle after the peak.
         let mut r = recording(&TRUTH, 3, false);
         for column in [&mut r.time_s, &mut r.displacement_mm, &mut r.force_n] {
             column.drain(..500);

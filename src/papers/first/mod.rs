@@ -1,18 +1,18 @@
 //! Kadziela, Manka, Uhl, Toso (2015): Tables 2, 3, 6 and 7 run again on the leaf pack.
 //!
-//! - `own_model` the paper's kind of model (tanh friction) and its optimisation (Tables 6 and 7) · `physics` the leaf pack
+//! - `tanh_model` the paper's kind of model (tanh friction) and its optimisation (Tables 6 and 7) · `physics` the leaf pack
 //!   with the friction of leaves, pins, rail and board (`identify::leaf_pack_rows`), one set for all rows
 //!
 //! The paper leaves open whether "amplitude" is half of the stroke or the whole of it, where the troughs are, and how far the
 //! static test travels: `identify::leaf_pack_rows` says how each is chosen.
 
-mod own_model;
 mod physics;
+mod tanh_model;
 
-pub(crate) use own_model::{OwnModel, OwnRow, OwnStatics, TwoNumbers};
+pub(crate) use tanh_model::{TanhRow, TanhSettings, TanhTables, TwoNumbers};
 
-use own_model::{own_model, own_statics, two_numbers};
 use physics::physics;
+use tanh_model::{tanh_settings, tanh_tables, two_numbers};
 
 use crate::identify::IdentifyError;
 use crate::identify::leaf_pack_rows::{
@@ -86,7 +86,7 @@ pub(crate) struct Choice {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LeafPackRerun {
     /// Transition velocity and static travel of the paper's kind of model.
-    pub statics: OwnStatics,
+    pub statics: TanhSettings,
     /// Tables 6 and 7, one entry per mounting.
     pub two_numbers: Vec<TwoNumbers>,
     /// Tables 2 and 3, one entry per reading of "amplitude".
@@ -99,7 +99,7 @@ pub(crate) struct ReadingRerun {
     /// Meaning of "amplitude".
     pub reading: AmplitudeReading,
     /// The paper's kind of model.
-    pub own: OwnModel,
+    pub tanh: TanhTables,
     /// The leaf pack fitted: one set per mounting, and one for both.
     pub fits: Vec<RowFit>,
 }
@@ -119,7 +119,7 @@ impl ReadingRerun {
 /// Runs all tables; `progress` is called with the share of the work that is done.
 pub(crate) fn rerun(choice: &Choice, progress: &mut dyn FnMut(f64)) -> Result<LeafPackRerun, IdentifyError> {
     progress(0.0);
-    let statics = own_statics()?;
+    let statics = tanh_settings()?;
     let mut pairs = Vec::new();
     for (i, mounting) in MOUNTS.into_iter().enumerate() {
         progress(0.05 + 0.1 * i as f64);
@@ -130,14 +130,14 @@ pub(crate) fn rerun(choice: &Choice, progress: &mut dyn FnMut(f64)) -> Result<Le
     for (i, &reading) in choice.readings.iter().enumerate() {
         let done = 0.25 + part * i as f64;
         progress(done);
-        let own = own_model(reading, &statics)?;
+        let tanh = tanh_tables(reading, &statics)?;
         let options = RowFitOptions {
             reading,
             trough_mm: choice.trough_mm,
             threads: choice.threads,
         };
         let fits = physics(&options, &mut |share| progress(done + part * share))?;
-        readings.push(ReadingRerun { reading, own, fits });
+        readings.push(ReadingRerun { reading, tanh, fits });
     }
     Ok(LeafPackRerun {
         statics,

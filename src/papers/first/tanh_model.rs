@@ -6,7 +6,7 @@
 //! to two decimals as printed. The bounds of the coefficient are not printed either: -30 to 30 hold both optima, the printed
 //! one and ours. The law used here takes the size of the coefficient, because a negative one would drive the spring.
 //!
-//! At such coefficients leaves lock and let go, and a row takes a hundred times as long as an ordinary one. The rows are
+//! At such coefficients leaves stick and slip, and a row takes a hundred times as long as an ordinary one. The rows are
 //! therefore computed on a grid of coefficient and thickness, the evolution runs on the polynomial through them, and its
 //! optimum is computed with the model.
 
@@ -44,7 +44,7 @@ const TOLERANCE_N: f64 = 0.05;
 
 /// One row of Table 2 or 3 with the paper's kind of model.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct OwnRow {
+pub(crate) struct TanhRow {
     /// Mounting of the test.
     pub mounting: Mounting,
     /// Name of the test.
@@ -61,7 +61,7 @@ pub(crate) struct OwnRow {
 
 /// Settings of the paper's kind of model that do not depend on the meaning of "amplitude".
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct OwnStatics {
+pub(crate) struct TanhSettings {
     /// Transition velocity of the tanh law, mm/s.
     pub transition_velocity_mm_s: f64,
     /// Static travel, with shackle and without, mm.
@@ -70,11 +70,11 @@ pub(crate) struct OwnStatics {
 
 /// Tables 2 and 3 with the paper's kind of model.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct OwnModel {
+pub(crate) struct TanhTables {
     /// Trough of the sines, with shackle and without, mm.
     pub trough_mm: [f64; 2],
     /// Both mountings, five rows each.
-    pub rows: Vec<OwnRow>,
+    pub rows: Vec<TanhRow>,
 }
 
 fn values(mu: f64, thickness_correction_mm: f64) -> Values {
@@ -149,7 +149,7 @@ fn rows(
     reading: AmplitudeReading,
     travel_mm: f64,
     trough_mm: f64,
-) -> Result<Vec<OwnRow>, BuildError> {
+) -> Result<Vec<TanhRow>, BuildError> {
     let mount = mount_index(structure.mounting);
     let strokes = AMPLITUDES_MM.map(|a| reading.stroke_mm(a));
     let dry = super::structure(structure.mounting);
@@ -169,7 +169,7 @@ fn rows(
                     motion.measure(&mut plant)
                 }
             };
-            Ok(OwnRow {
+            Ok(TanhRow {
                 mounting: structure.mounting,
                 name: row.test.name,
                 measured: row.measured[mount],
@@ -182,7 +182,7 @@ fn rows(
 }
 
 /// Static travel and transition velocity from the paper's own figures.
-pub(crate) fn own_statics() -> Result<OwnStatics, IdentifyError> {
+pub(crate) fn tanh_settings() -> Result<TanhSettings, IdentifyError> {
     let nominal = values(MU, 0.0);
     // The first loading hardly depends on the law: any transition velocity gives the travel.
     let travel = |mounting| {
@@ -201,14 +201,17 @@ pub(crate) fn own_statics() -> Result<OwnStatics, IdentifyError> {
         )?;
         velocity *= row.loop_energy_j / PRINTED_REACH[1].loop_energy_j;
     }
-    Ok(OwnStatics {
+    Ok(TanhSettings {
         transition_velocity_mm_s: velocity,
         travel_mm,
     })
 }
 
 /// Tables 2 and 3 with interleaf friction 0.1 of the tanh law.
-pub(crate) fn own_model(reading: AmplitudeReading, statics: &OwnStatics) -> Result<OwnModel, IdentifyError> {
+pub(crate) fn tanh_tables(
+    reading: AmplitudeReading,
+    statics: &TanhSettings,
+) -> Result<TanhTables, IdentifyError> {
     let nominal = values(MU, 0.0);
     let mut trough_mm = [0.0; 2];
     let mut all = Vec::new();
@@ -226,7 +229,7 @@ pub(crate) fn own_model(reading: AmplitudeReading, statics: &OwnStatics) -> Resu
             trough_mm[mount],
         )?);
     }
-    Ok(OwnModel { trough_mm, rows: all })
+    Ok(TanhTables { trough_mm, rows: all })
 }
 
 /// Tables 6 and 7: the evolution on peak force and loop energy of the static test.
@@ -336,7 +339,7 @@ impl Residuals for Surface {
 /// Differential evolution with the settings of Table 5 on objective (9).
 pub(crate) fn two_numbers(
     mounting: Mounting,
-    statics: &OwnStatics,
+    statics: &TanhSettings,
     threads: usize,
 ) -> Result<TwoNumbers, IdentifyError> {
     let mount = mount_index(mounting);
