@@ -95,7 +95,7 @@ fn leaf_pack_file(reading: AmplitudeReading, fit: &RowFit, mount: &str) -> Strin
 
 /// Table 5-1 and one model.
 fn five_link(row: &LoadDeflectionRow) -> Picture {
-    let title = format!("Table 5-1 of the Chula thesis and the {}", row.model);
+    let title = format!("Table 5-1 of the Chula thesis: {}", row.model);
     let measured = PlotCurve::measured("measured, Table 5-1", second::TABLE_5_1.to_vec());
     let points = second::TABLE_5_1.iter().zip(&row.force_n).map(|(p, f)| (p.0, *f));
     let model = PlotCurve::twin(row.model, points.collect());
