@@ -3,7 +3,7 @@
 use std::hint::black_box;
 
 use crate::identify::curve::Initial;
-use crate::identify::{CurveOptions, CurveProblem, FitControl, FitOptions, Residuals, fit};
+use crate::identify::{CurveProblem, FitControl, FitOptions, Residuals, fit};
 use crate::model::{self, finite_segment};
 use crate::recording::Recording;
 use criterion::{Criterion, Throughput};
@@ -66,11 +66,8 @@ pub fn refit(c: &mut Criterion) {
             ..Recording::default()
         });
     }
-    let options = CurveOptions {
-        initial: Initial::FromRest,
-        ..CurveOptions::default()
-    };
-    let problem = CurveProblem::of_model(model, &structure, &recordings, &options).expect("long enough");
+    let problem =
+        CurveProblem::of_model(model, &structure, &recordings, Initial::FromRest).expect("long enough");
     let values = model.start_values();
     let mut out = vec![0.0; problem.count()];
     group.bench_function("one evaluation", |b| {

@@ -78,8 +78,8 @@
 //! | 2 | model, link, truth |
 //! | 3 | effect, control |
 //! | 4 | identify, mockrig, twin |
-//! | 5 | papers, config |
-//! | 6 | diagnose, daemon |
+//! | 5 | config, diagnose, papers |
+//! | 6 | daemon |
 //! | 7 | report, blind |
 //! | 8 | cli |
 //! | 9 | library |

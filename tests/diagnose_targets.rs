@@ -1,4 +1,4 @@
-//! Diagnoses from published tables alone: what must be found in them, and what must not where nothing is there.
+//! Diagnoses from published tables only: what must be found in them, and what must not.
 
 use super::support::program;
 use std::path::{Path, PathBuf};
@@ -58,77 +58,13 @@ fn figure(d: &AggregateDiagnosis, code: &str, name: &str) -> (f64, [f64; 2]) {
 }
 
 #[test]
-fn the_first_papers_tables_tell_what_their_fit_conceals() {
+fn the_first_papers_tables_show_the_missing_physics() {
     let d = diagnose(paper());
-    println!("{}\n{:#?}", d.summary, d.effects);
     assert_eq!(d.verdict, Verdict::MissingPhysics);
-    // Bought with an impossible parameter, on both mountings, with nothing to spare.
-    let impossible: Vec<&String> = d.alarms.iter().filter(|a| a.contains("impossible")).collect();
-    assert!(
-        impossible
-            .iter()
-            .any(|a| a.contains("-13.09991") && a.contains("none is left")),
-        "{impossible:?}"
-    );
-    assert!(impossible.iter().any(|a| a.contains("8.51317")), "{impossible:?}");
-    // Friction is missing at low speed.
-    let (_, measured) = figure(&d, "rate_independent_friction", "measured loss over rate");
-    let (_, model) = figure(&d, "rate_independent_friction", "model's loss over rate");
-    assert!(
-        measured[1] < 0.05 && measured[0] > -0.05 && model[0] > 0.3,
-        "{measured:?} {model:?}"
-    );
-    let (times, _) = figure(&d, "rate_independent_friction", "slowest test");
-    assert!((times - 8.9074 / 0.1926).abs() < 0.1);
-    // Friction grows with load.
-    for (mount, power) in [(", shackle", 1.95), (", no shackle", 2.18)] {
-        let (p, ci) = figure(
-            &d,
-            "load_dependent_friction",
-            &format!("measured loss over peak force{mount}"),
-        );
-        assert!((p - power).abs() < 0.05 && ci[0] > 1.5, "{mount}: {p} {ci:?}");
-    }
-    // Not viscous.
-    let (_, viscous) = figure(&d, "viscous_damping", "viscous share");
-    assert!(
-        viscous[1] < 10.0 && d.effects.iter().all(|f| f.code != "viscous_damping"),
-        "{viscous:?}"
-    );
-    // The shackle's share that does not know the load; the other mounting has none.
-    let (_, with) = figure(&d, "coulomb_friction", "no load, shackle");
-    let (without, _) = figure(&d, "coulomb_friction", "no load, no shackle");
-    assert!(with[0] > 0.0 && without < with[0], "{with:?} {without}");
-    // One believable set for static and dynamic rows together.
-    let worst = |i: usize| {
-        d.rows
-            .iter()
-            .map(|r| (r.ours.expect("fitted")[i] / r.measured[i] - 1.0).abs())
-            .fold(0.0, f64::max)
-    };
-    println!(
-        "worst peak force {:.3}, worst loop energy {:.3}",
-        worst(0),
-        worst(1)
-    );
-    assert!(worst(0) < 0.03 && worst(1) < 0.1);
-    assert!(!d.parameters.is_empty());
-    // What is written for the twin is what was fitted: the static peak comes back at the travel of the fit.
-    for (mount, improved) in &d.improved {
-        let mut plant = improved.plant().expect("a sound model");
-        let peak = (0..=60)
-            .map(|k| plant.step(0.5 * f64::from(k), 1.0))
-            .fold(0.0, f64::max);
-        println!("{mount}: {peak:.0} N at 30 mm");
-        assert!(peak > 1900.0 && peak < 4000.0, "{mount}: {peak}");
-    }
-    assert_eq!(d.improved.len(), 2);
-    assert_eq!(
-        d.rows.iter().filter(|r| r.optimum.is_some()).count(),
-        2,
-        "the optimum is printed for the static rows alone"
-    );
-    // The shape is not in two numbers.
+    assert_impossible_parameters(&d);
+    assert_friction_findings(&d);
+    assert_one_set_for_all_tests(&d);
+    // Two figures per test do not show the shape of the loop.
     for code in [
         "presliding",
         "stribeck",
@@ -141,7 +77,77 @@ fn the_first_papers_tables_tell_what_their_fit_conceals() {
     assert!(d.location.is_empty() && d.fit.improved.nrmse_heldout.is_none());
 }
 
-/// The order of `n` things after a seeded shuffle.
+/// The reported optimum is impossible on both mountings, and fits as many parameters as figures.
+fn assert_impossible_parameters(d: &AggregateDiagnosis) {
+    let impossible: Vec<&String> = d.alarms.iter().filter(|a| a.contains("impossible")).collect();
+    assert!(
+        impossible
+            .iter()
+            .any(|a| a.contains("-13.09991") && a.contains("2 parameters to 2 figures")),
+        "{impossible:?}"
+    );
+    assert!(impossible.iter().any(|a| a.contains("8.51317")), "{impossible:?}");
+    assert_eq!(
+        d.rows.iter().filter(|r| r.optimum.is_some()).count(),
+        2,
+        "the optimum is printed for the static rows only"
+    );
+}
+
+fn assert_friction_findings(d: &AggregateDiagnosis) {
+    // Friction is missing at low speed.
+    let (_, measured) = figure(d, "rate_independent_friction", "measured loss over rate");
+    let (_, model) = figure(d, "rate_independent_friction", "model's loss over rate");
+    assert!(
+        measured[1] < 0.05 && measured[0] > -0.05 && model[0] > 0.3,
+        "{measured:?} {model:?}"
+    );
+    let (times, _) = figure(d, "rate_independent_friction", "slowest test");
+    assert!((times - 8.9074 / 0.1926).abs() < 0.1);
+    // Friction grows with load.
+    for (mount, power) in [(", shackle", 1.95), (", no shackle", 2.18)] {
+        let name = format!("measured loss over peak force{mount}");
+        let (p, ci) = figure(d, "load_dependent_friction", &name);
+        assert!((p - power).abs() < 0.05 && ci[0] > 1.5, "{mount}: {p} {ci:?}");
+    }
+    // It is not viscous damping.
+    let (_, viscous) = figure(d, "viscous_damping", "viscous share");
+    assert!(
+        viscous[1] < 10.0 && d.effects.iter().all(|f| f.code != "viscous_damping"),
+        "{viscous:?}"
+    );
+    // With shackle a part does not depend on load; without shackle none.
+    let (_, with) = figure(d, "coulomb_friction", "no load, shackle");
+    let (without, _) = figure(d, "coulomb_friction", "no load, no shackle");
+    assert!(with[0] > 0.0 && without < with[0], "{with:?} {without}");
+}
+
+/// One set of leaf-pack parameters meets static and dynamic tests, and is what the files for the twin contain.
+fn assert_one_set_for_all_tests(d: &AggregateDiagnosis) {
+    let worst = |i: usize| {
+        d.rows
+            .iter()
+            .map(|r| (r.ours.expect("fitted")[i] / r.measured[i] - 1.0).abs())
+            .fold(0.0, f64::max)
+    };
+    assert!(
+        worst(0) < 0.03 && worst(1) < 0.1,
+        "worst peak force {:.3}, worst loop energy {:.3}",
+        worst(0),
+        worst(1)
+    );
+    assert!(!d.parameters.is_empty());
+    assert_eq!(d.improved.len(), 2);
+    for (mount, improved) in &d.improved {
+        let mut plant = improved.plant().expect("a sound model");
+        let peak = (0..=60)
+            .map(|k| plant.step(0.5 * f64::from(k), 1.0))
+            .fold(0.0, f64::max);
+        assert!(peak > 1900.0 && peak < 4000.0, "{mount}: {peak} N at 30 mm");
+    }
+}
+
+/// The numbers below `n` in a seeded random order.
 fn shuffled(n: usize, seed: u64) -> Vec<usize> {
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
     let mut order: Vec<usize> = (0..n).collect();
@@ -155,18 +161,18 @@ fn shuffled(n: usize, seed: u64) -> Vec<usize> {
 }
 
 #[test]
-fn shuffled_energies_yield_no_finding() {
+fn shuffled_energies_give_no_finding() {
     for seed in 1..=200 {
         let mut table = paper();
-        let energies: Vec<f64> = table.rows.iter().map(|r| r.measured.loop_j).collect();
+        let energies: Vec<f64> = table.rows.iter().map(|r| r.measured.loop_energy_j).collect();
         for (row, from) in table.rows.iter_mut().zip(shuffled(energies.len(), seed)) {
-            row.measured.loop_j = energies[from];
+            row.measured.loop_energy_j = energies[from];
         }
         if table
             .rows
             .iter()
             .zip(&energies)
-            .filter(|(r, e)| r.measured.loop_j != **e)
+            .filter(|(r, e)| r.measured.loop_energy_j != **e)
             .count()
             < 3
         {
@@ -183,10 +189,10 @@ fn shuffled_energies_yield_no_finding() {
 }
 
 #[test]
-fn the_models_own_rows_as_measurement_lack_nothing() {
+fn the_models_own_rows_as_measurement_are_adequate() {
     let mut table = paper();
     for row in &mut table.rows {
-        row.measured = row.model.expect("simulated beside measured");
+        row.measured = row.model.expect("the table has simulated rows");
     }
     let d = diagnose(table);
     assert_eq!(d.verdict, Verdict::Adequate, "{}", d.summary);
@@ -196,7 +202,6 @@ fn the_models_own_rows_as_measurement_lack_nothing() {
 #[test]
 fn a_single_loops_points_show_both_ends_and_no_rate() {
     let d = diagnose(tables(&["p001_table5_1_load_deflection.csv"]));
-    println!("{}\n{:#?}\n{:#?}", d.summary, d.effects, d.location);
     assert_eq!(d.verdict, Verdict::MissingPhysics);
     let (length, ci) = figure(&d, "presliding", "transition_length_mm");
     assert!(
@@ -205,7 +210,7 @@ fn a_single_loops_points_show_both_ends_and_no_rate() {
     );
     let (_, softer) = figure(&d, "presliding", "along a branch");
     assert!(softer[1] < 0.0, "{softer:?}");
-    // Both ends are located, and hold more than their part.
+    // Both ends are located, and hold most of the error.
     assert_eq!(d.location.len(), 2);
     assert!(d.location.iter().map(|l| l.share).sum::<f64>() > 0.6);
     for code in ["viscous_damping", "stribeck", "rate_independent_friction"] {
@@ -216,16 +221,16 @@ fn a_single_loops_points_show_both_ends_and_no_rate() {
             "{code}"
         );
     }
-    // The thesis' envelope stands beside.
+    // The errors of the envelope lines are reported for comparison.
     let [before, after] =
         [d.fit.baseline.nrmse_train, d.fit.improved.nrmse_train].map(|e| e.expect("points give it"));
     assert!(after < 0.2 * before, "{before} {after}");
     assert!(d.rows.iter().all(|r| r.model.is_some() && r.ours.is_some()));
-    // The improved model, walked along the points as a twin would be, gives the row's figures.
+    // The improved model gives the row's figures along the points.
     let mut plant = d.improved[0].1.plant().expect("a sound model");
     let mut at = 0.0;
     for row in &d.rows {
-        let [to, ours_n] = row.ours.expect("just seen");
+        let [to, ours_n] = row.ours.expect("checked above");
         let mut force_n = 0.0;
         for i in 1..=40 {
             force_n = plant.step(at + (to - at) * f64::from(i) / 40.0, 1.0);
@@ -233,7 +238,7 @@ fn a_single_loops_points_show_both_ends_and_no_rate() {
         at = to;
         assert!(
             (force_n - ours_n).abs() < 0.1,
-            "{to} mm: {force_n} N, told {ours_n}"
+            "{to} mm: {force_n} N, reported {ours_n}"
         );
     }
 }
@@ -274,15 +279,15 @@ fn the_command_writes_its_files_and_refuses_with_row_and_column() {
         "fit",
         "next_test",
     ] {
-        assert!(json.get(field).is_some(), "{field} of contracts.md");
+        assert!(json.get(field).is_some(), "{field} of docs/formats.md");
     }
     let page = std::fs::read_to_string(out.join("report.html")).expect("written");
     assert!(page.contains("<svg"));
     let outside = page.replace("http://www.w3.org/2000/svg", "");
-    for asks in [
+    for outside_source in [
         "http", "<script", "src=", "href=", "@import", "url(", "fetch(", "<link", "NaN",
     ] {
-        assert!(!outside.contains(asks), "{asks}");
+        assert!(!outside.contains(outside_source), "{outside_source}");
     }
 
     let bad = folder.path().join("bad.csv");

@@ -1,4 +1,4 @@
-//! The papers' springs as specimens of the mock rig, whole runs in virtual time: the leaf pack solved in full once a millisecond.
+//! The papers' springs as specimens of the mock rig: whole runs in virtual time, the leaf pack solved every millisecond.
 
 use std::path::Path;
 
@@ -9,6 +9,7 @@ use crate::daemon::header::{self, Planned};
 use crate::profile::{Player, Profile};
 use crate::recording::{Ending, Event, Header, Outcome, Recorder, Sample};
 
+/// Keeps the samples of a run.
 #[derive(Default)]
 struct Kept {
     samples: Vec<Sample>,
@@ -23,7 +24,7 @@ impl Recorder for Kept {
     fn end(&mut self, _: &Outcome) {}
 }
 
-/// Runs a profile's text on a shipped bench; samples of the run itself.
+/// Runs a profile's text on a shipped bench; returns the samples of its segments.
 fn play(bench: &str, profile: &str) -> (Outcome, Vec<Sample>) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("bench-configs/benches/{bench}.toml"));
     let bench = Bench::load(&path).expect("shipped");
@@ -73,14 +74,10 @@ fn the_static_ramp_runs_on_every_paper_bench() {
     for (bench, least_j) in [("samurai-rail", 4.0), ("samurai-shackle", 6.0), ("chula", 5.0)] {
         let (outcome, samples) = play(bench, RAMP);
         let (peak, energy) = (peak_n(&samples), loop_j(&samples));
-        println!(
-            "{bench}: peak {peak:.1} N, loop {energy:.2} J, {} samples",
-            samples.len()
-        );
         assert_eq!(outcome.ending, Ending::Completed, "{bench}: {}", outcome.cause);
         // The command is 2 kN; the servo's overshoot and the cell's noise are below 1 %.
         assert!((peak / 2000.0 - 1.0).abs() < 0.01, "{bench}: {peak} N");
-        assert!(energy > least_j, "{bench}: {energy} J: the friction must show");
+        assert!(energy > least_j, "{bench}: {energy} J: friction is missing");
     }
 }
 
@@ -94,8 +91,7 @@ fn a_sine_runs_on_the_leaf_pack() {
     assert_eq!(outcome.ending, Ending::Completed);
     let third: Vec<Sample> = samples.into_iter().filter(|s| s.cycle == 3).collect();
     let (peak, energy) = (peak_n(&third), loop_j(&third));
-    println!("peak {peak:.1} N, loop {energy:.3} J against the paper's 688 N and 0.665 J");
-    // The specimen file promises 4 % and 20 %; the servo adds its own lag to the stroke.
-    assert!((peak / 688.0 - 1.0).abs() < 0.06);
-    assert!((energy / 0.6651 - 1.0).abs() < 0.3);
+    // The specimen file states 4 % and 20 %; the lag of the servo adds to the stroke.
+    assert!((peak / 688.0 - 1.0).abs() < 0.06, "peak {peak:.1} N");
+    assert!((energy / 0.6651 - 1.0).abs() < 0.3, "loop {energy:.3} J");
 }

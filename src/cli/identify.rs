@@ -12,9 +12,10 @@ use super::shared::progress::Progress;
 use super::{CliCommand, CliError, Done, Output};
 use crate::config::{ModelConfig, Specimen};
 use crate::identify::curve::Initial;
-use crate::identify::targets::{TargetProblem, read_targets};
+use crate::identify::target_table::read_targets;
+use crate::identify::targets::TargetProblem;
 use crate::identify::{
-    CurveOptions, CurveProblem, Fit, FitControl, FitEnding, FitOptions, IdentifyError, Method, Residuals,
+    CurveProblem, Fit, FitControl, FitEnding, FitOptions, IdentifyError, Method, Residuals,
     differential_evolution, fit, least_squares, nelder_mead,
 };
 use crate::model::{self, Model};
@@ -200,11 +201,7 @@ impl IdentifyArgs {
             .iter()
             .map(|path| csv::read_file(path))
             .collect::<Result<Vec<_>, _>>()?;
-        let options = CurveOptions {
-            initial: self.begin.initial(),
-            ..CurveOptions::default()
-        };
-        let problem = CurveProblem::of_model(model, structure, &recordings, &options)?;
+        let problem = CurveProblem::of_model(model, structure, &recordings, self.begin.initial())?;
         Ok(Box::new(problem))
     }
 }
@@ -247,7 +244,7 @@ fn table_problem<'a>(
             path.display()
         )));
     }
-    let factory = move |values: &[f64], _: &_| model.plant(values, structure);
+    let factory = move |values: &[f64]| model.plant(values, structure);
     Ok(Box::new(TargetProblem::new(
         model.parameters.to_vec(),
         Box::new(factory),
@@ -264,7 +261,7 @@ fn fit_with_progress(
     let stop = ctrl_c_flag();
     let mut progress = Progress::new("identify", output.json);
     let fitted = fit(problem, options, &mut |p| {
-        progress.show_share(p.share, p.stage);
+        progress.show_share(p.share, "fitting");
         if stop.load(Ordering::Relaxed) {
             FitControl::Stop
         } else {

@@ -1,57 +1,57 @@
-//! How far the fitted values are to be trusted: 95 % intervals, correlations, and warnings in words.
+//! Confidence of fitted values: 95 % intervals and warnings.
 //!
 //! ```text
 //! covariance = s^2 tau (J'J)^-1     s^2 = cost / (n - p), J the derivatives of the residuals at the optimum
 //! tau        = 1 + 2 sum of the residuals' autocorrelations (initial positive sequence of pairs, Geyer 1992)
-//! influence  z_t = (J'J)^-1 J_t' r_t               what sample t moves the values by; its long-run variance over lags
-//!                                                  up to sqrt(n) (Newey and West 1987) is the covariance's other estimate
+//! influence  z_t = (J'J)^-1 J_t' r_t               effect of sample t on the values; its long-run variance over lags
+//!                                                  up to sqrt(n) (Newey and West 1987) is the second estimate
 //! interval   = value +- t(0.975, n / tau - p) * sigma     sigma the larger of the two
 //! ```
-//! Neighbouring samples of a recording say nearly the same thing: n / tau is the number of independent ones. Noise that acts
-//! where a parameter is seen (the displacement's noise at reversals, on presliding) only the second estimate notices.
-//! Parameters at a bound, and directions that the data do not see, get no interval but a warning.
+//! Neighbouring samples of a recording are correlated: n / tau is the number of independent ones. Only the second estimate
+//! sees noise that is concentrated where a parameter acts, such as displacement noise at reversals for presliding.
+//! Parameters at a bound, and directions that the data do not determine, get a warning and no interval.
 
 use nalgebra::DMatrix;
+use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::evaluator::Evaluator;
 use super::jacobian::{scaled_jacobian, typical};
 use crate::model::Parameter;
 
-/// Singular values below this share of the largest belong to directions that the data do not see.
-const BLIND: f64 = 1e-6;
+/// Singular values below this share of the largest count as zero: the data do not determine their direction.
+const RANK_TOLERANCE: f64 = 1e-6;
 
-/// Something a person should know before believing a fit.
+/// A reason to doubt a fit.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Warning {
-    /// The fit wanted to go further than the equations hold.
+    /// The parameter ended at its bound.
     AtBound {
-        /// Parameter.
+        /// Name of the parameter.
         name: &'static str,
-        /// Where it stands.
+        /// The bound that it reached.
         value: f64,
     },
-    /// A value that a person would not believe: often physics that the model lacks.
+    /// The value is outside its believed range: often physics that the model lacks.
     OutsideBelief {
-        /// Parameter.
+        /// Name of the parameter.
         name: &'static str,
-        /// As fitted.
         value: f64,
-        /// What would be believed.
+        /// Believed range of the parameter.
         belief: [f64; 2],
     },
-    /// The recordings do not say anything about this combination.
+    /// The data do not determine a combination of parameters.
     NotIdentifiable {
         /// Parameters that take part.
         names: Vec<&'static str>,
         /// The combination in words: "only the product f * r_f_mm is determined".
         combination: String,
     },
-    /// The interval is wider than what one believed beforehand: the recordings hardly add anything.
+    /// The interval is wider than the believed range.
     Loose {
-        /// Parameter.
+        /// Name of the parameter.
         name: &'static str,
     },
-    /// The search ended before it settled.
+    /// The search ended before it met its tolerances.
     NotConverged,
 }
 
@@ -60,7 +60,7 @@ impl std::fmt::Display for Warning {
         match self {
             Warning::AtBound { name, value } => write!(
                 f,
-                "{name} = {value} lies at its bound: the recordings ask for something that this parameter cannot give"
+                "{name} = {value} is at its bound: the model may lack physics; check the recordings, or run `leafbench diagnose`"
             ),
             Warning::OutsideBelief {
                 name,
@@ -68,40 +68,36 @@ impl std::fmt::Display for Warning {
                 belief: [low, high],
             } => write!(
                 f,
-                "{name} = {value:.6} is outside what is believable ({low} to {high}): another effect may hide in it"
+                "{name} = {value:.6} is outside its believed range ({low} to {high}): it may stand for physics that the model lacks"
             ),
             Warning::NotIdentifiable { names, combination } => write!(
                 f,
-                "{} cannot be told apart by these recordings: {combination}",
+                "{} cannot be told apart by these data: {combination}",
                 names.join(", ")
             ),
             Warning::Loose { name } => write!(
                 f,
-                "{name} is hardly seen by these recordings: its interval is wider than what is believed anyway"
+                "the 95 % interval of {name} is wider than its believed range: these data hardly determine it"
             ),
             Warning::NotConverged => {
-                write!(f, "the search ended before it settled: allow more evaluations")
+                write!(f, "the search did not converge: start it from better values")
             }
         }
     }
 }
 
-/// What the derivatives at the optimum say. Everything has one entry a parameter of the problem.
+/// Confidence at the optimum. The lists have one entry per parameter of the problem.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Confidence {
     /// 95 % intervals; `None` where the data do not give one.
     pub ci95: Vec<Option<[f64; 2]>>,
     /// Standard deviations; infinite where there is no interval.
     pub sigma: Vec<f64>,
-    /// Correlations of the estimates; zero beside the diagonal where there is no interval.
-    pub correlation: DMatrix<f64>,
-    /// Number of independent samples that the residuals are worth.
-    pub effective_samples: f64,
     /// At bounds, outside belief, not identifiable, loose.
     pub warnings: Vec<Warning>,
 }
 
-/// Evaluates the derivatives once (one evaluation a parameter) at the optimum.
+/// Evaluates the derivatives once (one evaluation per parameter) at the optimum.
 pub(crate) fn confidence(
     evaluator: &mut Evaluator<'_>,
     values: &[f64],
@@ -115,17 +111,46 @@ pub(crate) fn confidence(
         .map(|i| typical(values[i], parameters[i].belief, parameters[i].bounds))
         .collect();
     let jacobian = scaled_jacobian(evaluator, values, residuals, &scale, relative_step);
-    let mut warnings = Vec::new();
-    let mut seen: Vec<usize> = Vec::new();
+    let (inside, mut warnings) = check_ranges(parameters, values, &scale);
+    let (inverse, null) = pseudo_inverse(&jacobian, &inside);
+    warnings.extend(null.iter().map(|direction| direction.warning(parameters)));
+    let determined = |i: usize| !null.iter().any(|direction| direction.contains(i));
+
+    let stretches = problem.stretches();
+    let noise = ResidualNoise::new(residuals, &stretches, inside.len());
+    let influence = influence(&jacobian.select_columns(&inside), &inverse, residuals);
+    let mut confidence = Confidence {
+        ci95: vec![None; n],
+        sigma: vec![f64::INFINITY; n],
+        warnings,
+    };
+    for (a, &i) in inside.iter().enumerate().filter(|&(_, &i)| determined(i)) {
+        let local = long_run_variance(influence.column(a).as_slice(), &stretches);
+        let sigma = (noise.variance * inverse[(a, a)]).max(local).sqrt() * scale[i];
+        let [low, high] = parameters[i].bounds;
+        let half = noise.quantile * sigma;
+        confidence.sigma[i] = sigma;
+        confidence.ci95[i] = Some([(values[i] - half).max(low), (values[i] + half).min(high)]);
+        if 2.0 * half > parameters[i].belief[1] - parameters[i].belief[0] {
+            confidence.warnings.push(Warning::Loose {
+                name: parameters[i].name,
+            });
+        }
+    }
+    confidence
+}
+
+/// Indices of the parameters that are not at a bound, and the warnings about bounds and believed ranges.
+fn check_ranges(parameters: &[Parameter], values: &[f64], scale: &[f64]) -> (Vec<usize>, Vec<Warning>) {
+    let (mut inside, mut warnings) = (Vec::new(), Vec::new());
     for (i, p) in parameters.iter().enumerate() {
-        let at_bound = p.bounds.iter().any(|b| (values[i] - b).abs() <= 1e-9 * scale[i]);
-        if at_bound {
+        if p.bounds.iter().any(|b| (values[i] - b).abs() <= 1e-9 * scale[i]) {
             warnings.push(Warning::AtBound {
                 name: p.name,
                 value: values[i],
             });
         } else {
-            seen.push(i);
+            inside.push(i);
         }
         if !(p.belief[0]..=p.belief[1]).contains(&values[i]) {
             warnings.push(Warning::OutsideBelief {
@@ -135,76 +160,57 @@ pub(crate) fn confidence(
             });
         }
     }
-    let (inverse, blind) = pseudo_inverse(&jacobian, parameters, &seen);
-    let mut lost = vec![false; n];
-    for direction in &blind {
-        direction.names_into(&mut lost);
-        warnings.push(direction.warning(parameters));
+    (inside, warnings)
+}
+
+/// What the residuals say about the noise.
+struct ResidualNoise {
+    /// Variance of one residual, times the correlation time.
+    variance: f64,
+    /// 97.5 % point of Student's t for the degrees of freedom.
+    quantile: f64,
+}
+
+impl ResidualNoise {
+    fn new(residuals: &[f64], stretches: &[usize], fitted: usize) -> Self {
+        let (count, fitted) = (residuals.len() as f64, fitted as f64);
+        let tau = correlation_time(residuals, stretches);
+        let effective_samples = (count / tau).max(1.0);
+        let squares = residuals.iter().map(|r| r * r).sum::<f64>();
+        ResidualNoise {
+            variance: squares / (count - fitted).max(1.0) * tau.min(count.max(1.0)),
+            quantile: student_975((effective_samples - fitted).max(1.0)),
+        }
     }
+}
 
-    let count = residuals.len() as f64;
-    let stretches = problem.stretches();
-    let tau = correlation_time(residuals, &stretches);
-    let effective_samples = (count / tau).max(1.0);
-    let fitted = seen.len() as f64;
-    let variance =
-        residuals.iter().map(|r| r * r).sum::<f64>() / (count - fitted).max(1.0) * tau.min(count.max(1.0));
-    let quantile = student_975((effective_samples - fitted).max(1.0));
-
-    let mut influence = jacobian.select_columns(&seen) * &inverse;
+/// Influence of every sample (row) on every value (column), in scaled parameters.
+fn influence(jacobian: &DMatrix<f64>, inverse: &DMatrix<f64>, residuals: &[f64]) -> DMatrix<f64> {
+    let mut influence = jacobian * inverse;
     for (mut row, residual) in influence.row_iter_mut().zip(residuals) {
         row *= *residual;
     }
-
-    let mut confidence = Confidence {
-        ci95: vec![None; n],
-        sigma: vec![f64::INFINITY; n],
-        correlation: DMatrix::identity(n, n),
-        effective_samples,
-        warnings,
-    };
-    for (a, &i) in seen.iter().enumerate() {
-        if lost[i] {
-            continue;
-        }
-        let local = long_run_variance(influence.column(a).as_slice(), &stretches);
-        let sigma = (variance * inverse[(a, a)]).max(local).sqrt() * scale[i];
-        let [low, high] = parameters[i].bounds;
-        let half = quantile * sigma;
-        confidence.sigma[i] = sigma;
-        confidence.ci95[i] = Some([(values[i] - half).max(low), (values[i] + half).min(high)]);
-        if 2.0 * half > parameters[i].belief[1] - parameters[i].belief[0] {
-            confidence.warnings.push(Warning::Loose {
-                name: parameters[i].name,
-            });
-        }
-        for (b, &j) in seen.iter().enumerate().filter(|&(b, &j)| b != a && !lost[j]) {
-            confidence.correlation[(i, j)] = inverse[(a, b)] / (inverse[(a, a)] * inverse[(b, b)]).sqrt();
-        }
-    }
-    confidence
+    influence
 }
 
-/// A direction in the logarithms of the parameters that leaves the residuals as they are.
-struct BlindDirection {
+/// A direction in the scaled parameters along which the residuals do not change.
+struct NullDirection {
     /// Parameter and its component, the largest first.
     components: Vec<(usize, f64)>,
 }
 
-impl BlindDirection {
-    fn names_into(&self, lost: &mut [bool]) {
-        for &(i, _) in &self.components {
-            lost[i] = true;
-        }
+impl NullDirection {
+    fn contains(&self, parameter: usize) -> bool {
+        self.components.iter().any(|&(i, _)| i == parameter)
     }
 
     fn warning(&self, parameters: &[Parameter]) -> Warning {
         let names: Vec<&'static str> = self.components.iter().map(|&(i, _)| parameters[i].name).collect();
         let combination = match self.components[..] {
-            [_] => "they do not react to it at all".to_owned(),
+            [_] => "it does not change the residuals".to_owned(),
             [(i, a), (j, b)] => {
                 let (first, second) = (parameters[i.min(j)].name, parameters[i.max(j)].name);
-                // Equal shares: what one gains the other loses. Unequal ones are powers that nobody would recognise.
+                // Equal components are a product or a ratio; unequal ones are powers that help no reader.
                 let even = (a.abs() / b.abs() - 1.0).abs() < 0.05;
                 match (even, a * b < 0.0) {
                     (true, true) => format!("only the product {first} * {second} is determined"),
@@ -218,47 +224,42 @@ impl BlindDirection {
     }
 }
 
-/// Inverse of J'J over the `seen` columns without the directions that the data do not see, and those directions.
-fn pseudo_inverse(
-    jacobian: &DMatrix<f64>,
-    parameters: &[Parameter],
-    seen: &[usize],
-) -> (DMatrix<f64>, Vec<BlindDirection>) {
-    let m = seen.len();
+/// Inverse of J'J over the `inside` columns without its null directions, and those directions.
+fn pseudo_inverse(jacobian: &DMatrix<f64>, inside: &[usize]) -> (DMatrix<f64>, Vec<NullDirection>) {
+    let m = inside.len();
     if m == 0 || jacobian.iter().any(|d| !d.is_finite()) {
-        // Nothing to be said about any of them.
-        let blind = seen.iter().map(|&i| BlindDirection {
+        // Without derivatives no parameter is determined.
+        let null = inside.iter().map(|&i| NullDirection {
             components: vec![(i, 1.0)],
         });
-        return (DMatrix::zeros(m, m), blind.collect());
+        return (DMatrix::zeros(m, m), null.collect());
     }
-    debug_assert_eq!(jacobian.ncols(), parameters.len());
-    // Triangular factor first: the singular values are those of the tall matrix, the work is not.
-    let tall = jacobian.select_columns(seen);
+    // The triangular factor has the singular values of the tall matrix at a fraction of the work.
+    let tall = jacobian.select_columns(inside);
     let small = if tall.nrows() > m { tall.qr().r() } else { tall };
     let svd = small.svd(false, true);
-    let right = svd.v_t.expect("asked for");
+    let right = svd.v_t.expect("the decomposition was called with V");
     let largest = svd.singular_values.max();
     let mut inverse = DMatrix::zeros(m, m);
-    let mut blind = Vec::new();
+    let mut null = Vec::new();
     for (k, row) in right.row_iter().enumerate() {
         let singular = svd.singular_values[k];
-        if singular > BLIND * largest {
+        if singular > RANK_TOLERANCE * largest {
             inverse += row.transpose() * row / (singular * singular);
             continue;
         }
         let peak = row.amax();
         let mut components: Vec<(usize, f64)> = (0..m)
             .filter(|&a| row[a].abs() > 0.05 * peak)
-            .map(|a| (seen[a], row[a]))
+            .map(|a| (inside[a], row[a]))
             .collect();
         components.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
-        blind.push(BlindDirection { components });
+        null.push(NullDirection { components });
     }
-    (inverse, blind)
+    (inverse, null)
 }
 
-/// Integrated autocorrelation time of the residuals in samples, at least 1, over stretches that do not know each other.
+/// Integrated autocorrelation time of the residuals in samples, at least 1. Different stretches are uncorrelated.
 pub(crate) fn correlation_time(residuals: &[f64], stretches: &[usize]) -> f64 {
     let variance = residuals.iter().map(|r| r * r).sum::<f64>();
     let longest = stretches.iter().copied().max().unwrap_or(0);
@@ -281,7 +282,7 @@ pub(crate) fn correlation_time(residuals: &[f64], stretches: &[usize]) -> f64 {
         }
         sum / variance
     };
-    // Pairs of neighbouring lags stay positive until noise takes over; longer than a third of a stretch nothing is learnt.
+    // The sum ends at the first negative pair of lags (Geyer), and at a third of the longest stretch at the latest.
     let mut time = -1.0;
     for lag in (0..longest / 3 + 1).step_by(2) {
         let pair = autocorrelation(lag) + autocorrelation(lag + 1);
@@ -293,7 +294,7 @@ pub(crate) fn correlation_time(residuals: &[f64], stretches: &[usize]) -> f64 {
     time.max(1.0)
 }
 
-/// Variance of the sum of a series whose stretches do not know each other, lags weighted down to zero at sqrt(length).
+/// Variance of the sum of a series: lags are weighted down to zero at sqrt(length). Different stretches are uncorrelated.
 fn long_run_variance(series: &[f64], stretches: &[usize]) -> f64 {
     let mut rest = series;
     let mut sum = 0.0;
@@ -315,27 +316,43 @@ fn long_run_variance(series: &[f64], stretches: &[usize]) -> f64 {
     sum.max(0.0)
 }
 
-/// 97.5 % point of Student's t: Cornish-Fisher expansion (Abramowitz and Stegun 26.7.5), within 1 % from 3 degrees on.
+/// Degrees of freedom above which `statrs` loses digits; the first terms of the expansion in 1 / degrees are exact to 1e-8.
+const EXPANDED_FROM: f64 = 1e4;
+/// 97.5 % point of the normal distribution.
+const NORMAL_975: f64 = 1.959_963_984_540_054;
+
+/// 97.5 % point of Student's t; `degrees` need not be a whole number and counts as 1 below 1.
 pub(crate) fn student_975(degrees: f64) -> f64 {
-    let z = 1.959_963_985f64;
-    let (z3, z5) = (z.powi(3), z.powi(5));
-    let n = degrees.max(2.0);
-    z + (z3 + z) / (4.0 * n)
-        + (5.0 * z5 + 16.0 * z3 + 3.0 * z) / (96.0 * n * n)
-        + (3.0 * z.powi(7) + 19.0 * z5 + 17.0 * z3 - 15.0 * z) / (384.0 * n.powi(3))
+    if degrees > EXPANDED_FROM {
+        return NORMAL_975 + (NORMAL_975.powi(3) + NORMAL_975) / (4.0 * degrees);
+    }
+    student(degrees.max(1.0)).inverse_cdf(0.975)
+}
+
+/// Probability that Student's t lies within `-t..t`, 0 to 1.
+pub(crate) fn student_within(degrees: f64, t: f64) -> f64 {
+    2.0 * student(degrees.clamp(1.0, EXPANDED_FROM)).cdf(t) - 1.0
+}
+
+fn student(degrees: f64) -> StudentsT {
+    StudentsT::new(0.0, 1.0, degrees).expect("at least one degree of freedom")
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::testing::{ProductLine, StraightLine};
-    use super::super::{FitOptions, Residuals, fit};
+    use super::super::{Fit, FitControl, FitOptions, Residuals, fit};
     use super::*;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
+    use rand_distr::StandardNormal;
 
-    /// Sum of twelve uniform numbers: normal enough for two standard deviations.
     fn normal(random: &mut ChaCha8Rng) -> f64 {
-        (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0
+        random.sample(StandardNormal)
+    }
+
+    fn fitted(problem: &dyn Residuals) -> Fit {
+        fit(problem, &FitOptions::default(), &mut |_| FitControl::Continue).expect("a sound problem")
     }
 
     #[test]
@@ -344,22 +361,18 @@ mod tests {
         let y: Vec<f64> = (0..200)
             .map(|i| 3.0 + 0.5 * f64::from(i) * 0.05 + 0.1 * normal(&mut random))
             .collect();
-        let problem = StraightLine::new(y);
-        let fit = fit(&problem, &FitOptions::default(), &mut |_| {
-            super::super::FitControl::Continue
-        })
-        .expect("a fair problem");
+        let fit = fitted(&StraightLine::new(y));
         // White residuals: sigma of the slope = 0.1 / sqrt(sum (x - mean)^2) = 0.1 / sqrt(200 * 100 / 12) within the scatter
         // of s (5 %) and of the estimated correlation time (15 %).
         let expected = 0.1 / (200.0f64 * 100.0 / 12.0).sqrt();
-        let sigma = fit.sigma[1];
+        let [low, high] = fit.ci95[1].expect("the slope is determined");
+        // 200 samples, two parameters: Student's t is 1.972.
+        let sigma = 0.5 * (high - low) / 1.972;
         assert!(
             (sigma / expected - 1.0).abs() < 0.25,
             "{sigma} against {expected}"
         );
-        let [low, high] = fit.ci95[1].expect("seen");
         assert!(low < 0.5 && 0.5 < high);
-        assert!((fit.correlation[(0, 1)] + 0.866).abs() < 0.02);
     }
 
     #[test]
@@ -376,11 +389,7 @@ mod tests {
                     3.0 + 0.5 * f64::from(i) * 0.05 + noise
                 })
                 .collect();
-            let fit = fit(&StraightLine::new(y), &FitOptions::default(), &mut |_| {
-                super::super::FitControl::Continue
-            })
-            .expect("a fair problem");
-            let [low, high] = fit.ci95[1].expect("seen");
+            let [low, high] = fitted(&StraightLine::new(y)).ci95[1].expect("the slope is determined");
             covered += usize::from(low < 0.5 && 0.5 < high);
         }
         // 95 % wanted; the estimated time is itself uncertain. Binomial scatter over 200 is 1.5 %.
@@ -390,10 +399,7 @@ mod tests {
     #[test]
     fn a_product_is_called_a_product() {
         let problem = ProductLine::new();
-        let fit = fit(&problem, &FitOptions::default(), &mut |_| {
-            super::super::FitControl::Continue
-        })
-        .expect("a fair problem");
+        let fit = fitted(&problem);
         let text: Vec<String> = fit.warnings.iter().map(ToString::to_string).collect();
         assert!(
             text.iter()
@@ -407,8 +413,10 @@ mod tests {
     }
 
     #[test]
-    fn student_quantiles() {
+    fn student_quantiles_and_probabilities() {
         for (degrees, table) in [
+            (1.0, 12.706),
+            (2.0, 4.303),
             (3.0, 3.182),
             (5.0, 2.571),
             (10.0, 2.228),
@@ -417,9 +425,12 @@ mod tests {
         ] {
             let ours = student_975(degrees);
             assert!(
-                (ours / table - 1.0).abs() < 0.02,
+                (ours / table - 1.0).abs() < 5e-4,
                 "{degrees}: {ours} against {table}"
             );
+            assert!((student_within(degrees, ours) - 0.95).abs() < 5e-5);
         }
+        let [below, above] = [0.999, 1.001].map(|share| student_975(share * EXPANDED_FROM));
+        assert!((below / above - 1.0).abs() < 1e-6, "the two formulas meet");
     }
 }

@@ -1,14 +1,14 @@
-//! Differential evolution as Kadziela et al. (2015) print it: eqs. 10 to 12, settings of Table 5. Bounded, seeded.
+//! Differential evolution as Kadziela et al. (2015) print it: eqs. 10 to 12, settings of Table 5. Bounded and seeded.
 //!
 //! ```text
 //! mutant  v = x_r3 + F (x_r1 - x_r2)                         (10)  i, r1, r2, r3 all different
 //! trial   t_n = v_n where rand(0, 1) < CR or n = D, else x_n (11)  n = 1 .. D: the last element is always the mutant's
 //! next    x <- t where f(t) < f(x)                           (12)
 //! ```
-//! Eqs. 10 and 12 read literally differ from the usual text in the last line only: 12 prints v where the trial of 11 must
-//! be meant. `n = D` is kept as printed (others draw one n at random). Left open by the paper and set here: elements that
-//! leave the bounds are put on them; the first population is uniform within the bounds, the start its first member, and
-//! counts as the first generation, so 25 generations of 12 are the 300 runs the paper speaks of.
+//! The paper prints v in eq. 12; the trial t of eq. 11 is used, as in other texts. `n = D` is kept as printed (other texts draw
+//! one n at random). The paper leaves open what is set here: an element outside its bounds is put on the bound; the first
+//! population is uniform within the bounds, with the start as first member; it counts as the first generation, so that 25
+//! generations of 12 are the 300 runs that the paper reports.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -16,23 +16,23 @@ use rand_chacha::ChaCha8Rng;
 use super::evaluator::Evaluator;
 use super::{FitControl, FitEnding, FitProgress, Optimum};
 
-/// Table 5, and when to stop before its last generation.
+/// Settings of Table 5, and the tolerance that ends the search before the last generation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct EvolutionSettings {
-    /// NP.
+    /// Number of members (NP); at least 4 are used.
     pub population: usize,
-    /// F.
+    /// Weight of the difference vector (F).
     pub weight_factor: f64,
-    /// CR.
+    /// Probability that an element comes from the mutant (CR).
     pub crossover_rate: f64,
-    /// Generations, the first population included.
+    /// Number of generations, the first population included.
     pub generations: usize,
-    /// Converged when the costs of a generation lie within this of each other (the paper's condition is not printed).
+    /// Converged when the costs of a generation differ by no more than this (the paper does not print its condition).
     pub cost_spread: f64,
 }
 
 impl Default for EvolutionSettings {
-    /// Table 5.
+    /// Settings of Table 5.
     fn default() -> Self {
         EvolutionSettings {
             population: 12,
@@ -44,70 +44,106 @@ impl Default for EvolutionSettings {
     }
 }
 
-/// Searches within `bounds`, one pair a parameter.
+/// Members of one generation and their costs.
+struct Population {
+    members: Vec<Vec<f64>>,
+    costs: Vec<f64>,
+}
+
+impl Population {
+    /// `size` members: the start, and points that are uniform within the bounds.
+    fn first(
+        evaluator: &mut Evaluator<'_>,
+        start: &[f64],
+        bounds: &[[f64; 2]],
+        size: usize,
+        random: &mut ChaCha8Rng,
+    ) -> Self {
+        let mut members = vec![start.to_vec()];
+        members.resize_with(size, || {
+            bounds
+                .iter()
+                .map(|[low, high]| low + (high - low) * random.random::<f64>())
+                .collect()
+        });
+        let costs = evaluator.costs(&members);
+        Population { members, costs }
+    }
+
+    /// Index of the member with the lowest cost.
+    fn best(&self) -> usize {
+        (0..self.costs.len())
+            .min_by(|&a, &b| self.costs[a].total_cmp(&self.costs[b]))
+            .unwrap_or(0)
+    }
+
+    /// Highest cost less the lowest.
+    fn cost_spread(&self) -> f64 {
+        let ends = (f64::INFINITY, 0.0f64);
+        let (low, high) = self
+            .costs
+            .iter()
+            .fold(ends, |(low, high), &cost| (low.min(cost), high.max(cost)));
+        high - low
+    }
+
+    /// One generation: a trial for every member, which it replaces where its cost is lower.
+    fn advance(
+        &mut self,
+        evaluator: &mut Evaluator<'_>,
+        bounds: &[[f64; 2]],
+        settings: &EvolutionSettings,
+        random: &mut ChaCha8Rng,
+    ) {
+        // All draws come before any evaluation, so that the numbers do not depend on the threads.
+        let trials: Vec<Vec<f64>> = (0..self.members.len())
+            .map(|i| trial(&self.members, i, bounds, settings, random))
+            .collect();
+        let trial_costs = evaluator.costs(&trials);
+        for (i, (trial, cost)) in trials.into_iter().zip(trial_costs).enumerate() {
+            if cost < self.costs[i] {
+                self.members[i] = trial;
+                self.costs[i] = cost;
+            }
+        }
+    }
+}
+
+/// Searches within `bounds`, one pair per parameter.
 pub(crate) fn minimise(
     evaluator: &mut Evaluator<'_>,
     start: &[f64],
     bounds: &[[f64; 2]],
     settings: &EvolutionSettings,
     seed: u64,
-    watch: &mut dyn FnMut(FitProgress<'_>) -> FitControl,
+    watch: &mut dyn FnMut(FitProgress) -> FitControl,
 ) -> Optimum {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    // Three others and the parent: fewer than four cannot be told apart.
+    // A trial takes a parent and three other members.
     let size = settings.population.max(4);
-    let mut population = vec![start.to_vec()];
-    population.resize_with(size, || {
-        bounds
-            .iter()
-            .map(|[low, high]| low + (high - low) * random.random::<f64>())
-            .collect()
-    });
-    let mut costs = evaluator.costs(&population);
-    let mut ending = FitEnding::Exhausted;
+    let mut population = Population::first(evaluator, start, bounds, size, &mut random);
     let mut generation = 1;
-    loop {
-        let best = best_of(&costs);
-        let (low, high) = costs.iter().fold((f64::INFINITY, 0.0f64), |(low, high), &c| {
-            (low.min(c), high.max(c))
-        });
-        if high - low <= settings.cost_spread {
-            ending = FitEnding::Converged;
-            break;
+    let ending = loop {
+        if population.cost_spread() <= settings.cost_spread {
+            break FitEnding::Converged;
         }
         let progress = FitProgress {
-            stage: "differential evolution",
-            iteration: generation,
-            evaluations: evaluator.evaluations(),
-            best_cost: costs[best],
-            best_values: &population[best],
+            best_cost: population.costs[population.best()],
             share: generation as f64 / settings.generations.max(1) as f64,
         };
         if watch(progress) == FitControl::Stop {
-            ending = FitEnding::Stopped;
-            break;
+            break FitEnding::Stopped;
         }
         if generation >= settings.generations {
-            break;
+            break FitEnding::Exhausted;
         }
-        // All draws before any evaluation: the numbers do not depend on who computes what when.
-        let trials: Vec<Vec<f64>> = (0..size)
-            .map(|i| trial(&population, i, bounds, settings, &mut random))
-            .collect();
-        let trial_costs = evaluator.costs(&trials);
-        for (i, (trial, cost)) in trials.into_iter().zip(trial_costs).enumerate() {
-            if cost < costs[i] {
-                population[i] = trial;
-                costs[i] = cost;
-            }
-        }
+        population.advance(evaluator, bounds, settings, &mut random);
         generation += 1;
-    }
-    let best = best_of(&costs);
+    };
+    let best = population.best();
     Optimum {
-        values: population.swap_remove(best),
-        cost: costs[best],
-        iterations: generation,
+        values: population.members.swap_remove(best),
+        cost: population.costs[best],
         ending,
     }
 }
@@ -143,12 +179,6 @@ fn trial(
         .collect()
 }
 
-fn best_of(costs: &[f64]) -> usize {
-    (0..costs.len())
-        .min_by(|&a, &b| costs[a].total_cmp(&costs[b]))
-        .unwrap_or(0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::testing::Valley;
@@ -168,7 +198,7 @@ mod tests {
     fn table_5_is_300_runs() {
         let (optimum, evaluations) = run(1, 7, &EvolutionSettings::default());
         assert_eq!(evaluations, 300);
-        // Start of the valley is 24.2; 300 runs come down to its floor.
+        // The cost at the start is 24.2.
         assert!(optimum.cost < 0.1, "{optimum:?}");
         assert_eq!(optimum.ending, FitEnding::Exhausted);
     }
@@ -184,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn converges_when_given_time() {
+    fn converges_in_500_generations() {
         let settings = EvolutionSettings {
             generations: 500,
             ..EvolutionSettings::default()
@@ -196,11 +226,13 @@ mod tests {
     }
 
     #[test]
-    fn stops_when_told() {
+    fn stops_when_the_caller_says_so() {
         let problem = Valley::new();
         let mut evaluator = Evaluator::new(&problem, 1);
-        let mut watch = |p: FitProgress<'_>| {
-            if p.iteration == 3 {
+        let mut generations = 0;
+        let mut watch = |_| {
+            generations += 1;
+            if generations == 3 {
                 FitControl::Stop
             } else {
                 FitControl::Continue

@@ -1,24 +1,24 @@
-//! Force control of a plant that is driven by displacement: finds, step by step, the displacement that gives the force.
+//! Force control of a plant whose input is displacement: finds, step by step, the displacement that gives the force.
 
 use crate::model::Plant;
 
-/// How near a force counts as reached: of its own size, and at least in N.
+/// Tolerance of the force: relative, and at least this many N.
 const RELATIVE: f64 = 1e-10;
 const ABSOLUTE_N: f64 = 1e-7;
-/// A step of the search never changes the displacement by more than this in mm before the force is bracketed.
+/// Longest step of the search, in mm, before the force is bracketed.
 const LARGEST_MOVE_MM: f64 = 5.0;
 
-/// Leads a plant along forces. The plant keeps the state of the steps taken.
+/// Moves a plant along a course of forces. The plant keeps the state after the last step.
 pub(crate) struct ForceDriver<'a> {
     plant: &'a mut Box<dyn Plant>,
     displacement_mm: f64,
-    /// Speed of the last step, mm/s: where the search of the next one begins.
+    /// Speed of the last step, mm/s: the next search starts from it.
     speed_mm_s: f64,
     rate_n_per_mm: f64,
 }
 
 impl<'a> ForceDriver<'a> {
-    /// Takes over a plant that stands at zero displacement.
+    /// Takes a plant that is at zero displacement.
     pub(crate) fn new(plant: &'a mut Box<dyn Plant>) -> Self {
         ForceDriver {
             plant,
@@ -28,13 +28,13 @@ impl<'a> ForceDriver<'a> {
         }
     }
 
-    /// One step to `target_n` within `dt_s`; returns the displacement in mm. A force out of reach is approached only.
+    /// One step of `dt_s` to `target_n`; returns the displacement in mm. A force that the plant cannot reach is approached.
     pub(crate) fn lead(&mut self, target_n: f64, dt_s: f64) -> f64 {
         let tolerance = ABSOLUTE_N.max(RELATIVE * target_n.abs());
         let start = self.displacement_mm;
         let mut x = start + self.speed_mm_s * dt_s;
         let mut misfit = self.misfit(x, dt_s, target_n);
-        // Bracket: walk against the misfit with the rate last seen, twice as far each time.
+        // Bracket the force: step by the last stiffness, twice as far each time.
         let mut other = (x, misfit);
         let mut reach = 1.0;
         for _ in 0..60 {
@@ -58,12 +58,12 @@ impl<'a> ForceDriver<'a> {
         x
     }
 
-    /// Force less target after a step to `x`, without taking it.
+    /// Force less target after a step to `x`; the plant itself does not move.
     fn misfit(&self, x: f64, dt_s: f64, target_n: f64) -> f64 {
         self.plant.boxed_clone().step(x, dt_s) - target_n
     }
 
-    /// False position within a bracket, the staying end's weight halved (Illinois), halving as a last resort.
+    /// False position within a bracket (Illinois algorithm), with bisection after 30 steps.
     fn close_in(
         &mut self,
         mut newest: (f64, f64),
@@ -118,7 +118,7 @@ mod tests {
             let x = driver.lead(force_n, 0.05);
             worst = worst.max((beside.step(x, 0.05) / force_n - 1.0).abs());
         }
-        // Twice the tolerance that the driver stops at.
+        // Twice the driver's tolerance.
         assert!(worst < 2e-10, "worst {worst:e}");
     }
 }

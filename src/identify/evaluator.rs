@@ -1,24 +1,24 @@
-//! Evaluates a problem at many points at once, over the cores, with results that do not depend on how many there are.
+//! Evaluates a problem at many points at once, on several cores. The results do not depend on the number of cores.
+
+use rayon::iter::{IndexedParallelIterator, IntoParallelRefMutIterator, ParallelIterator};
+use rayon::slice::{ParallelSlice, ParallelSliceMut};
 
 use super::objective::Residuals;
 
-/// Points for one thread, and the places of their costs.
-type Share<'a> = (&'a [Vec<f64>], &'a mut [f64]);
-
-/// Where the work is done, and how often it was.
+/// A problem, the cores that evaluate it, and the number of evaluations so far.
 pub(crate) struct Evaluator<'a> {
     problem: &'a dyn Residuals,
     threads: usize,
-    /// One buffer a thread: residuals of a point whose cost alone is asked for.
+    /// One buffer per thread, for the residuals of points of which only the cost is wanted.
     buffers: Vec<Vec<f64>>,
     evaluations: usize,
 }
 
 impl<'a> Evaluator<'a> {
-    /// `threads`: 0 takes as many as there are cores.
+    /// `threads` is the largest number of cores to use; 0 for all.
     pub(crate) fn new(problem: &'a dyn Residuals, threads: usize) -> Self {
         let threads = match threads {
-            0 => std::thread::available_parallelism().map_or(1, |n| n.get()),
+            0 => rayon::current_num_threads(),
             n => n,
         };
         Evaluator {
@@ -29,12 +29,11 @@ impl<'a> Evaluator<'a> {
         }
     }
 
-    /// The problem.
     pub(crate) fn problem(&self) -> &'a dyn Residuals {
         self.problem
     }
 
-    /// Evaluations so far.
+    /// Number of evaluations so far.
     pub(crate) fn evaluations(&self) -> usize {
         self.evaluations
     }
@@ -55,18 +54,17 @@ impl<'a> Evaluator<'a> {
     pub(crate) fn costs(&mut self, points: &[Vec<f64>]) -> Vec<f64> {
         self.evaluations += points.len();
         let mut costs = vec![f64::INFINITY; points.len()];
-        let share = points.len().div_ceil(self.threads).max(1);
+        let chunk = chunk(points.len(), self.threads);
         let problem = self.problem;
-        let work = points
-            .chunks(share)
-            .zip(costs.chunks_mut(share))
-            .zip(&mut self.buffers);
-        let run = |((points, costs), buffer): (Share<'_>, &mut Vec<f64>)| {
-            for (values, cost) in points.iter().zip(costs) {
-                *cost = cost_at(problem, values, buffer);
-            }
-        };
-        side_by_side(work, run);
+        points
+            .par_chunks(chunk)
+            .zip(costs.par_chunks_mut(chunk))
+            .zip(self.buffers.par_iter_mut())
+            .for_each(|((points, costs), buffer)| {
+                for (values, cost) in points.iter().zip(costs) {
+                    *cost = cost_at(problem, values, buffer);
+                }
+            });
         costs
     }
 
@@ -75,35 +73,40 @@ impl<'a> Evaluator<'a> {
         self.evaluations += points.len();
         let mut costs = vec![f64::INFINITY; points.len()];
         let count = self.problem.count().max(1);
-        let share = points.len().div_ceil(self.threads).max(1);
+        let chunk = chunk(points.len(), self.threads);
         let problem = self.problem;
-        let work = points
-            .chunks(share)
-            .zip(costs.chunks_mut(share))
-            .zip(out.chunks_mut(share * count));
-        let run = |((points, costs), columns): (Share<'_>, &mut [f64])| {
-            for ((values, cost), column) in points.iter().zip(costs).zip(columns.chunks_mut(count)) {
-                *cost = cost_at(problem, values, column);
-            }
-        };
-        side_by_side(work, run);
+        points
+            .par_chunks(chunk)
+            .zip(costs.par_chunks_mut(chunk))
+            .zip(out.par_chunks_mut(chunk * count))
+            .for_each(|((points, costs), columns)| {
+                for ((values, cost), column) in points.iter().zip(costs).zip(columns.chunks_mut(count)) {
+                    *cost = cost_at(problem, values, column);
+                }
+            });
         costs
     }
 }
 
-/// Runs every item: the first here, the others each on a thread of its own.
-fn side_by_side<T: Send>(items: impl Iterator<Item = T>, run: impl Fn(T) + Sync) {
-    std::thread::scope(|scope| {
-        let mut items = items;
-        let first = items.next();
-        let run = &run;
-        for item in items {
-            scope.spawn(move || run(item));
-        }
-        if let Some(item) = first {
-            run(item);
-        }
-    });
+/// Applies `map` to every item on at most `threads` cores (0 for all); results in the order of the items.
+pub(crate) fn parallel_map<T: Sync, R: Send>(
+    items: &[T],
+    threads: usize,
+    map: impl Fn(&T) -> R + Sync,
+) -> Vec<R> {
+    let threads = match threads {
+        0 => rayon::current_num_threads(),
+        n => n,
+    };
+    items
+        .par_chunks(chunk(items.len(), threads))
+        .flat_map_iter(|items| items.iter().map(&map))
+        .collect()
+}
+
+/// Length of chunks of `count` items, so that there is at most one chunk per thread.
+fn chunk(count: usize, threads: usize) -> usize {
+    count.div_ceil(threads).max(1)
 }
 
 fn cost_at(problem: &dyn Residuals, values: &[f64], out: &mut [f64]) -> f64 {
@@ -113,5 +116,28 @@ fn cost_at(problem: &dyn Residuals, values: &[f64], out: &mut [f64]) -> f64 {
             if cost.is_finite() { cost } else { f64::INFINITY }
         }
         Err(_) => f64::INFINITY,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use super::*;
+
+    #[test]
+    fn a_parallel_map_keeps_the_order_and_the_number_of_threads() {
+        let items: Vec<usize> = (0..20).collect();
+        for threads in [0, 1, 2, 7, 50] {
+            let (running, most) = (AtomicUsize::new(0), AtomicUsize::new(0));
+            let squares = parallel_map(&items, threads, |i| {
+                most.fetch_max(running.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
+                std::thread::yield_now();
+                running.fetch_sub(1, Ordering::SeqCst);
+                i * i
+            });
+            assert_eq!(squares, items.iter().map(|i| i * i).collect::<Vec<_>>());
+            assert!(threads == 0 || most.into_inner() <= threads);
+        }
     }
 }

@@ -1,19 +1,19 @@
-//! Derivatives of residuals by finite differences, one column a parameter, columns side by side on the cores.
+//! Derivatives of residuals by finite differences: one column per parameter, computed in parallel.
 
 use nalgebra::DMatrix;
 
 use super::evaluator::Evaluator;
 
-/// Size by which a parameter counts: its value, or where that is small a hundredth of the width people would believe.
+/// Typical size of a parameter: its value, or one hundredth of its believed range where the value is smaller.
 pub(crate) fn typical(value: f64, belief: [f64; 2], bounds: [f64; 2]) -> f64 {
     let floor = 0.01 * (belief[1] - belief[0]).abs().min((bounds[1] - bounds[0]).abs());
     value.abs().max(floor).max(f64::MIN_POSITIVE)
 }
 
-/// Derivatives of the residuals at `values`, each column times its parameter's `scale`: what one scale's move would do.
+/// Derivatives of the residuals at `values`; each column is multiplied by its parameter's `scale`.
 ///
-/// A column whose evaluation is refused (outside what the model can do) is tried the other way round, and is zero if that
-/// fails too.
+/// Where the model refuses the step of a column, the step is taken backwards. If the model refuses that step too, the
+/// column is zero.
 pub(crate) fn scaled_jacobian(
     evaluator: &mut Evaluator<'_>,
     values: &[f64],
@@ -28,7 +28,6 @@ pub(crate) fn scaled_jacobian(
         let step = relative_step * scale[n];
         let fits = values[n] + step <= parameters[n].bounds[1];
         let mut point = values.to_vec();
-        // The step as the floating-point numbers have it, so that the quotient divides by what was really moved.
         point[n] += if fits != backwards { step } else { -step };
         point
     };
@@ -45,6 +44,7 @@ pub(crate) fn scaled_jacobian(
                 continue;
             }
         }
+        // The difference of the rounded values, not the step: the quotient divides by what was really moved.
         let factor = scale[n] / (point[n] - values[n]);
         for (derivative, &before) in column.iter_mut().zip(residuals) {
             *derivative = (*derivative - before) * factor;
@@ -59,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn derivatives_of_the_valley_whatever_the_threads() {
+    fn derivatives_of_the_valley_for_any_number_of_threads() {
         let problem = Valley::new();
         let reference = {
             let mut evaluator = Evaluator::new(&problem, 1);

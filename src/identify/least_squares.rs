@@ -1,9 +1,10 @@
 //! Bounded Levenberg-Marquardt, from one start or from many.
 //!
 //! Minimises `|r(p)|^2` over `low <= p <= high` in scaled parameters. A step solves `(J'J + lambda diag(J'J)) d = -J'r` on
-//! the parameters that are free to move; one that would leave its bounds is put on it and the others are solved again.
-//! Damping after Nielsen (1999); steps that the model refuses cost infinity and only raise it.
-//! Several starts: a seeded Latin hypercube over the believed values is screened, the best go down to the end.
+//! the parameters that are free to move; a parameter that would leave its bounds is put on the bound, and the others are
+//! solved again. Damping after Nielsen (1999); a step that the model refuses has infinite cost and raises the damping.
+//! Several starts: the costs at a seeded Latin hypercube over the believed ranges are compared, and the best points are
+//! followed to their minimum.
 
 use nalgebra::{DMatrix, DVector};
 use rand::seq::SliceRandom;
@@ -14,10 +15,10 @@ use super::evaluator::Evaluator;
 use super::jacobian::{scaled_jacobian, typical};
 use super::{FitControl, FitEnding, FitProgress, Optimum};
 
-/// When to stop, how to differentiate, where to begin.
+/// Tolerances, step of the finite differences, and number of starts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct LeastSquaresSettings {
-    /// Most iterations a start (one Jacobian each).
+    /// Largest number of iterations per start (one Jacobian each).
     pub iterations: usize,
     /// Converged when an accepted step lowers the cost by less than this share.
     pub cost_tolerance: f64,
@@ -25,9 +26,9 @@ pub(crate) struct LeastSquaresSettings {
     pub step_tolerance: f64,
     /// Finite-difference step as a share of a parameter's size.
     pub relative_step: f64,
-    /// Points screened besides the given start; 0 for that alone.
+    /// Points of the hypercube, besides the given start; 0 for the start alone.
     pub screened: usize,
-    /// How many of the screened points, the start included, are followed down.
+    /// Number of points, the given start included, that are followed to their minimum.
     pub starts: usize,
 }
 
@@ -44,20 +45,20 @@ impl Default for LeastSquaresSettings {
     }
 }
 
-/// Searches within `bounds` from `start` and, where asked for, from points spread over `belief`.
+/// Searches within `bounds` from `start` and, where `settings` ask for them, from points of the believed ranges.
 pub(crate) fn minimise(
     evaluator: &mut Evaluator<'_>,
     start: &[f64],
     bounds: &[[f64; 2]],
     settings: &LeastSquaresSettings,
     seed: u64,
-    watch: &mut dyn FnMut(FitProgress<'_>) -> FitControl,
+    watch: &mut dyn FnMut(FitProgress) -> FitControl,
 ) -> Optimum {
     let mut points = vec![start.to_vec()];
     if settings.screened > 0 {
         points.extend(latin_hypercube(evaluator, bounds, settings.screened, seed));
         let costs = evaluator.costs(&points);
-        // The given start stays first: it is somebody's knowledge. The rest by cost; the sort is stable.
+        // The given start is always followed. The sort is stable.
         let mut order: Vec<usize> = (1..points.len()).collect();
         order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
         let best = order.into_iter().take(settings.starts.saturating_sub(1));
@@ -90,7 +91,7 @@ pub(crate) fn minimise(
     best.expect("there is at least the given start")
 }
 
-/// One value in each of `count` equal slices of every parameter's believed range, slices shuffled.
+/// `count` points with one value in each of `count` equal slices of every believed range; the slices are shuffled.
 fn latin_hypercube(evaluator: &Evaluator<'_>, bounds: &[[f64; 2]], count: usize, seed: u64) -> Vec<Vec<f64>> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut points = vec![Vec::with_capacity(bounds.len()); count];
@@ -101,7 +102,7 @@ fn latin_hypercube(evaluator: &Evaluator<'_>, bounds: &[[f64; 2]], count: usize,
         slices.shuffle(&mut random);
         for (point, slice) in points.iter_mut().zip(slices) {
             let share = (slice as f64 + random.random::<f64>()) / count as f64;
-            // Over decades where the range is wide and positive, evenly elsewhere.
+            // A wide positive range is sampled by its logarithm.
             let value = if low > 0.0 && high / low > 30.0 {
                 low * (high / low).powf(share)
             } else {
@@ -113,7 +114,7 @@ fn latin_hypercube(evaluator: &Evaluator<'_>, bounds: &[[f64; 2]], count: usize,
     points
 }
 
-/// One way down.
+/// The search from one start.
 struct Descent<'e, 'p, 'b> {
     evaluator: &'e mut Evaluator<'p>,
     bounds: &'b [[f64; 2]],
@@ -126,12 +127,13 @@ struct Descent<'e, 'p, 'b> {
     raise: f64,
 }
 
-/// What came of an attempt to go down from one Jacobian.
+/// Result of the steps that were tried with one Jacobian.
 enum Attempt {
+    /// The cost fell.
     Lower,
-    /// The cost fell by next to nothing, or the step is too small to matter.
+    /// The cost fell by less than its tolerance, or the step was below its tolerance.
     Settled,
-    /// No damping gives a lower cost.
+    /// No damping gave a lower cost.
     Stuck,
 }
 
@@ -162,19 +164,14 @@ impl<'e, 'p, 'b> Descent<'e, 'p, 'b> {
         &mut self,
         known_cost: f64,
         (turn, turns): (usize, usize),
-        watch: &mut dyn FnMut(FitProgress<'_>) -> FitControl,
+        watch: &mut dyn FnMut(FitProgress) -> FitControl,
     ) -> Optimum {
         let mut ending = FitEnding::Exhausted;
-        let mut iterations = 0;
         let mut idle = 0;
-        while iterations < self.settings.iterations {
-            let done = iterations as f64 / self.settings.iterations as f64;
+        for iteration in 0..self.settings.iterations {
+            let done = iteration as f64 / self.settings.iterations as f64;
             let progress = FitProgress {
-                stage: "least squares",
-                iteration: iterations,
-                evaluations: self.evaluator.evaluations(),
                 best_cost: self.cost.min(known_cost),
-                best_values: &self.values,
                 share: (turn as f64 + done) / turns as f64,
             };
             if watch(progress) == FitControl::Stop {
@@ -189,10 +186,9 @@ impl<'e, 'p, 'b> Descent<'e, 'p, 'b> {
                 };
                 break;
             }
-            iterations += 1;
             match self.attempt() {
                 Attempt::Lower => idle = 0,
-                // Twice in a row: a single tiny step may be the damping's doing.
+                // Only twice in a row is convergence: high damping alone can make one step tiny.
                 Attempt::Settled if idle == 0 => idle = 1,
                 Attempt::Settled | Attempt::Stuck => {
                     ending = FitEnding::Converged;
@@ -203,12 +199,11 @@ impl<'e, 'p, 'b> Descent<'e, 'p, 'b> {
         Optimum {
             values: self.values.clone(),
             cost: self.cost,
-            iterations,
             ending,
         }
     }
 
-    /// One Jacobian, and damping until a step goes down.
+    /// Computes one Jacobian and raises the damping until a step lowers the cost.
     fn attempt(&mut self) -> Attempt {
         let parameters = self.evaluator.problem().parameters();
         let scale: Vec<f64> = (0..self.values.len())
@@ -252,7 +247,7 @@ impl<'e, 'p, 'b> Descent<'e, 'p, 'b> {
                     Attempt::Lower
                 };
             }
-            // A step bent by bounds may predict a rise: more damping straightens it.
+            // A step along bounds may predict a higher cost: it is tried again with more damping.
             if small || (0.0..=1e-14 * self.cost).contains(&predicted) {
                 return Attempt::Stuck;
             }
@@ -263,10 +258,10 @@ impl<'e, 'p, 'b> Descent<'e, 'p, 'b> {
     }
 }
 
-/// Damped step in scaled parameters that ends within `room`, the way to the lower and to the upper bound.
+/// Damped step in scaled parameters that ends within `room`, the distances to the lower and to the upper bound.
 ///
-/// Least of `d'(N + damping diag N) d / 2 + g'd` in the box, by active sets: a bound that is met holds its parameter until the
-/// slope there leads back inside (Lawson and Hanson 1974, chapter 23; with upper bounds Stark and Parker 1995).
+/// Minimises `d'(N + damping diag N) d / 2 + g'd` in the box by active sets: a parameter stays on a bound until the slope
+/// there points back inside (Lawson and Hanson 1974, chapter 23; with upper bounds Stark and Parker 1995).
 pub(crate) fn bounded_step(
     normal: &DMatrix<f64>,
     gradient: &DVector<f64>,
@@ -280,52 +275,17 @@ pub(crate) fn bounded_step(
         damped[(i, i)] += damping * normal[(i, i)].max(least);
     }
     let mut step = DVector::zeros(n);
-    let held = |step: &DVector<f64>, slope: &DVector<f64>, i: usize| {
-        let [low, high] = room[i];
-        step[i] <= low && slope[i] >= 0.0 || step[i] >= high && slope[i] <= 0.0
-    };
-    let mut free: Vec<usize> = (0..n).filter(|&i| !held(&step, gradient, i)).collect();
-    // Each round frees one parameter; more than a few times their number is rounding going in circles.
+    let mut free: Vec<usize> = (0..n).filter(|&i| !held(&step, gradient, room, i)).collect();
+    // Each round frees one parameter; more rounds than this repeat themselves because of rounding.
     for _ in 0..3 * n {
-        while !free.is_empty() {
-            let m = free.len();
-            let inner = DMatrix::from_fn(m, m, |r, c| damped[(free[r], free[c])]);
-            let slope = gradient + &damped * &step;
-            let right = DVector::from_fn(m, |r, _| -slope[free[r]]);
-            let Some(way) = inner.cholesky().map(|c| c.solve(&right)) else {
-                return step;
-            };
-            let share = |r: usize| {
-                let [low, high] = room[free[r]];
-                let end = if way[r] < 0.0 { low } else { high };
-                let there = (end - step[free[r]]) / way[r];
-                if there.is_finite() {
-                    there.max(0.0)
-                } else {
-                    f64::INFINITY
-                }
-            };
-            let first = (0..m).map(share).fold(1.0, f64::min);
-            let met: Vec<bool> = (0..m).map(|r| share(r) <= first && first < 1.0).collect();
-            for (r, &i) in free.iter().enumerate() {
-                let [low, high] = room[i];
-                step[i] = match (met[r], way[r] < 0.0) {
-                    (true, true) => low,
-                    (true, false) => high,
-                    _ => (step[i] + first * way[r]).clamp(low, high),
-                };
-            }
-            let mut met = met.into_iter();
-            free.retain(|_| !met.next().unwrap_or(false));
-            if first >= 1.0 {
-                break;
-            }
+        if !solve_free(&damped, gradient, room, &mut free, &mut step) {
+            return step;
         }
         let slope = gradient + &damped * &step;
-        // Of those that would rather come back inside, the one that gains most.
+        // Of the parameters that could move back inside, the one that lowers the cost most.
         let gain = |i: usize| slope[i] * slope[i] / damped[(i, i)];
         let Some(next) = (0..n)
-            .filter(|i| !free.contains(i) && !held(&step, &slope, *i))
+            .filter(|i| !free.contains(i) && !held(&step, &slope, room, *i))
             .max_by(|&a, &b| gain(a).total_cmp(&gain(b)))
             .filter(|&i| gain(i) > 1e-12 * gradient.dot(&step).abs())
         else {
@@ -336,7 +296,60 @@ pub(crate) fn bounded_step(
     step
 }
 
-/// The sum of squares, whatever scalar the problem itself would report; infinite where that was.
+/// True where parameter `i` is on a bound and the slope points out of it.
+fn held(step: &DVector<f64>, slope: &DVector<f64>, room: &[[f64; 2]], i: usize) -> bool {
+    let [low, high] = room[i];
+    step[i] <= low && slope[i] >= 0.0 || step[i] >= high && slope[i] <= 0.0
+}
+
+/// Moves the `free` parameters of `step` to their minimum; those that meet a bound stay on it and leave `free`. False where
+/// the matrix is not positive definite.
+fn solve_free(
+    damped: &DMatrix<f64>,
+    gradient: &DVector<f64>,
+    room: &[[f64; 2]],
+    free: &mut Vec<usize>,
+    step: &mut DVector<f64>,
+) -> bool {
+    while !free.is_empty() {
+        let m = free.len();
+        let inner = DMatrix::from_fn(m, m, |r, c| damped[(free[r], free[c])]);
+        let slope = gradient + damped * &*step;
+        let right = DVector::from_fn(m, |r, _| -slope[free[r]]);
+        let Some(way) = inner.cholesky().map(|c| c.solve(&right)) else {
+            return false;
+        };
+        // Share of the way to the minimum at which a parameter meets its bound.
+        let share = |r: usize| {
+            let [low, high] = room[free[r]];
+            let end = if way[r] < 0.0 { low } else { high };
+            let there = (end - step[free[r]]) / way[r];
+            if there.is_finite() {
+                there.max(0.0)
+            } else {
+                f64::INFINITY
+            }
+        };
+        let first = (0..m).map(share).fold(1.0, f64::min);
+        let met: Vec<bool> = (0..m).map(|r| share(r) <= first && first < 1.0).collect();
+        for (r, &i) in free.iter().enumerate() {
+            let [low, high] = room[i];
+            step[i] = match (met[r], way[r] < 0.0) {
+                (true, true) => low,
+                (true, false) => high,
+                _ => (step[i] + first * way[r]).clamp(low, high),
+            };
+        }
+        let mut met = met.into_iter();
+        free.retain(|_| !met.next().unwrap_or(false));
+        if first >= 1.0 {
+            break;
+        }
+    }
+    true
+}
+
+/// The sum of squares, also for a problem whose own cost is another one; infinite where that cost is.
 fn sum_of_squares(reported: f64, residuals: &[f64]) -> f64 {
     if reported.is_finite() {
         residuals.iter().map(|r| r * r).sum()
@@ -416,7 +429,10 @@ mod tests {
             &bounds,
             &LeastSquaresSettings::default(),
         );
-        assert!((alone.values[0] - 13.0).abs() > 1.0, "a trap that traps nobody");
+        assert!(
+            (alone.values[0] - 13.0).abs() > 1.0,
+            "the start alone must end in another minimum"
+        );
         let settings = LeastSquaresSettings {
             screened: 30,
             starts: 4,

@@ -1,8 +1,8 @@
-//! Identification: parameters of a plant from recordings, curves or aggregates, with intervals and warnings.
+//! Identification: finds a plant's parameters from recordings, curves or tables of tests, with intervals and warnings.
 //!
-//! [`fit`] takes anything that has residuals ([`Residuals`]): whole recordings ([`curve`]), aggregates of rows ([`targets`]),
-//! or a published characteristic ([`objective`]). What a misfit means is for `diagnose`. Seeded, and the same bits whatever
-//! the number of threads.
+//! [`fit`] takes any problem that has residuals ([`Residuals`]): recordings ([`curve`]), rows of peak force and loop energy
+//! ([`targets`], [`leaf_pack_rows`]), points of one loop ([`loop_points`]) or a published characteristic ([`objective`]).
+//! `diagnose` decides what a misfit means. A fit is seeded and gives the same bits for any number of threads.
 
 pub(crate) mod confidence;
 pub(crate) mod curve;
@@ -10,90 +10,90 @@ pub(crate) mod differential_evolution;
 pub(crate) mod drive;
 pub(crate) mod evaluator;
 pub(crate) mod jacobian;
+pub(crate) mod leaf_pack_rows;
 pub(crate) mod least_squares;
+pub(crate) mod loop_points;
 pub(crate) mod nelder_mead;
 pub(crate) mod objective;
 pub(crate) mod path;
-pub(crate) mod profile_likelihood;
+pub(crate) mod target_table;
 pub(crate) mod targets;
 #[cfg(test)]
 mod testing;
 
-use nalgebra::DMatrix;
-
 pub(crate) use confidence::Warning;
-pub(crate) use curve::{CurveOptions, CurveProblem};
+pub(crate) use curve::CurveProblem;
 pub(crate) use objective::Residuals;
 
 use crate::model::{BuildError, Parameter};
 use evaluator::Evaluator;
 
-/// Why a problem of identification cannot be put or solved.
+/// Why a fit cannot start.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub(crate) enum IdentifyError {
-    /// The model refuses the start.
+    /// The model refuses the start values or the structure.
     #[error("the fit cannot start: {0}")]
     Build(#[from] BuildError),
-    /// Nothing to compare with.
+    /// Fewer residuals than free parameters.
     #[error(
         "{what} has {have} usable samples, {need} are needed: use a longer recording or fewer free parameters"
     )]
     TooFewSamples {
-        /// Of what.
+        /// The input that is too short.
         what: String,
-        /// Usable samples.
+        /// Number of usable samples.
         have: usize,
-        /// How many it takes.
+        /// Number of samples that the fit needs.
         need: usize,
     },
-    /// A parameter to be fixed or started is not one of the problem's.
+    /// A recording that cannot be compared with a model.
+    #[error("recording {name}: {reason}")]
+    Recording {
+        /// Name of the recording.
+        name: String,
+        /// What is wrong and what to do.
+        reason: &'static str,
+    },
+    /// A parameter to be fixed is not one of the problem's.
     #[error("there is no parameter \"{name}\" to fit: use one of {known}")]
     UnknownParameter {
-        /// As given.
+        /// The name as it was given.
         name: String,
-        /// What there is.
+        /// All names that the problem has.
         known: String,
     },
-    /// The start is not one value a parameter, or residuals there are not finite.
+    /// The start has not one value per parameter, or the residuals there are not finite.
     #[error("the start does not work: {reason}")]
     Start {
         /// What is wrong and what to do.
         reason: String,
     },
-    /// A table of targets could not be read.
+    /// A table of targets cannot be read.
     #[error("targets, row {row}, column \"{column}\": {reason}")]
     Targets {
-        /// From 1, the header not counted; 0 for the header.
+        /// Row of the file; the header is row 1.
         row: usize,
-        /// Column.
+        /// Name of the column; empty where the row as a whole cannot be read.
         column: String,
         /// What is wrong and what to do.
         reason: String,
     },
 }
 
-/// What a watcher of a fit answers.
+/// What the caller answers after an iteration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum FitControl {
-    /// Go on.
+    /// Continue the search.
     Continue,
-    /// End with the best so far.
+    /// End with the best values so far.
     Stop,
 }
 
-/// Where a search stands.
+/// Progress of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct FitProgress<'a> {
-    /// The method, in words.
-    pub stage: &'static str,
-    /// Iteration or generation.
-    pub iteration: usize,
-    /// Evaluations of the problem so far.
-    pub evaluations: usize,
-    /// Least cost so far.
+pub(crate) struct FitProgress {
+    /// Lowest cost so far.
     pub best_cost: f64,
-    /// Values at hand, free parameters only.
-    pub best_values: &'a [f64],
     /// Share of the allowed work that is done, 0 to 1; a search may end well before.
     pub share: f64,
 }
@@ -101,52 +101,50 @@ pub(crate) struct FitProgress<'a> {
 /// How a search ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum FitEnding {
-    /// Settled.
+    /// The search met its tolerances.
     Converged,
-    /// Its iterations, generations or evaluations are used up.
+    /// The search used up its iterations, generations or evaluations.
     Exhausted,
-    /// The watcher said so.
+    /// The caller stopped the search.
     Stopped,
 }
 
-/// What a search found.
+/// Result of a search.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Optimum {
-    /// Best values.
+    /// Best values, one per free parameter.
     pub values: Vec<f64>,
-    /// Their cost.
+    /// Cost at `values`.
     pub cost: f64,
-    /// Iterations or generations done.
-    pub iterations: usize,
-    /// How it ended.
+    /// How the search ended.
     pub ending: FitEnding,
 }
 
-/// Which search.
+/// Search method, with its settings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Method {
-    /// Bounded Levenberg-Marquardt: the one to use.
+    /// Bounded Levenberg-Marquardt: the default.
     LeastSquares(least_squares::LeastSquaresSettings),
-    /// The third paper's simplex.
+    /// The simplex of Polach and Hajzman.
     NelderMead(nelder_mead::SimplexSettings),
-    /// The first paper's differential evolution.
+    /// The differential evolution of Kadziela et al. (2015).
     DifferentialEvolution(differential_evolution::EvolutionSettings),
 }
 
-/// How to fit.
+/// Settings of a fit.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct FitOptions {
-    /// Search.
+    /// Search method to use.
     pub method: Method,
-    /// Start, one value a parameter; the parameters' own where `None`.
+    /// Start, one value per parameter; the parameters' own start values where `None`.
     pub start: Option<Vec<f64>>,
     /// Names of parameters that stay at their start.
     pub fixed: Vec<String>,
-    /// For whatever is drawn at random.
+    /// Seed of what the search draws at random.
     pub seed: u64,
     /// Cores to use; 0 for all. The result does not depend on it.
     pub threads: usize,
-    /// Intervals and what they need (one evaluation a free parameter); off where only the values matter.
+    /// Computes intervals (one more evaluation per free parameter); false where only the values matter.
     pub intervals: bool,
 }
 
@@ -163,49 +161,35 @@ impl Default for FitOptions {
     }
 }
 
-/// A fit: one entry a parameter of the problem, fixed ones included.
+/// Result of a fit. The lists have one entry per parameter of the problem, fixed ones included.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Fit {
-    /// Parameters, as the problem has them.
+    /// Parameters of the problem.
     pub parameters: Vec<Parameter>,
-    /// Best values.
+    /// Fitted values; the start values of fixed parameters.
     pub values: Vec<f64>,
     /// True where the parameter was fitted.
     pub free: Vec<bool>,
     /// 95 % intervals; `None` where fixed, at a bound or not identifiable.
     pub ci95: Vec<Option<[f64; 2]>>,
-    /// Standard deviations; infinite where there is no interval.
-    pub sigma: Vec<f64>,
-    /// Correlations of the estimates.
-    pub correlation: DMatrix<f64>,
     /// The problem's cost at `values`.
     pub cost: f64,
-    /// Independent samples that the residuals are worth; their number where intervals are off.
-    pub effective_samples: f64,
     /// Evaluations of the problem, those for the intervals included.
     pub evaluations: usize,
-    /// Iterations or generations.
-    pub iterations: usize,
     /// How the search ended.
     pub ending: FitEnding,
-    /// What to know before believing it.
+    /// Reasons to doubt the result.
     pub warnings: Vec<Warning>,
 }
 
 impl Fit {
-    /// True where the search settled.
+    /// True where the search met its tolerances.
     pub(crate) fn converged(&self) -> bool {
         self.ending == FitEnding::Converged
     }
-
-    /// Value of a parameter by name.
-    pub(crate) fn value(&self, name: &str) -> Option<f64> {
-        let index = self.parameters.iter().position(|p| p.name == name)?;
-        self.values.get(index).copied()
-    }
 }
 
-/// The problem with some parameters held.
+/// A problem with some parameters fixed.
 struct Restricted<'a> {
     inner: &'a dyn Residuals,
     parameters: Vec<Parameter>,
@@ -241,11 +225,11 @@ impl Residuals for Restricted<'_> {
     }
 }
 
-/// Fits the free parameters of `problem`. `watch` is called from this thread, once an iteration.
+/// Fits the free parameters of `problem`. `watch` is called once per iteration, from the calling thread.
 pub(crate) fn fit(
     problem: &dyn Residuals,
     options: &FitOptions,
-    watch: &mut dyn FnMut(FitProgress<'_>) -> FitControl,
+    watch: &mut dyn FnMut(FitProgress) -> FitControl,
 ) -> Result<Fit, IdentifyError> {
     let restricted = restrict(problem, options)?;
     let start: Vec<f64> = restricted.free.iter().map(|&i| restricted.values[i]).collect();
@@ -254,7 +238,7 @@ pub(crate) fn fit(
     problem.evaluate(&restricted.values, &mut residuals)?;
     if let Some(i) = residuals.iter().position(|r| !r.is_finite()) {
         return Err(IdentifyError::Start {
-            reason: format!("residual {i} is not finite there: check the recordings and the start values"),
+            reason: format!("residual {i} is not finite: check the recordings and the start values"),
         });
     }
 
@@ -279,14 +263,7 @@ pub(crate) fn fit(
         confidence::confidence(&mut evaluator, &optimum.values, &residuals, step)
     });
     let evaluations = evaluator.evaluations() + 2;
-    Ok(assemble(
-        problem,
-        &restricted,
-        optimum,
-        &residuals,
-        certainty,
-        evaluations,
-    ))
+    Ok(assemble(&restricted, optimum, &residuals, certainty, evaluations))
 }
 
 /// Checks the options against the problem.
@@ -299,7 +276,7 @@ fn restrict<'a>(problem: &'a dyn Residuals, options: &FitOptions) -> Result<Rest
     if values.len() != parameters.len() {
         return Err(IdentifyError::Start {
             reason: format!(
-                "{} values for {} parameters: give one each",
+                "it has {} values for {} parameters: give one value per parameter",
                 values.len(),
                 parameters.len()
             ),
@@ -332,9 +309,8 @@ fn restrict<'a>(problem: &'a dyn Residuals, options: &FitOptions) -> Result<Rest
     })
 }
 
-/// Puts the free parameters' results back among all.
+/// Puts the results of the free parameters back among all parameters.
 fn assemble(
-    problem: &dyn Residuals,
     restricted: &Restricted<'_>,
     optimum: Optimum,
     residuals: &[f64],
@@ -343,28 +319,19 @@ fn assemble(
 ) -> Fit {
     let n = restricted.values.len();
     let mut fit = Fit {
-        parameters: problem.parameters().to_vec(),
+        parameters: restricted.inner.parameters().to_vec(),
         values: restricted.all_values(&optimum.values),
         free: (0..n).map(|i| restricted.free.contains(&i)).collect(),
         ci95: vec![None; n],
-        sigma: vec![f64::INFINITY; n],
-        correlation: DMatrix::identity(n, n),
-        cost: problem.cost(residuals),
-        effective_samples: residuals.len() as f64,
+        cost: restricted.inner.cost(residuals),
         evaluations,
-        iterations: optimum.iterations,
         ending: optimum.ending,
         warnings: Vec::new(),
     };
     if let Some(certainty) = certainty {
         for (a, &i) in restricted.free.iter().enumerate() {
             fit.ci95[i] = certainty.ci95[a];
-            fit.sigma[i] = certainty.sigma[a];
-            for (b, &j) in restricted.free.iter().enumerate() {
-                fit.correlation[(i, j)] = certainty.correlation[(a, b)];
-            }
         }
-        fit.effective_samples = certainty.effective_samples;
         fit.warnings = certainty.warnings;
     }
     if optimum.ending == FitEnding::Exhausted {

@@ -1,20 +1,20 @@
-//! Nelder-Mead simplex in relative parameters, as the third paper ran it (MATLAB's fminsearch: Lagarias et al., SIAM J.
-//! Optim. 9, 1998). Each coordinate is `value / start` (eq. 3 of Polach and Hajzman), so its start is 1.
+//! Nelder-Mead simplex in relative parameters, as Polach and Hajzman used it (MATLAB's fminsearch: Lagarias et al., SIAM J.
+//! Optim. 9, 1998). Each coordinate is `value / start` (their eq. 3), so its start is 1.
 //!
-//! Reflection 1, expansion 2, contraction 0.5, shrinkage 0.5; first simplex 5 % a coordinate. Values that the model refuses
-//! cost infinity, which the simplex walks away from; values outside the bounds count as refused.
+//! Reflection 1, expansion 2, contraction 0.5, shrinkage 0.5; the first simplex is 5 % wide. The cost is infinite for values
+//! that the model refuses and for values outside the bounds.
 
 use super::evaluator::Evaluator;
 use super::{FitControl, FitEnding, FitProgress, Optimum};
 
-/// When to stop; the defaults are fminsearch's.
+/// Tolerances; the defaults are those of fminsearch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct SimplexSettings {
-    /// The simplex lies within this of its best corner, in relative parameters ...
+    /// Converged when every corner is within this of the best one, in relative parameters,
     pub size_tolerance: f64,
-    /// ... and its costs within this of the best.
+    /// and every cost within this of the best one.
     pub cost_tolerance: f64,
-    /// Most evaluations; 0 for 200 a parameter.
+    /// Largest number of evaluations; 0 for 200 per parameter.
     pub evaluations: usize,
 }
 
@@ -28,7 +28,7 @@ impl Default for SimplexSettings {
     }
 }
 
-/// The simplex: corners in relative parameters with their costs, best first.
+/// The corners in relative parameters with their costs, best first.
 struct Simplex<'e, 'p> {
     evaluator: &'e mut Evaluator<'p>,
     scale: Vec<f64>,
@@ -36,7 +36,36 @@ struct Simplex<'e, 'p> {
     corners: Vec<(Vec<f64>, f64)>,
 }
 
-impl Simplex<'_, '_> {
+impl<'e, 'p> Simplex<'e, 'p> {
+    /// The first simplex: the start, and one corner per parameter that is moved along it.
+    fn new(evaluator: &'e mut Evaluator<'p>, start: &[f64], bounds: &[[f64; 2]]) -> Self {
+        let n = start.len();
+        // A start of zero has no ratio: its coordinate is the share of the bounds' width.
+        let scale: Vec<f64> = start
+            .iter()
+            .zip(bounds)
+            .map(|(&s, [low, high])| if s == 0.0 { high - low } else { s })
+            .collect();
+        let first: Vec<f64> = start.iter().map(|&s| if s == 0.0 { 0.0 } else { 1.0 }).collect();
+        let mut simplex = Simplex {
+            evaluator,
+            scale,
+            bounds: bounds.to_vec(),
+            corners: Vec::with_capacity(n + 1),
+        };
+        for corner in 0..=n {
+            let mut relative = first.clone();
+            if corner > 0 {
+                let moved = &mut relative[corner - 1];
+                *moved = if *moved == 0.0 { 0.00025 } else { 1.05 };
+            }
+            let cost = simplex.cost(&relative);
+            simplex.corners.push((relative, cost));
+        }
+        simplex.corners.sort_by(|a, b| a.1.total_cmp(&b.1));
+        simplex
+    }
+
     fn values(&self, relative: &[f64]) -> Vec<f64> {
         relative.iter().zip(&self.scale).map(|(r, s)| r * s).collect()
     }
@@ -124,7 +153,7 @@ pub(crate) fn minimise(
     start: &[f64],
     bounds: &[[f64; 2]],
     settings: &SimplexSettings,
-    watch: &mut dyn FnMut(FitProgress<'_>) -> FitControl,
+    watch: &mut dyn FnMut(FitProgress) -> FitControl,
 ) -> Optimum {
     let n = start.len();
     let most = evaluator.evaluations()
@@ -132,32 +161,8 @@ pub(crate) fn minimise(
             0 => 200 * n,
             given => given,
         };
-    // A start of zero has no ratio: its coordinate is the share of the bounds' width.
-    let scale: Vec<f64> = start
-        .iter()
-        .zip(bounds)
-        .map(|(&s, [low, high])| if s == 0.0 { high - low } else { s })
-        .collect();
-    let first: Vec<f64> = start.iter().map(|&s| if s == 0.0 { 0.0 } else { 1.0 }).collect();
-    let mut simplex = Simplex {
-        evaluator,
-        scale,
-        bounds: bounds.to_vec(),
-        corners: Vec::with_capacity(n + 1),
-    };
-    for corner in 0..=n {
-        let mut relative = first.clone();
-        if corner > 0 {
-            let moved = &mut relative[corner - 1];
-            *moved = if *moved == 0.0 { 0.00025 } else { 1.05 };
-        }
-        let cost = simplex.cost(&relative);
-        simplex.corners.push((relative, cost));
-    }
-    simplex.corners.sort_by(|a, b| a.1.total_cmp(&b.1));
-
+    let mut simplex = Simplex::new(evaluator, start, bounds);
     let begun = simplex.evaluator.evaluations();
-    let mut iterations = 0;
     let ending = loop {
         if simplex.converged(settings) {
             break FitEnding::Converged;
@@ -166,25 +171,18 @@ pub(crate) fn minimise(
         if evaluations >= most || n == 0 {
             break FitEnding::Exhausted;
         }
-        let best_values = simplex.values(&simplex.corners[0].0);
         let progress = FitProgress {
-            stage: "Nelder-Mead",
-            iteration: iterations,
-            evaluations,
             best_cost: simplex.corners[0].1,
-            best_values: &best_values,
             share: (evaluations - begun) as f64 / (most - begun).max(1) as f64,
         };
         if watch(progress) == FitControl::Stop {
             break FitEnding::Stopped;
         }
         simplex.improve();
-        iterations += 1;
     };
     Optimum {
         values: simplex.values(&simplex.corners[0].0),
         cost: simplex.corners[0].1,
-        iterations,
         ending,
     }
 }
@@ -223,7 +221,7 @@ mod tests {
         };
         let (optimum, evaluations) = run(&settings, &[[-2.0, 0.5], [-2.0, 2.0]]);
         assert!(optimum.values[0] <= 0.5);
-        // A shrink may overrun by one evaluation a parameter.
+        // A shrink may exceed the limit by one evaluation per parameter.
         assert!(evaluations <= 62, "{evaluations}");
         assert_eq!(optimum.ending, FitEnding::Exhausted);
     }

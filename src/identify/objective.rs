@@ -1,49 +1,49 @@
-//! What a fit makes small: residuals of a plant against what was measured, and the two papers' scalar objectives.
-//! Whole recordings are in `curve`, aggregates (objective 9) in `targets`; the searches know only [`Residuals`].
+//! What a fit minimises: residuals of a plant against measurements, and the objectives of two papers.
+//! Recordings are in `curve`, rows of tests (objective 9) in `targets`; the searches use only [`Residuals`].
 
 use super::IdentifyError;
 use super::drive::ForceDriver;
 use crate::model::{BuildError, Parameter, Plant};
 
-/// Builds a plant, effects attached, from one value a parameter.
+/// Builds a plant from one value per parameter.
 pub(crate) type Factory<'a> = dyn Fn(&[f64]) -> Result<Box<dyn Plant>, BuildError> + Sync + 'a;
 
-/// A problem of identification: parameters in, weighted residuals out. Same values, same bits.
+/// A problem of identification: parameters in, weighted residuals out. The same values give the same bits.
 pub(crate) trait Residuals: Sync {
-    /// What may be moved, in the order of `values`.
+    /// Parameters, in the order of `values`.
     fn parameters(&self) -> &[Parameter];
-    /// Number of residuals.
+    /// Number of residuals, the length of `out`.
     fn count(&self) -> usize;
-    /// Writes one residual (measured minus model, times its weight) into each place of `out`, which has `count` of them.
+    /// Writes the residuals, measured minus model times weight, into `out`.
     fn evaluate(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError>;
-    /// The number to be made small; least squares unless a paper says otherwise.
+    /// The number to minimise; the sum of squares unless a paper has another objective.
     fn cost(&self, residuals: &[f64]) -> f64 {
         residuals.iter().map(|r| r * r).sum()
     }
-    /// Lengths of the stretches (recordings) within which neighbouring residuals may be correlated; they sum to `count`.
+    /// Lengths of the stretches (recordings) within which residuals may be correlated; they sum to `count`.
     fn stretches(&self) -> Vec<usize> {
         vec![self.count()]
     }
 }
 
-/// One output of objective (9) of Kadziela et al. (2015): `w (r - t)^2 / s^2` with `s = |t| + 0.001`; its square root, signed.
+/// Signed square root of one term of objective (9) of Kadziela et al. (2015), `w (r - t)^2 / s^2` with `s = |t| + 0.001`.
 ///
-/// The scale's 0.001 is in the unit of the paper's table (kN, J), so `target` and `reached` belong in those.
+/// The 0.001 is in the units of the paper's table: give `target` and `reached` in kN or J.
 pub(crate) fn scaled_difference(target: f64, reached: f64, weight: f64) -> f64 {
     weight.sqrt() * (target - reached) / (target.abs() + 0.001)
 }
 
-/// Deformations of a spring that is led along a programme of forces, at points evenly spaced over it.
+/// A course of forces at a constant time step.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct ForceProgramme {
-    /// Forces in N, one a step.
+    /// Forces in N, one per step.
     pub force_n: Vec<f64>,
-    /// Step in s.
+    /// Time step in s.
     pub dt_s: f64,
 }
 
 impl ForceProgramme {
-    /// `cycles` of a sine from `low_n` to `high_n` and back, `steps` a cycle.
+    /// `cycles` of a sine from `low_n` to `high_n` and back, with `steps` per cycle.
     pub(crate) fn sine(low_n: f64, high_n: f64, frequency_hz: f64, cycles: usize, steps: usize) -> Self {
         let force_n = (0..=cycles * steps)
             .map(|i| {
@@ -68,17 +68,17 @@ impl ForceProgramme {
     }
 }
 
-/// Objective (4) of Polach and Hajzman: sum of |measured - calculated deformation| over points of the curve at equal forces.
+/// Objective (4) of Polach and Hajzman: sum of |measured - calculated deformation| over points at equal forces.
 pub(crate) struct DeformationProblem<'a> {
     parameters: Vec<Parameter>,
     factory: Box<Factory<'a>>,
     programme: ForceProgramme,
-    /// Step of the programme and measured deformation in mm.
+    /// Step of the programme, and measured deformation there in mm.
     points: Vec<(usize, f64)>,
 }
 
 impl<'a> DeformationProblem<'a> {
-    /// `measured_mm` has one deformation a step of the programme; `count` of them after step `from`, evenly spaced, are compared.
+    /// `measured_mm` has one deformation per step of the programme; `count` points after step `from` are compared.
     pub(crate) fn new(
         parameters: Vec<Parameter>,
         factory: Box<Factory<'a>>,

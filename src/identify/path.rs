@@ -1,4 +1,4 @@
-//! The recorded displacement as a path: turning points, smoothing, and how a plant is brought to its beginning.
+//! The recorded displacement as a path: its turning points, and the way of a plant from rest to its first sample.
 
 /// Indices of turning points that the signal leaves by more than `band`.
 pub(crate) fn reversals(signal: &[f64], band: f64) -> Vec<usize> {
@@ -27,7 +27,7 @@ pub(crate) fn reversals(signal: &[f64], band: f64) -> Vec<usize> {
     found
 }
 
-/// Displacements from rest at zero to the state before the first sample; with `replay` the first cycle is run through once.
+/// Displacements from rest at zero to the state before the first sample; with `replay`, through the first cycle.
 pub(crate) fn approach(displacement_mm: &[f64], reversals: &[usize], replay: bool) -> Vec<f64> {
     let first = displacement_mm[0];
     let mut path = straight(0.0, first);
@@ -37,7 +37,8 @@ pub(crate) fn approach(displacement_mm: &[f64], reversals: &[usize], replay: boo
     if !replay {
         return path;
     }
-    // One cycle: until the first displacement is passed again in the first direction, or all there is and straight back.
+    // One cycle ends where the first displacement is passed again in the first direction. Without such a sample the whole
+    // recording is replayed, and a straight line leads back.
     let direction = (displacement_mm[turn] - first).signum();
     let after = reversals.get(1).copied().unwrap_or(displacement_mm.len() - 1);
     let closes = |&i: &usize| direction * (displacement_mm[i] - first) >= 0.0;
@@ -49,7 +50,7 @@ pub(crate) fn approach(displacement_mm: &[f64], reversals: &[usize], replay: boo
     path
 }
 
-/// Points from `from` (left out) to `to` at most 0.2 mm apart, 200 at most.
+/// Points from `from` (exclusive) to `to`, at most 0.2 mm apart, 200 at most.
 fn straight(from: f64, to: f64) -> Vec<f64> {
     let steps = ((to - from).abs() / 0.2).ceil().clamp(1.0, 200.0);
     (1..=steps as usize)
@@ -57,27 +58,7 @@ fn straight(from: f64, to: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Zero-phase smoothing by a least-squares parabola over `half` samples to either side (Savitzky and Golay 1964); fewer
-/// towards the ends, whose last samples stay as they are.
-pub(crate) fn smoothed(signal: &[f64], half: usize) -> Vec<f64> {
-    let weights = |m: f64, k: f64| {
-        3.0 * (3.0 * m * m + 3.0 * m - 1.0 - 5.0 * k * k)
-            / ((2.0 * m + 3.0) * (2.0 * m + 1.0) * (2.0 * m - 1.0))
-    };
-    (0..signal.len())
-        .map(|i| {
-            let m = half.min(i).min(signal.len() - 1 - i);
-            if m < 2 {
-                return signal[i];
-            }
-            (0..=2 * m)
-                .map(|j| weights(m as f64, j as f64 - m as f64) * signal[i + j - m])
-                .sum()
-        })
-        .collect()
-}
-
-/// Largest less smallest.
+/// Largest value less the smallest one.
 pub(crate) fn range(signal: &[f64]) -> f64 {
     let low = signal.iter().copied().fold(f64::INFINITY, f64::min);
     let high = signal.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -94,14 +75,5 @@ mod tests {
         assert_eq!(reversals(&signal, 0.5), vec![3, 6]);
         assert_eq!(reversals(&signal, 0.05), vec![1, 2, 3, 4, 5, 6]);
         assert_eq!(reversals(&[1.0; 5], 0.0), Vec::<usize>::new());
-    }
-
-    #[test]
-    fn smoothing_keeps_parabolas_and_quiets_noise() {
-        let parabola: Vec<f64> = (0..50).map(|i| 0.1 * f64::from(i * i) - f64::from(i)).collect();
-        let same = smoothed(&parabola, 6);
-        assert!(parabola.iter().zip(&same).all(|(a, b)| (a - b).abs() < 1e-9));
-        let zigzag: Vec<f64> = (0..50).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
-        assert!(smoothed(&zigzag, 6)[20..30].iter().all(|x| x.abs() < 0.25));
     }
 }

@@ -1,39 +1,43 @@
-//! Aggregates as input: rows of a published table (peak force and loop energy of a motion) instead of recordings.
-//! Two numbers a row hide the loop's shape; what that allows to conclude is for `diagnose`.
+//! Rows of tests as input: peak force and loop energy of a motion instead of a recording.
+//!
+//! Two figures per test do not show the loop's shape; `diagnose` decides what they allow to conclude. `target_table` reads
+//! the rows from a file.
 
-use std::io::Read;
-
-use super::IdentifyError;
 use super::drive::ForceDriver;
-use super::objective::{Residuals, scaled_difference};
+use super::objective::{Factory, Residuals, scaled_difference};
 use crate::model::{BuildError, Parameter, Plant};
 use crate::units::joules_from_nmm;
 
-/// Steps of a cycle: loop energies of smooth laws are then within 0.1 %.
+/// Steps per cycle: loop energies of smooth laws are then within 0.1 %.
 const STEPS: usize = 400;
-/// A ramp that should reach a force gives up after this many times its expected travel.
+/// A ramp to a force ends after this many times its expected travel.
 const PATIENCE: usize = 8;
+/// Duration of a slow ramp up and down, in s, where a table gives none.
+pub(crate) const SLOW_RAMP_S: f64 = 120.0;
+/// Weights of objective (9), Table 4 of Kadziela et al. (2015): peak force and loop energy.
+pub(crate) const PEAK_WEIGHT: f64 = 1.0;
+pub(crate) const ENERGY_WEIGHT: f64 = 0.6;
 
-/// What the rig did.
+/// Motion of a test.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum TargetMotion {
     /// From rest to a force and back to the start, straight in displacement; the peak force is met by construction.
     ForceRamp {
         /// Force to reach in N.
         force_n: f64,
-        /// Up and down, in s.
+        /// Time up and down, in s.
         duration_s: f64,
     },
-    /// From rest by a stroke and back, straight.
+    /// From rest by a stroke and back, straight in displacement.
     Ramp {
         /// Travel in mm.
         stroke_mm: f64,
-        /// Up and down, in s.
+        /// Time up and down, in s.
         duration_s: f64,
     },
-    /// A steady sine; the cycle after the first counts.
+    /// A steady sine; the second cycle is measured.
     Sine {
-        /// Peak to peak in mm: twice what some call the amplitude.
+        /// Peak to peak, in mm.
         stroke_mm: f64,
         /// Frequency in Hz.
         frequency_hz: f64,
@@ -42,29 +46,35 @@ pub(crate) enum TargetMotion {
     },
 }
 
-/// One row of a table.
+/// One test: its motion and its measured figures.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LoopTarget {
-    /// Mount or profile, for messages and for whoever builds the plant.
-    pub profile: String,
-    /// What the rig did.
+    /// Motion of the test.
     pub motion: TargetMotion,
-    /// Measured peak force in N.
-    pub peak_force_n: f64,
-    /// Measured loop energy in J.
-    pub loop_energy_j: f64,
+    /// Measured peak force and loop energy.
+    pub measured: Aggregate,
 }
 
-/// Peak force and loop energy of one cycle.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// Peak force and loop energy of one test.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Aggregate {
     /// Largest force in N.
     pub peak_force_n: f64,
-    /// Energy lost in the cycle in J.
+    /// Energy lost in the loop, in J.
     pub loop_energy_j: f64,
 }
 
-/// Peak force and trapezoidal area while a plant moves.
+impl Aggregate {
+    /// Relative errors of peak force and loop energy against `measured`.
+    pub(crate) fn errors(&self, measured: &Aggregate) -> [f64; 2] {
+        [
+            self.peak_force_n / measured.peak_force_n - 1.0,
+            self.loop_energy_j / measured.loop_energy_j - 1.0,
+        ]
+    }
+}
+
+/// Measures peak force and trapezoidal area while a plant moves.
 struct Meter<'a> {
     plant: &'a mut Box<dyn Plant>,
     at_mm: f64,
@@ -84,6 +94,7 @@ impl<'a> Meter<'a> {
         }
     }
 
+    /// One step to `x_mm`.
     fn to(&mut self, x_mm: f64, dt_s: f64) {
         let force_n = self.plant.step(x_mm, dt_s);
         self.energy_nmm += 0.5 * (force_n + self.force_n) * (x_mm - self.at_mm);
@@ -91,7 +102,7 @@ impl<'a> Meter<'a> {
         (self.at_mm, self.force_n) = (x_mm, force_n);
     }
 
-    /// Forgets what was measured, keeps where the plant is.
+    /// Sets the measured figures back; the plant stays where it is.
     fn restart(&mut self) {
         self.peak_n = f64::NEG_INFINITY;
         self.energy_nmm = 0.0;
@@ -106,7 +117,7 @@ impl<'a> Meter<'a> {
 }
 
 impl TargetMotion {
-    /// Leads `plant` from rest through the motion.
+    /// Moves `plant` from rest through the motion.
     pub(crate) fn measure(&self, plant: &mut Box<dyn Plant>) -> Aggregate {
         plant.reset();
         match *self {
@@ -114,44 +125,48 @@ impl TargetMotion {
             TargetMotion::Ramp {
                 stroke_mm,
                 duration_s,
-            } => {
-                let mut meter = Meter::new(plant);
-                let dt_s = duration_s / STEPS as f64;
-                meter.to(0.0, dt_s);
-                meter.restart();
-                for i in (1..=STEPS / 2).chain((0..STEPS / 2).rev()) {
-                    meter.to(stroke_mm * i as f64 / (STEPS / 2) as f64, dt_s);
-                }
-                meter.aggregate()
-            }
+            } => ramp(plant, stroke_mm, duration_s),
             TargetMotion::Sine {
                 stroke_mm,
                 frequency_hz,
                 valley_mm,
-            } => {
-                let mut meter = Meter::new(plant);
-                let dt_s = 1.0 / (frequency_hz * STEPS as f64);
-                let approach = (STEPS / 4).max(1);
-                for i in 1..=approach {
-                    meter.to(valley_mm * i as f64 / approach as f64, dt_s);
-                }
-                for _cycle in 0..2 {
-                    meter.restart();
-                    for i in 1..=STEPS {
-                        let phase = std::f64::consts::TAU * i as f64 / STEPS as f64;
-                        meter.to(valley_mm + 0.5 * stroke_mm * (1.0 - phase.cos()), dt_s);
-                    }
-                }
-                meter.aggregate()
-            }
+            } => sine(plant, stroke_mm, frequency_hz, valley_mm),
         }
     }
 }
 
-/// Even steps of displacement until the force is there, the last one cut to meet it, and the same way back.
+fn ramp(plant: &mut Box<dyn Plant>, stroke_mm: f64, duration_s: f64) -> Aggregate {
+    let mut meter = Meter::new(plant);
+    let dt_s = duration_s / STEPS as f64;
+    meter.to(0.0, dt_s);
+    meter.restart();
+    for i in (1..=STEPS / 2).chain((0..STEPS / 2).rev()) {
+        meter.to(stroke_mm * i as f64 / (STEPS / 2) as f64, dt_s);
+    }
+    meter.aggregate()
+}
+
+fn sine(plant: &mut Box<dyn Plant>, stroke_mm: f64, frequency_hz: f64, valley_mm: f64) -> Aggregate {
+    let mut meter = Meter::new(plant);
+    let dt_s = 1.0 / (frequency_hz * STEPS as f64);
+    let approach = (STEPS / 4).max(1);
+    for i in 1..=approach {
+        meter.to(valley_mm * i as f64 / approach as f64, dt_s);
+    }
+    for _cycle in 0..2 {
+        meter.restart();
+        for i in 1..=STEPS {
+            let phase = std::f64::consts::TAU * i as f64 / STEPS as f64;
+            meter.to(valley_mm + 0.5 * stroke_mm * (1.0 - phase.cos()), dt_s);
+        }
+    }
+    meter.aggregate()
+}
+
+/// Even steps of displacement up to the force, the last one shortened to meet it, and the same steps back.
 fn force_ramp(plant: &mut Box<dyn Plant>, force_n: f64, duration_s: f64) -> Aggregate {
     let dt_s = duration_s / STEPS as f64;
-    // Where the force will be reached decides the step: asked of a copy under force control, a few strides long.
+    // A copy under force control finds the travel, which sets the step.
     let mut copy = plant.boxed_clone();
     let mut driver = ForceDriver::new(&mut copy);
     let travel_mm = (1..=4).fold(0.0, |_, i| {
@@ -166,7 +181,7 @@ fn force_ramp(plant: &mut Box<dyn Plant>, force_n: f64, duration_s: f64) -> Aggr
         let (before_mm, before_n) = (meter.at_mm, meter.force_n);
         let trial_n = meter.plant.boxed_clone().step(before_mm + step_mm, dt_s);
         if trial_n >= force_n {
-            // One secant step inside the last stride: the force is smooth there.
+            // One secant inside the last step: the force is smooth there.
             let share = ((force_n - before_n) / (trial_n - before_n)).clamp(0.0, 1.0);
             meter.to(before_mm + share * step_mm, share * dt_s);
             break;
@@ -180,46 +195,33 @@ fn force_ramp(plant: &mut Box<dyn Plant>, force_n: f64, duration_s: f64) -> Aggr
     meter.aggregate()
 }
 
-/// Builds the plant for a row: the mount may differ from row to row, the values are shared.
-pub(crate) type TargetFactory<'a> =
-    dyn Fn(&[f64], &LoopTarget) -> Result<Box<dyn Plant>, BuildError> + Sync + 'a;
-
-/// Rows as residuals of objective (9): peak force in kN and loop energy in J, each over its scale, weighted.
+/// Tests as residuals of objective (9): peak force in kN and loop energy in J.
 pub(crate) struct TargetProblem<'a> {
     parameters: Vec<Parameter>,
-    factory: Box<TargetFactory<'a>>,
+    factory: Box<Factory<'a>>,
     targets: Vec<LoopTarget>,
-    peak_weight: f64,
-    energy_weight: f64,
 }
 
 impl<'a> TargetProblem<'a> {
-    /// With the paper's weights (Table 4): 1 for the peak force, 0.6 for the loop energy.
+    /// `factory` builds the plant that runs all tests.
     pub(crate) fn new(
         parameters: Vec<Parameter>,
-        factory: Box<TargetFactory<'a>>,
+        factory: Box<Factory<'a>>,
         targets: Vec<LoopTarget>,
     ) -> Self {
         TargetProblem {
             parameters,
             factory,
             targets,
-            peak_weight: 1.0,
-            energy_weight: 0.6,
         }
     }
 
-    /// What the plant gives, row by row.
+    /// Figures of the plant, one pair per test.
     pub(crate) fn measure(&self, values: &[f64]) -> Result<Vec<Aggregate>, BuildError> {
         self.targets
             .iter()
-            .map(|target| Ok(target.motion.measure(&mut (self.factory)(values, target)?)))
+            .map(|target| Ok(target.motion.measure(&mut (self.factory)(values)?)))
             .collect()
-    }
-
-    /// The rows.
-    pub(crate) fn targets(&self) -> &[LoopTarget] {
-        &self.targets
     }
 }
 
@@ -239,90 +241,21 @@ impl Residuals for TargetProblem<'_> {
             .zip(self.measure(values)?)
         {
             let kilonewtons = |force_n: f64| 1e-3 * force_n;
+            let measured = &target.measured;
             pair[0] = scaled_difference(
-                kilonewtons(target.peak_force_n),
+                kilonewtons(measured.peak_force_n),
                 kilonewtons(reached.peak_force_n),
-                self.peak_weight,
+                PEAK_WEIGHT,
             );
-            pair[1] = scaled_difference(target.loop_energy_j, reached.loop_energy_j, self.energy_weight);
+            pair[1] = scaled_difference(measured.loop_energy_j, reached.loop_energy_j, ENERGY_WEIGHT);
         }
         Ok(())
     }
 }
 
-/// Reads rows from CSV: `profile, motion (force-ramp | ramp | sine), stroke_mm, duration_s, frequency_hz, valley_mm,
-/// peak_force_n, loop_energy_j`, by name, in any order; cells that the motion does not need stay empty.
-pub(crate) fn read_targets(reader: impl Read) -> Result<Vec<LoopTarget>, IdentifyError> {
-    let mut csv = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(reader);
-    let refused = |row: usize, column: &str, reason: String| IdentifyError::Targets {
-        row,
-        column: column.to_owned(),
-        reason,
-    };
-    let header = csv.headers().map_err(|e| refused(0, "", e.to_string()))?.clone();
-    for column in ["profile", "motion", "peak_force_n", "loop_energy_j"] {
-        if !header.iter().any(|h| h == column) {
-            return Err(refused(
-                0,
-                column,
-                "the column is missing: add it to the header".to_owned(),
-            ));
-        }
-    }
-    let mut targets = Vec::new();
-    for (index, record) in csv.records().enumerate() {
-        let row = index + 1;
-        let record = record.map_err(|e| refused(row, "", e.to_string()))?;
-        let cell = |column: &str| {
-            let place = header.iter().position(|h| h == column);
-            place.and_then(|i| record.get(i)).unwrap_or("")
-        };
-        let number = |column: &str, least: f64| match cell(column).parse::<f64>() {
-            Ok(value) if value.is_finite() && value >= least => Ok(value),
-            _ => Err(refused(
-                row,
-                column,
-                match least {
-                    f64::MIN => format!("\"{}\" is not a finite number: enter one", cell(column)),
-                    _ => format!(
-                        "\"{}\" is not a number from {least:e} on: enter one",
-                        cell(column)
-                    ),
-                },
-            )),
-        };
-        let peak_force_n = number("peak_force_n", f64::MIN_POSITIVE)?;
-        let motion = match cell("motion") {
-            "force-ramp" => TargetMotion::ForceRamp {
-                force_n: peak_force_n,
-                duration_s: number("duration_s", 1e-3)?,
-            },
-            "ramp" => TargetMotion::Ramp {
-                stroke_mm: number("stroke_mm", 1e-6)?,
-                duration_s: number("duration_s", 1e-3)?,
-            },
-            "sine" => TargetMotion::Sine {
-                stroke_mm: number("stroke_mm", 1e-6)?,
-                frequency_hz: number("frequency_hz", 1e-6)?,
-                valley_mm: number("valley_mm", f64::MIN)?,
-            },
-            other => {
-                let reason = format!("\"{other}\" is no motion: use force-ramp, ramp or sine");
-                return Err(refused(row, "motion", reason));
-            }
-        };
-        targets.push(LoopTarget {
-            profile: cell("profile").to_owned(),
-            motion,
-            peak_force_n,
-            loop_energy_j: number("loop_energy_j", 0.0)?,
-        });
-    }
-    Ok(targets)
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::target_table::read_targets;
     use super::super::{FitControl, FitOptions, fit};
     use super::*;
     use crate::model;
@@ -341,7 +274,7 @@ mod tests {
             valley_mm: 2.0,
         };
         let reached = motion.measure(&mut spring(&TRUTH).expect("within bounds"));
-        // Energy: 2 r E_mean (S - 2 p tanh(S / 2p)), as in the model's own text; trapezoid over 400 steps leaves 0.1 %.
+        // Energy: 2 r E_mean (S - 2 p tanh(S / 2p)), from the model's equations; the trapezoid over 400 steps is within 0.1 %.
         let energy_nmm = 2.0 * 0.15 * 400.0 * (6.0 - 0.8 * (6.0f64 / 0.8).tanh());
         assert!((reached.loop_energy_j / (1e-3 * energy_nmm) - 1.0).abs() < 1e-3);
         assert!((reached.peak_force_n - 640.0 * 1.15).abs() < 1e-3);
@@ -354,7 +287,7 @@ mod tests {
             duration_s: 120.0,
         };
         let reached = motion.measure(&mut spring(&TRUTH).expect("within bounds"));
-        // One secant inside a stride of 0.1 mm; the presliding is over there, so it is straight.
+        // One secant inside a step of 0.1 mm, where presliding has ended and the force is linear.
         assert!((reached.peak_force_n - 2000.0).abs() < 0.01, "{reached:?}");
         let peak_mm = 2000.0 / (80.0 * 1.15);
         let ramp = TargetMotion::Ramp {
@@ -372,12 +305,10 @@ mod tests {
                     static,force-ramp,,120,,,2000,1\nsine 6,sine,6,,1,2,1,1\nsine 10,sine,10,,1,2,1,1\n";
         let mut targets = read_targets(text.as_bytes()).expect("well-formed");
         for target in &mut targets {
-            let reached = target.motion.measure(&mut spring(&TRUTH).expect("within bounds"));
-            target.peak_force_n = reached.peak_force_n;
-            target.loop_energy_j = reached.loop_energy_j;
+            target.measured = target.motion.measure(&mut spring(&TRUTH).expect("within bounds"));
         }
         let parameters = model::find("equivalent").expect("listed").parameters.to_vec();
-        let problem = TargetProblem::new(parameters, Box::new(|values, _| spring(values)), targets);
+        let problem = TargetProblem::new(parameters, Box::new(spring), targets);
         let options = FitOptions {
             start: Some(vec![0.0, 60.0, 0.05, 0.2]),
             fixed: vec!["preload_n".to_owned()],
@@ -387,28 +318,5 @@ mod tests {
         for (value, truth) in fit.values.iter().zip(TRUTH).skip(1) {
             assert!((value / truth - 1.0).abs() < 1e-3, "{:?}", fit.values);
         }
-    }
-
-    #[test]
-    fn bad_rows_are_named() {
-        let head = "profile,motion,stroke_mm,frequency_hz,valley_mm,duration_s,peak_force_n,loop_energy_j\n";
-        for (rows, row, column) in [
-            ("a,sine,6,1,2,,1,1\nb,sine,6,1,2,,NaN,1\n", 2, "peak_force_n"),
-            ("a,wobble,6,1,2,,1,1\n", 1, "motion"),
-            ("a,sine,,1,2,,1,1\n", 1, "stroke_mm"),
-            ("a,sine,6,1,2,,1,-3\n", 1, "loop_energy_j"),
-        ] {
-            let error = read_targets(format!("{head}{rows}").as_bytes()).expect_err("bad");
-            let IdentifyError::Targets {
-                row: at,
-                column: named,
-                ..
-            } = &error
-            else {
-                panic!("{error}");
-            };
-            assert_eq!((*at, named.as_str()), (row, column), "{error}");
-        }
-        assert!(read_targets("profile,motion\n".as_bytes()).is_err());
     }
 }

@@ -1,4 +1,4 @@
-//! Small problems with known answers, for the tests of the searches.
+//! Small problems with known solutions, for the tests of the searches.
 
 use super::objective::Residuals;
 use crate::model::{BuildError, Parameter};
@@ -15,10 +15,10 @@ const fn parameter(name: &'static str, start: f64, bounds: [f64; 2]) -> Paramete
 }
 
 /// Rosenbrock's valley: residuals 10 (y - x^2) and 1 - x, least at (1, 1).
-pub struct Valley([Parameter; 2]);
+pub(crate) struct Valley([Parameter; 2]);
 
 impl Valley {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Valley([
             parameter("x", -1.2, [-2.0, 2.0]),
             parameter("y", 1.0, [-2.0, 2.0]),
@@ -40,11 +40,11 @@ impl Residuals for Valley {
     }
 }
 
-/// A minimum every pi, the deepest at 13.
-pub struct Waves([Parameter; 1]);
+/// A minimum about every pi; the lowest is at 13.
+pub(crate) struct Waves([Parameter; 1]);
 
 impl Waves {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Waves([parameter("x", 6.9, [0.0, 20.0])])
     }
 }
@@ -65,13 +65,13 @@ impl Residuals for Waves {
 }
 
 /// `y = offset + slope * 0.05 i`.
-pub struct StraightLine {
+pub(crate) struct StraightLine {
     parameters: [Parameter; 2],
     y: Vec<f64>,
 }
 
 impl StraightLine {
-    pub fn new(y: Vec<f64>) -> Self {
+    pub(crate) fn new(y: Vec<f64>) -> Self {
         let parameters = [
             parameter("offset", 0.0, [-100.0, 100.0]),
             parameter("slope", 1.0, [-100.0, 100.0]),
@@ -95,11 +95,11 @@ impl Residuals for StraightLine {
     }
 }
 
-/// `y = first * second * x + third`, from 6 x + 1 with a zigzag of 0.05 on it.
-pub struct ProductLine([Parameter; 3]);
+/// `y = first * second * x + third`; the data are 6 x + 1 with a zigzag of 0.05.
+pub(crate) struct ProductLine([Parameter; 3]);
 
 impl ProductLine {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         ProductLine([
             parameter("first", 1.0, [0.1, 10.0]),
             parameter("second", 2.0, [0.1, 10.0]),

@@ -1,4 +1,4 @@
-//! The papers' own identifications run again: plain tables of their figures beside ours, for a command line to print.
+//! The three papers' own identifications run again: their printed figures, and ours.
 
 pub(crate) mod first;
 pub(crate) mod second;

@@ -1,39 +1,40 @@
-//! Polach and Hajzman: the finite-segment spring's parameters back from its force-deformation curve (Tables 1 and 2).
+//! Polach and Hajzman: the parameters of the finite-segment spring from its force-deformation curve (Tables 1 and 2).
 //!
-//! The measured curves are not printed, so the curve is made from the published optimum and identified back from the
-//! published start, with objective (4) on 200 points at equal forces, load at 0.05 Hz. The curve is stepped finer than the
-//! model that is fitted to it. Nelder-Mead is the paper's method; least squares on the same 200 differences stands beside it.
-//! f and r_f enter as a product: no curve holds more, so the product is judged.
+//! The measured curves are not printed. The curve is therefore computed from the published optimum, and the optimum is
+//! identified from the published start, with objective (4) on 200 points at equal forces, load at 0.05 Hz. The curve has
+//! finer steps than the model that is fitted to it. Nelder-Mead is the paper's method; least squares on the same 200
+//! differences is shown for comparison. f and r_f enter as a product, so only their product is compared.
 
 use crate::identify::objective::{DeformationProblem, ForceProgramme};
 use crate::identify::{
-    Fit, FitControl, FitOptions, IdentifyError, Method, fit, least_squares, nelder_mead, objective,
+    FitControl, FitOptions, IdentifyError, Method, Warning, fit, least_squares, nelder_mead, objective,
 };
 use crate::model::{Model, finite_segment as model};
 
-/// Points of the characteristic that are compared; printed.
-pub(crate) const POINTS: usize = 200;
+/// Number of points that are compared; printed.
+const POINTS: usize = 200;
 /// Frequency of the load; printed.
-pub(crate) const FREQUENCY_HZ: f64 = 0.05;
-/// Range of the load in N; not printed: 80 kN pass the break of both springs.
-pub(crate) const LOAD_N: [f64; 2] = [2_000.0, 80_000.0];
-/// Steps a cycle of the fitted model, and how much finer the curve to be identified is made.
+const FREQUENCY_HZ: f64 = 0.05;
+/// Range of the load in N; not printed. 80 kN are beyond the break of both characteristics.
+const LOAD_N: [f64; 2] = [2_000.0, 80_000.0];
+/// Steps per cycle of the fitted model.
 const STEPS: usize = 2000;
+/// Steps of the published curve per step of the fitted model.
 const FINER: usize = 4;
 
 /// One spring of the paper.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Spring {
+struct Spring {
     /// `GRP` or `steel`.
     pub name: &'static str,
     /// Published start, in the model's order.
     pub start: [f64; 8],
-    /// Published optimum.
+    /// Published optimum, in the model's order.
     pub optimum: [f64; 8],
 }
 
-/// Both springs.
-pub(crate) const SPRINGS: [Spring; 2] = [
+/// The two springs of the paper.
+const SPRINGS: [Spring; 2] = [
     Spring {
         name: "GRP",
         start: model::GRP_START,
@@ -51,38 +52,38 @@ pub(crate) const SPRINGS: [Spring; 2] = [
 pub(crate) struct PrintedFigure {
     /// Name; `f * r_f_mm` for the product.
     pub name: &'static str,
-    /// Published start.
+    /// Published start value.
     pub start: f64,
-    /// Published optimum, from which the curve was made.
+    /// Published optimum, from which the curve was computed.
     pub published: f64,
-    /// Ours.
+    /// Value that our fit finds.
     pub identified: f64,
     /// `identified / published - 1`.
     pub error: f64,
 }
 
-/// One identification.
+/// One spring identified by one method.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct WagonRow {
-    /// Spring.
+    /// Name of the spring.
     pub spring: &'static str,
-    /// Method.
+    /// Name of the method.
     pub method: &'static str,
     /// Evaluations of the curve, those for the intervals included.
     pub evaluations: usize,
-    /// Objective (4), mean a point in mm, at the published start ...
+    /// Objective (4) at the published start, mean per point in mm.
     pub misfit_start_mm: f64,
-    /// ... and in the end.
+    /// Objective (4) at the identified values, mean per point in mm.
     pub misfit_mm: f64,
-    /// k1, k2, q1, the product, v_eps.
+    /// k1, k2, q1, the product f * r_f, v_eps.
     pub figures: Vec<PrintedFigure>,
-    /// Largest error of the figures, without sign.
+    /// Largest relative error of the figures, without sign.
     pub worst: f64,
-    /// The fit with its warnings.
-    pub fit: Fit,
+    /// Warnings of the fit.
+    pub warnings: Vec<Warning>,
 }
 
-/// Both springs by both methods.
+/// Identifies both springs by both methods.
 pub(crate) fn rerun(threads: usize) -> Result<Vec<WagonRow>, IdentifyError> {
     let methods = [
         (
@@ -103,8 +104,8 @@ pub(crate) fn rerun(threads: usize) -> Result<Vec<WagonRow>, IdentifyError> {
     Ok(rows)
 }
 
-/// One spring by one method.
-pub(crate) fn identify(
+/// Identifies one spring by one method.
+fn identify(
     spring: &Spring,
     name: &'static str,
     method: Method,
@@ -114,7 +115,7 @@ pub(crate) fn identify(
     let options = FitOptions {
         method,
         start: Some(spring.start.to_vec()),
-        // Vector (2) of the paper: neither material damping nor preload is identified.
+        // The paper's vector (2) has neither material damping nor preload.
         fixed: vec!["b_nmm_s_per_rad".to_owned(), "preload_n".to_owned()],
         threads,
         ..FitOptions::default()
@@ -131,12 +132,12 @@ pub(crate) fn identify(
         misfit_mm: fit.cost / POINTS as f64,
         worst: figures.iter().fold(0.0, |worst, f| worst.max(f.error.abs())),
         figures,
-        fit,
+        warnings: fit.warnings,
     })
 }
 
-/// Objective (4) against the curve of the published optimum. The first cycle settles the state, the second is compared.
-pub(crate) fn problem(spring: &Spring) -> Result<DeformationProblem<'static>, IdentifyError> {
+/// Objective (4) against the curve of the published optimum. The second cycle is compared.
+fn problem(spring: &Spring) -> Result<DeformationProblem<'static>, IdentifyError> {
     let structure = toml::Table::new();
     let programme = |steps| ForceProgramme::sine(LOAD_N[0], LOAD_N[1], FREQUENCY_HZ, 2, steps);
     let mut truth = Model::plant(&model::MODEL, &spring.optimum, &structure)?;

@@ -98,6 +98,20 @@ pub(crate) fn xy_plot(x_label: &str, y_label: &str, curves: &[PlotCurve]) -> Str
     .render()
 }
 
+/// A picture that stands alone: with a title and a legend of the curves' names, [`LARGE`].
+pub(crate) fn titled_plot(title: &str, x_label: &str, y_label: &str, curves: &[PlotCurve]) -> String {
+    Plot {
+        title,
+        legend: true,
+        x_label,
+        y_label,
+        curves,
+        bands: &[],
+        size: LARGE,
+    }
+    .render()
+}
+
 /// Curves over one pair of axes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Plot<'a> {

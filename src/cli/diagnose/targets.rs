@@ -9,9 +9,8 @@ use crate::cli::{CliError, Done};
 use crate::config::Bench;
 use crate::diagnose::Baseline;
 use crate::diagnose::aggregates::{AggregateDiagnosis, TableReader, TableRow, diagnose_table};
-use crate::identify::targets::{LoopTarget, TargetProblem};
+use crate::identify::targets::{Aggregate, LoopTarget, TargetProblem};
 use crate::identify::{FitControl, FitOptions, IdentifyError, fit};
-use crate::papers::first::Two;
 use crate::report::aggregates::page;
 
 /// Reads the tables, diagnoses them, writes the files and prints the result.
@@ -38,16 +37,14 @@ pub(super) fn run(paths: &[PathBuf], job: &DiagnoseJob<'_>) -> Result<Done, CliE
 }
 
 /// Peak force and loop energy of every row on the baseline, whose parameters are first fitted to the rows.
-fn simulate(rows: &[TableRow], baseline: &Baseline) -> Result<Vec<Two>, IdentifyError> {
+fn simulate(rows: &[TableRow], baseline: &Baseline) -> Result<Vec<Aggregate>, IdentifyError> {
     let targets = rows.iter().filter_map(|r| {
         Some(LoopTarget {
-            profile: r.name.clone(),
             motion: r.motion?,
-            peak_force_n: r.measured.peak_n,
-            loop_energy_j: r.measured.loop_j,
+            measured: r.measured,
         })
     });
-    let factory = |values: &[f64], _: &LoopTarget| baseline.model.plant(values, &baseline.structure);
+    let factory = |values: &[f64]| baseline.model.plant(values, &baseline.structure);
     let problem = TargetProblem::new(
         baseline.model.parameters.to_vec(),
         Box::new(factory),
@@ -58,11 +55,7 @@ fn simulate(rows: &[TableRow], baseline: &Baseline) -> Result<Vec<Two>, Identify
         ..FitOptions::default()
     };
     let fit = fit(&problem, &options, &mut |_| FitControl::Continue)?;
-    let pairs = problem.measure(&fit.values)?.into_iter().map(|a| Two {
-        peak_n: a.peak_force_n,
-        loop_j: a.loop_energy_j,
-    });
-    Ok(pairs.collect())
+    Ok(problem.measure(&fit.values)?)
 }
 
 fn files_of(diagnosis: &AggregateDiagnosis, bench: &Bench) -> Result<Vec<files::NamedFile>, CliError> {

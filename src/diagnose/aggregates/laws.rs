@@ -1,49 +1,52 @@
-//! What peak forces and loop energies say about rate, load and stroke.
+//! Laws of the loop energy over rate, load and stroke, fitted to peak forces and loop energies.
 //!
 //! ```text
-//! rate    ln E = a_mount + p_mount ln F + q ln f        q = 0 where friction does not know the rate
+//! rate    ln E = a_mount + p_mount ln F + q ln f        q = 0 where friction does not depend on the rate
 //! stroke  ln E = c + e ln S                             e = 1 for constant friction, above where friction grows with load
-//! load    E / S = 2 Fc (1 - r/(1+r)) + 2 r/(1+r) F_mean    its level at no load is the constant share, its slope the rest
+//! load    E / S = 2 Fc (1 - r/(1+r)) + 2 r/(1+r) F_mean    level at no load: constant friction; slope: friction that grows with load
 //! pairs   E(f2) / E(f1) - 1 = s (f2 / f1 - 1)           s: viscous share of the loss at f1, same stroke
 //! ```
 //! `F_mean` is halfway between the peak and the force at no stroke, from a line of peak force over stroke. The intervals come
-//! from the scatter of the rows about these laws; rows that follow none of them are refused as evidence.
+//! from the scatter of the tests about these laws; tests that follow no law are not used as evidence.
 
 use super::AggregateDiagnosis;
 use super::regression::{Estimate, RegressionLine, line};
 use super::rows::mounts;
 use super::table::TableRow;
 use crate::diagnose::diagnosis::{Alternative, Finding, Value};
-use crate::papers::first::Two;
+use crate::identify::targets::Aggregate;
 
-/// Exponent over the rate below which the loss "hardly changes": 12 % a decade.
+/// Exponent over the rate below which the loss hardly changes: 12 % per decade.
 const FLAT: f64 = 0.05;
-/// Share of the loss that is small.
+/// A share of the loss below this is small.
 const SMALL: f64 = 0.1;
-/// Confidence that a finding needs.
+/// Confidence from which on a finding is reported.
 const SURE: f64 = 0.95;
 
 /// `ln E = a_mount + p_mount ln F + q ln f`; the last column is q, where the frequencies differ.
-pub(super) fn power_law(rows: &[TableRow], of: impl Fn(&TableRow) -> Option<Two>) -> Option<RegressionLine> {
+pub(super) fn power_law(
+    rows: &[TableRow],
+    of: impl Fn(&TableRow) -> Option<Aggregate>,
+) -> Option<RegressionLine> {
     let mounts = mounts(rows);
     let frequencies = rows.iter().any(|r| r.frequency_hz != rows[0].frequency_hz);
     let (mut design, mut y) = (Vec::new(), Vec::new());
     for row in rows {
-        let two = of(row)?;
+        let figures = of(row)?;
         let mut columns = vec![0.0; 2 * mounts.len()];
         let at = mounts.iter().position(|m| *m == row.mount)?;
         columns[2 * at] = 1.0;
-        columns[2 * at + 1] = two.peak_n.ln();
+        columns[2 * at + 1] = figures.peak_force_n.ln();
         if frequencies {
             columns.push(row.frequency_hz.ln());
         }
         design.push(columns);
-        y.push(two.loop_j.ln());
+        y.push(figures.loop_energy_j.ln());
     }
     line(&design, &y)
 }
 
-/// The exponent over the rate; none where all rows have the same.
+/// The exponent over the rate; `None` where all tests have the same rate.
 fn rate_exponent(law: &RegressionLine) -> Option<&Estimate> {
     law.columns.last().filter(|_| law.columns.len() % 2 == 1)
 }
@@ -52,7 +55,7 @@ fn is_flat(q: &Estimate) -> bool {
     q.ci95().iter().all(|v| v.abs() <= FLAT)
 }
 
-/// Friction that does not vanish at low speed. True where the measured loss does not know the rate.
+/// Friction that does not vanish at low speed. True where the measured loss does not depend on the rate.
 pub(super) fn rate(
     rows: &[TableRow],
     measured: &RegressionLine,
@@ -72,12 +75,12 @@ pub(super) fn rate(
     let (Some(slow), true) = (slow, apart.above(0.0) >= SURE) else {
         return true;
     };
-    let model_j = slow.model.map_or(f64::NAN, |m| m.loop_j);
-    // One row's ratio is as sure as the rows are about their law.
+    let model_j = slow.model.map_or(f64::NAN, |m| m.loop_energy_j);
+    // The error of one test's ratio is the scatter of the tests about their law.
     let factor = Estimate {
-        value: (slow.measured.loop_j / model_j).ln(),
+        value: (slow.measured.loop_energy_j / model_j).ln(),
         error: measured.scatter,
-        spare: q.spare,
+        degrees: q.degrees,
     };
     let [low, high] = factor.ci95().map(f64::exp);
     let fastest = rows.iter().map(|r| r.frequency_hz).fold(0.0, f64::max);
@@ -86,12 +89,12 @@ pub(super) fn rate(
         code: "rate_independent_friction".to_owned(),
         confidence: apart.above(0.0),
         statement: format!(
-            "Friction is missing at low speed: in the slowest test ({}, {}) the model loses {model_j:.2} J where {:.2} J were measured, \
-             {:.0} times as much. The measured loss hardly changes while the rate rises {:.0} times; the model's friction dies away \
-             as the speed goes to zero.",
+            "The model has too little friction at low speed. In the slowest test ({}, {}) the measured loss is {:.2} J, {:.0} times \
+             the model's {model_j:.2} J. The measured loss hardly changes over a {:.0}-fold range of rate; the model's friction \
+             falls to zero with the speed.",
             slow.mount,
             slow.name,
-            slow.measured.loop_j,
+            slow.measured.loop_energy_j,
             factor.value.exp(),
             fastest / slow.frequency_hz
         ),
@@ -109,7 +112,7 @@ pub(super) fn rate(
     true
 }
 
-/// Viscous damping, from tests of one stroke at two rates. True where it is small.
+/// Viscous damping, from tests of the same stroke at two rates. True where it is small.
 pub(super) fn viscous(rows: &[TableRow], measured: &RegressionLine, out: &mut AggregateDiagnosis) -> bool {
     let mut shares: Vec<f64> = Vec::new();
     let mut changes: Vec<String> = Vec::new();
@@ -125,25 +128,25 @@ pub(super) fn viscous(rows: &[TableRow], measured: &RegressionLine, out: &mut Ag
             } else {
                 (b, a)
             };
-            let change = fast.measured.loop_j / slow.measured.loop_j - 1.0;
+            let change = fast.measured.loop_energy_j / slow.measured.loop_energy_j - 1.0;
             gain = fast.frequency_hz / slow.frequency_hz - 1.0;
             shares.push(change / gain);
-            changes.push(format!("{:+.1} % with {}", 100.0 * change, a.mount));
+            changes.push(format!("{:+.1} % ({})", 100.0 * change, a.mount));
         }
     }
     if shares.is_empty() {
         return false;
     }
     let n = shares.len() as f64;
-    let spare = measured.columns.first().map_or(1.0, |c| c.spare);
+    let degrees = measured.columns.first().map_or(1.0, |c| c.degrees);
     let share = Estimate {
         value: shares.iter().sum::<f64>() / n,
         error: measured.scatter * (2.0 / n).sqrt() / gain,
-        spare,
+        degrees,
     };
     let missing = rows
         .iter()
-        .filter_map(|r| r.model.map(|m| 1.0 - m.loop_j / r.measured.loop_j))
+        .filter_map(|r| r.model.map(|m| 1.0 - m.loop_energy_j / r.measured.loop_energy_j))
         .fold(0.0, f64::max);
     let most = share.ci95()[1];
     if most >= SMALL || missing <= most {
@@ -154,8 +157,8 @@ pub(super) fn viscous(rows: &[TableRow], measured: &RegressionLine, out: &mut Ag
         code: "viscous_damping".to_owned(),
         confidence: share.times(-1.0).above(-SMALL.min(missing)),
         statement: format!(
-            "Viscous damping is not what is missing: the same stroke at a higher rate changes the measured loss by {}. At most {:.1} % \
-             of the loss is viscous; up to {:.0} % is missing.",
+            "Viscous damping does not explain the difference: the same stroke at a higher rate changes the measured loss by {}. At \
+             most {:.1} % of the loss is viscous; the model lacks up to {:.0} % of it.",
             changes.join(", "),
             100.0 * most.max(0.0),
             100.0 * missing
@@ -165,24 +168,42 @@ pub(super) fn viscous(rows: &[TableRow], measured: &RegressionLine, out: &mut Ag
     true
 }
 
-/// What the sines of one mounting say about stroke and load.
+/// Dependence of the loss on stroke and load, from the sines of one mounting.
 pub(super) struct Strokes<'a> {
     mount: &'a str,
     /// Exponent of the loss over the stroke: measured, model.
     over_stroke: [Option<Estimate>; 2],
     /// Exponent of the loss over the peak force: measured, model.
     over_force: [Option<Estimate>; 2],
-    /// Loss a mm over mean force, measured: level at no load (J/mm) and slope (J/mm/N).
+    /// Measured loss per mm over mean force: level at no load (J/mm) and slope (J/mm/N).
     over_load: Option<[Estimate; 2]>,
-    /// Scatter of the loss a mm about a law of turning (short strokes slide less: a line over 1 / S), over that about load.
-    turning: Option<f64>,
-    /// Loss a mm at the middle of the rows, J/mm.
-    middle: f64,
+    /// Scatter of the loss per mm about a law of presliding (short strokes slide less: a line over 1 / S), over that about
+    /// the law of load.
+    presliding: Option<f64>,
+    /// Mean loss per mm, J/mm.
+    mean: f64,
 }
 
 impl<'a> Strokes<'a> {
+    /// Exponents over stroke and over peak force (measured, model) and the slope over load, as values of a finding.
+    fn exponents(&self, over_stroke: [Estimate; 2], over_force: [Estimate; 2]) -> Vec<Value> {
+        let mut values = Vec::new();
+        for (exponents, over) in [(over_stroke, "stroke"), (over_force, "peak force")] {
+            for (exponent, whose) in exponents.iter().zip(["measured", "the model's"]) {
+                let name = format!("exponent of {whose} loss over {over}, {}", self.mount);
+                values.push(exponent.named(name, ""));
+            }
+        }
+        values.extend(self.over_load.map(|[_, slope]| {
+            slope
+                .times(500.0)
+                .named(format!("friction over load, {}", self.mount), "N/N")
+        }));
+        values
+    }
+
     pub(super) fn new(rows: &[TableRow], mount: &'a str) -> Self {
-        let sines: Vec<(f64, Two, Option<Two>)> = rows
+        let sines: Vec<(f64, Aggregate, Option<Aggregate>)> = rows
             .iter()
             .filter(|r| r.mount == mount)
             .filter_map(|r| r.stroke_mm.map(|s| (s, r.measured, r.model)))
@@ -193,35 +214,35 @@ impl<'a> Strokes<'a> {
             let y: Vec<f64> = points.iter().map(|(_, y)| y.ln()).collect();
             line(&design, &y).map(|l| l.columns[1])
         };
-        let picked = |f: &dyn Fn(f64, Two) -> (f64, f64)| -> [Option<Estimate>; 2] {
+        let picked = |f: &dyn Fn(f64, Aggregate) -> (f64, f64)| -> [Option<Estimate>; 2] {
             let measured = sines.iter().map(|(s, m, _)| Some(f(*s, *m))).collect();
             let model = sines.iter().map(|(s, _, m)| m.map(|m| f(*s, m))).collect();
             [exponent(measured), exponent(model)]
         };
-        let a_mm: Vec<f64> = sines.iter().map(|(s, m, _)| m.loop_j / s).collect();
+        let loss_per_mm: Vec<f64> = sines.iter().map(|(s, m, _)| m.loop_energy_j / s).collect();
         Strokes {
             mount,
-            over_stroke: picked(&|s, t| (s, t.loop_j)),
-            over_force: picked(&|_, t| (t.peak_n, t.loop_j)),
-            over_load: over_load(&sines, &a_mm).map(|l| [l.columns[0], l.columns[1]]),
-            turning: over_load(&sines, &a_mm).and_then(|load| {
+            over_stroke: picked(&|s, t| (s, t.loop_energy_j)),
+            over_force: picked(&|_, t| (t.peak_force_n, t.loop_energy_j)),
+            over_load: over_load(&sines, &loss_per_mm).map(|l| [l.columns[0], l.columns[1]]),
+            presliding: over_load(&sines, &loss_per_mm).and_then(|load| {
                 let design: Vec<_> = sines.iter().map(|(s, _, _)| vec![1.0, 1.0 / s]).collect();
-                Some(line(&design, &a_mm)?.scatter / load.scatter)
+                Some(line(&design, &loss_per_mm)?.scatter / load.scatter)
             }),
-            middle: a_mm.iter().sum::<f64>() / a_mm.len().max(1) as f64,
+            mean: loss_per_mm.iter().sum::<f64>() / loss_per_mm.len().max(1) as f64,
         }
     }
 }
 
-fn over_load(sines: &[(f64, Two, Option<Two>)], a_mm: &[f64]) -> Option<RegressionLine> {
+fn over_load(sines: &[(f64, Aggregate, Option<Aggregate>)], loss_per_mm: &[f64]) -> Option<RegressionLine> {
     let strokes: Vec<_> = sines.iter().map(|(s, _, _)| vec![1.0, *s]).collect();
-    let peaks: Vec<f64> = sines.iter().map(|(_, m, _)| m.peak_n).collect();
+    let peaks: Vec<f64> = sines.iter().map(|(_, m, _)| m.peak_force_n).collect();
     let start_n = line(&strokes, &peaks)?.columns[0].value;
     let means: Vec<_> = peaks.iter().map(|p| vec![1.0, 0.5 * (p + start_n)]).collect();
-    line(&means, a_mm)
+    line(&means, loss_per_mm)
 }
 
-/// Friction that grows with the load: the loss grows faster than the stroke, and faster than the model's.
+/// Friction that grows with load: the loss grows faster than the stroke, and faster than the model's.
 pub(super) fn load(strokes: &[Strokes<'_>], out: &mut AggregateDiagnosis) {
     let (mut parameters, mut least, mut missing) = (Vec::new(), f64::INFINITY, 0.0f64);
     let mut forces = Vec::new();
@@ -232,28 +253,7 @@ pub(super) fn load(strokes: &[Strokes<'_>], out: &mut AggregateDiagnosis) {
         least = least.min(e.above(1.0));
         missing = missing.max(e.minus(&em).above(0.0));
         forces.push((p.value, pm.value));
-        parameters.extend([
-            e.named(format!("exponent of measured loss over stroke, {}", s.mount), ""),
-            em.named(
-                format!("exponent of the model's loss over stroke, {}", s.mount),
-                "",
-            ),
-            p.named(
-                format!("exponent of measured loss over peak force, {}", s.mount),
-                "",
-            ),
-            pm.named(
-                format!("exponent of the model's loss over peak force, {}", s.mount),
-                "",
-            ),
-        ]);
-        if let Some([_, slope]) = s.over_load {
-            parameters.push(
-                slope
-                    .times(500.0)
-                    .named(format!("friction over load, {}", s.mount), "N/N"),
-            );
-        }
+        parameters.extend(s.exponents([e, em], [p, pm]));
     }
     if forces.is_empty() || least < SURE || missing < SURE {
         return;
@@ -267,29 +267,31 @@ pub(super) fn load(strokes: &[Strokes<'_>], out: &mut AggregateDiagnosis) {
         code: "load_dependent_friction".to_owned(),
         confidence: least.min(missing),
         statement: format!(
-            "Friction grows with the load: the measured loss goes with the peak force to the power {}, the model's with {}. Constant \
-             friction would give a loss in proportion to the stroke; measured, it grows faster on every mounting.",
+            "Friction grows with load: the measured loss rises with the peak force to the power {}, the model's to the power {}. With \
+             constant friction the loss would be proportional to the stroke; the measured loss rises faster than the stroke on \
+             every mounting.",
             list(|p| p.0),
             list(|p| p.1)
         ),
         parameters,
     });
-    // Two spare points on either side: 19 is Fisher's F at 95 %.
+    // Two degrees of freedom on either side: 19 is Fisher's F at 95 %.
     if strokes
         .iter()
-        .filter_map(|s| s.turning)
+        .filter_map(|s| s.presliding)
         .all(|ratio| ratio * ratio < 19.0)
     {
         out.alternatives.push(Alternative {
             code: "presliding".to_owned(),
             instead_of: "load_dependent_friction".to_owned(),
-            why: "a short stroke that hardly slides loses less a mm as well, and these rows follow that law nearly as well".to_owned(),
-            test: "record the loops: the transition after a reversal is then seen, not inferred".to_owned(),
+            why: "short strokes that hardly slide also lose less energy per mm, and that law fits these tests nearly as well"
+                .to_owned(),
+            test: "record the loops: they show the transition after each reversal".to_owned(),
         });
     }
 }
 
-/// A share of the friction that is there without load.
+/// Friction that does not depend on load.
 pub(super) fn constant(strokes: &[Strokes<'_>], out: &mut AggregateDiagnosis) {
     let grows = out.effects.iter().any(|f| f.code == "load_dependent_friction");
     let levels: Vec<(&Strokes<'_>, Estimate)> = strokes
@@ -302,7 +304,7 @@ pub(super) fn constant(strokes: &[Strokes<'_>], out: &mut AggregateDiagnosis) {
     }
     let mut parameters = Vec::new();
     for (s, level) in &levels {
-        let share = level.times(100.0 / s.middle);
+        let share = level.times(100.0 / s.mean);
         parameters.push(
             level
                 .times(500.0)
@@ -324,7 +326,7 @@ pub(super) fn constant(strokes: &[Strokes<'_>], out: &mut AggregateDiagnosis) {
     let contrast = match without.as_slice() {
         [] => String::new(),
         none => format!(
-            " With {} there is none: it is the mounting's, not the leaves'.",
+            " The tests with {} show none, so that it belongs to the mounting and not to the leaves.",
             none.join(" and ")
         ),
     };
@@ -334,8 +336,8 @@ pub(super) fn constant(strokes: &[Strokes<'_>], out: &mut AggregateDiagnosis) {
         code: "coulomb_friction".to_owned(),
         confidence,
         statement: format!(
-            "The mounting with {} has a share of friction that does not depend on the load: about {:.0} N would be left at no load, \
-             beside the friction that grows with it.{contrast}",
+            "Part of the friction with {} does not depend on load: about {:.0} N remain at no load, in addition to the friction \
+             that grows with it.{contrast}",
             names.join(" and "),
             level.value
         ),

@@ -1,21 +1,23 @@
-//! Findings from tests that are known by peak force and loop energy: what may be said, and the believable set beside it.
-//! The laws that say it are in `laws`.
+//! Findings from tests that are known by peak force and loop energy, and one set of leaf-pack parameters for all of them.
+//! The `laws` find the physics; the fit of the leaf pack is in `identify::leaf_pack_rows`.
 
 use super::laws::{Strokes, constant, load, power_law, rate, viscous};
 use super::table::{Fitted, TableRow, TargetsTable, belief};
-use super::{AggregateDiagnosis, Compared, Errors, FitErrors, not_testable, worst};
+use super::{AggregateDiagnosis, AggregateErrors, Compared, fitted_values, not_testable, worst};
 use crate::diagnose::diagnosis::{ImprovedModel, Value, Verdict};
 use crate::identify::IdentifyError;
-use crate::model::leaf_pack::{self, Mounting};
-use crate::papers::first::{
-    self, AmplitudeReading, Choice, MOUNTS, PhysicsFit, Printed, ROWS, Two, believable, column, mount_name,
+use crate::identify::leaf_pack_rows::{
+    ALLOWED, AmplitudeReading, MOUNTS, MountTest, RowFit, RowFitOptions, TESTS, TestFigures,
+    fit_within_ranges, mount_index, mount_name,
 };
+use crate::identify::targets::Aggregate;
+use crate::model::leaf_pack::{self, Mounting};
 
-/// What a model may miss of a row (peak force, loop energy) and still be adequate.
-const ADEQUATE: [f64; 2] = first::ALLOWED;
-/// Rows that scatter more about a power law of force and rate contradict one another.
+/// An adequate model misses no test by more than these relative errors of peak force and loop energy.
+const ADEQUATE: [f64; 2] = ALLOWED;
+/// Tests with more scatter about a power law of force and rate are inconsistent.
 const MOST_SCATTER: f64 = 0.1;
-/// An optimum "matches" its targets within this share.
+/// An optimum was fitted to a test if it meets both figures within this relative error.
 const MATCHED: f64 = 0.01;
 
 pub(super) fn diagnose(
@@ -23,131 +25,124 @@ pub(super) fn diagnose(
     threads: usize,
     progress: &mut dyn FnMut(f64),
 ) -> Result<AggregateDiagnosis, IdentifyError> {
-    let mut out = blank(table);
+    let mut out = without_findings(table);
     if errors(&table.rows, |r| r.model).iter().all(within) {
         out.verdict = Verdict::Adequate;
         out.summary = format!(
-            "The model gives every row within {:.0} % of peak force and {:.0} % of loop energy; two numbers a row can ask no more.",
+            "The model meets every test within {:.0} % of peak force and {:.0} % of loop energy. Two figures per test cannot show more.",
             100.0 * ADEQUATE[0],
             100.0 * ADEQUATE[1]
         );
         return Ok(out);
     }
     impossible(table, &mut out);
-    let rows = &table.rows;
-    let (measured, model) = (
-        power_law(rows, |r| Some(r.measured)),
-        power_law(rows, |r| r.model),
-    );
-    let Some(measured) = measured else {
-        out.summary =
-            "Model and rows differ, but there are too few rows to say how the loss goes with load and rate."
-                .to_owned();
-        return Ok(out);
-    };
-    if measured.scatter > MOST_SCATTER {
-        out.summary = format!(
-            "The rows contradict one another: their loop energies scatter by {:.0} % about any law of peak force and rate. Check \
-             that each energy stands beside its own force.",
-            100.0 * measured.scatter
-        );
-        out.alarms.push(out.summary.clone());
+    if !find(&table.rows, &mut out) {
         return Ok(out);
     }
-    let rate = rate(rows, &measured, model.as_ref(), &mut out);
-    let flat = viscous(rows, &measured, &mut out) || rate;
-    let strokes = mounts(rows)
-        .into_iter()
-        .map(|m| Strokes::new(rows, m))
-        .collect::<Vec<_>>();
-    if flat {
-        load(&strokes, &mut out);
-        constant(&strokes, &mut out);
-    }
-    out.not_testable = not_testable(&out.effects, &out.excluded, why);
-    if let Some(printed) = like_the_paper(rows) {
-        let choice = Choice {
-            readings: vec![AmplitudeReading::Whole],
+    if let Some(measured) = standard_tests(&table.rows) {
+        let options = RowFitOptions {
+            reading: AmplitudeReading::Whole,
+            trough_mm: None,
             threads,
-            ..Choice::default()
         };
-        let fits = believable(&printed, AmplitudeReading::Whole, &choice, &mut |_, share| {
-            progress(share);
-            true
-        })?;
+        let fits = fit_within_ranges(&measured, &options, progress)?;
         if let Some(both) = fits.last() {
-            ours(both, &mut out);
+            add_fit(both, &mut out);
         }
     }
     conclude(&mut out);
     Ok(out)
 }
 
-fn blank(table: &TargetsTable) -> AggregateDiagnosis {
-    let pair = |t: Two| [t.peak_n, t.loop_j];
-    let of = |rows: &[[f64; 2]]| Errors {
-        peak_force_error: worst(rows.iter().map(|e| e[0])),
-        loop_energy_error: worst(rows.iter().map(|e| e[1])),
-        ..Errors::default()
+/// Findings by the laws. False where the tests follow no law; the summary then says why.
+fn find(rows: &[TableRow], out: &mut AggregateDiagnosis) -> bool {
+    let (measured, model) = (
+        power_law(rows, |r| Some(r.measured)),
+        power_law(rows, |r| r.model),
+    );
+    let Some(measured) = measured else {
+        out.summary = "Model and tests differ, but the tests are too few to show how the loss depends on load and rate: add tests \
+                       at other strokes and rates."
+            .to_owned();
+        return false;
     };
-    let optimum = |row: &TableRow| table.fitted.iter().find(|f| meant(f, row)).map(|f| pair(f.reach));
-    AggregateDiagnosis {
-        verdict: Verdict::Unexplained,
-        summary: String::new(),
-        effects: Vec::new(),
-        alternatives: Vec::new(),
-        location: Vec::new(),
-        fit: FitErrors {
-            baseline: of(&errors(&table.rows, |r| r.model)),
-            ..FitErrors::default()
-        },
-        next_test: None,
-        excluded: Vec::new(),
-        alarms: Vec::new(),
-        alarm_figures: Vec::new(),
-        not_testable: not_testable(&[], &[], why),
-        columns: ["peak force in N".to_owned(), "loop energy in J".to_owned()],
-        models: ["model", "its reported optimum", "believable set"].map(str::to_owned),
-        rows: table
-            .rows
-            .iter()
-            .map(|r| Compared {
-                name: format!("{}, {}", r.mount, r.name),
-                measured: pair(r.measured),
-                model: r.model.map(pair),
-                optimum: optimum(r),
-                ours: None,
-            })
-            .collect(),
-        parameters: Vec::new(),
-        improved: Vec::new(),
-        remarks: table.remarks.clone(),
+    if measured.scatter > MOST_SCATTER {
+        out.summary = format!(
+            "The tests are inconsistent: their loop energies scatter by {:.0} % about any law of peak force and rate. Check that each \
+             loop energy is in the row of its own peak force.",
+            100.0 * measured.scatter
+        );
+        out.alarms.push(out.summary.clone());
+        return false;
+    }
+    let rate = rate(rows, &measured, model.as_ref(), out);
+    let flat = viscous(rows, &measured, out) || rate;
+    if flat {
+        let strokes: Vec<_> = mounts(rows).into_iter().map(|m| Strokes::new(rows, m)).collect();
+        load(&strokes, out);
+        constant(&strokes, out);
+    }
+    out.not_testable = not_testable(&out.effects, &out.excluded, why);
+    true
+}
+
+fn without_findings(table: &TargetsTable) -> AggregateDiagnosis {
+    let pair = |a: Aggregate| [a.peak_force_n, a.loop_energy_j];
+    let optimum = |row: &TableRow| {
+        let fitted = table.fitted.iter().find(|f| fitted_to(f, row));
+        fitted.map(|f| pair(f.reach))
+    };
+    let rows = table
+        .rows
+        .iter()
+        .map(|r| Compared {
+            name: format!("{}, {}", r.mount, r.name),
+            measured: pair(r.measured),
+            model: r.model.map(pair),
+            optimum: optimum(r),
+            ours: None,
+        })
+        .collect();
+    let mut out = AggregateDiagnosis::new(
+        ["peak force in N", "loop energy in J"],
+        ["model", "its reported optimum", "leaf pack fitted"],
+        rows,
+        why,
+        &table.remarks,
+    );
+    out.fit.baseline = worst_errors(&errors(&table.rows, |r| r.model));
+    out
+}
+
+/// The errors of the worst test, from pairs of relative errors.
+fn worst_errors(errors: &[[f64; 2]]) -> AggregateErrors {
+    AggregateErrors {
+        peak_force_error: worst(errors.iter().map(|e| e[0])),
+        loop_energy_error: worst(errors.iter().map(|e| e[1])),
+        ..AggregateErrors::default()
     }
 }
 
-/// An optimum is of a mounting's row if it was fitted to it: it hits both numbers.
-fn meant(fitted: &Fitted, row: &TableRow) -> bool {
+/// True where an optimum was fitted to a test: same mounting, both figures met.
+fn fitted_to(fitted: &Fitted, row: &TableRow) -> bool {
     let near = |a: f64, b: f64| (a / b - 1.0).abs() < MATCHED;
     fitted.mount == row.mount
-        && near(fitted.reach.peak_n, row.measured.peak_n)
-        && near(fitted.reach.loop_j, row.measured.loop_j)
+        && near(fitted.reach.peak_force_n, row.measured.peak_force_n)
+        && near(fitted.reach.loop_energy_j, row.measured.loop_energy_j)
 }
 
-fn errors(rows: &[TableRow], of: impl Fn(&TableRow) -> Option<Two>) -> Vec<[f64; 2]> {
-    let error = |r: &TableRow| {
-        let m = of(r)?;
-        Some([
-            m.peak_n / r.measured.peak_n - 1.0,
-            m.loop_j / r.measured.loop_j - 1.0,
-        ])
-    };
-    rows.iter().filter_map(error).collect()
+/// Relative errors of peak force and loop energy, for the tests that have the figures.
+fn errors(rows: &[TableRow], of: impl Fn(&TableRow) -> Option<Aggregate>) -> Vec<[f64; 2]> {
+    rows.iter()
+        .filter_map(|r| Some(of(r)?.errors(&r.measured)))
+        .collect()
 }
 
 fn within(errors: &[f64; 2]) -> bool {
     errors.iter().zip(ADEQUATE).all(|(e, most)| e.abs() <= most)
 }
 
+/// Names of the mountings, in the order of the tests.
 pub(super) fn mounts(rows: &[TableRow]) -> Vec<&str> {
     let mut names: Vec<&str> = Vec::new();
     for row in rows {
@@ -158,28 +153,28 @@ pub(super) fn mounts(rows: &[TableRow]) -> Vec<&str> {
     names
 }
 
-/// A reported optimum that hits its two numbers with a value that nothing can have.
+/// Alarms for reported optima that meet their figures with values outside belief.
 fn impossible(table: &TargetsTable, out: &mut AggregateDiagnosis) {
-    let hit = |f: &&Fitted| table.rows.iter().any(|r| meant(f, r));
+    let hit = |f: &&Fitted| table.rows.iter().any(|r| fitted_to(f, r));
     for fitted in table.fitted.iter().filter(hit) {
         for &(name, value) in &fitted.parameters {
             let Some([low, high]) = belief(name) else { continue };
             if (low..=high).contains(&value) {
                 continue;
             }
-            // Just outside is doubtful; further out than the belief is wide is no property of steel leaves.
+            // A value outside by more than the width of the range is impossible for steel leaves; a nearer one is doubtful.
             let width = high - low;
             if value > high + width || value < low - width {
                 let count = fitted.parameters.len();
-                let spare = if count < 2 { "few are" } else { "none is" };
+                let proof = if count < 2 { "little" } else { "nothing" };
                 out.alarms.push(format!(
-                    "The fit is bought with an impossible parameter: {name} = {value} with {}, where {low} to {high} can be. It meets 2 \
-                     numbers with {count} parameters, {spare} left to contradict it: that it meets them proves nothing.",
+                    "The reported fit has an impossible parameter: {name} = {value} ({}), where {low} to {high} is possible. It fits \
+                     {count} parameters to 2 figures, so that the good match proves {proof}.",
                     fitted.mount
                 ));
             } else {
                 out.alarms.push(format!(
-                    "{name} = {value} with {} is beyond what is believed, {low} to {high}.",
+                    "{name} = {value} ({}) is outside its believed range {low} to {high}.",
                     fitted.mount
                 ));
             }
@@ -198,7 +193,7 @@ fn impossible(table: &TargetsTable, out: &mut AggregateDiagnosis) {
     });
     if low < 0.0 && high > 0.0 {
         out.alarms.push(format!(
-            "The same leaves would have a friction coefficient of {low} on one mounting and {high} on the other."
+            "The reported fits give the same leaves a friction coefficient of {low} on one mounting and {high} on the other."
         ));
     }
 }
@@ -206,70 +201,52 @@ fn impossible(table: &TargetsTable, out: &mut AggregateDiagnosis) {
 fn why(code: &str) -> &'static str {
     match code {
         "rate_independent_friction" | "viscous_damping" => {
-            "the rows do not tell the loss at several rates well enough, or the model has it right"
+            "the tests do not determine the loss at several rates well enough, or the model meets it"
         }
         "load_dependent_friction" | "coulomb_friction" => {
-            "the rows do not tell the loss over stroke and load well enough, or the model has it right"
+            "the tests do not determine the loss over stroke and load well enough, or the model meets it"
         }
-        "run_in" | "relaxation" | "sensor_drift" => "one number a test has no time in it",
+        "run_in" | "relaxation" | "sensor_drift" => "one loop energy per test has no course over time",
         "channel_delay" => {
-            "a delay adds to the loop energy as viscous loss does; two numbers a test cannot date the channels"
+            "a delay adds to the loop energy as viscous damping does; two figures per test do not show the delay itself"
         }
-        "inertia" => "peak force at two rates and one stroke differs by less than the rows scatter",
-        _ => "it lives in the shape of the loop; peak force and loop energy hide that",
+        "inertia" => {
+            "the peak forces of one stroke at two rates differ by less than the scatter of the tests"
+        }
+        _ => "it changes the shape of the loop, which peak force and loop energy do not show",
     }
 }
 
-/// The rows as Tables 2 and 3 of the first paper have them, in their order, if these are such rows.
-fn like_the_paper(rows: &[TableRow]) -> Option<[Printed; 5]> {
-    let find = |mount: &str, printed: &Printed| {
+/// Figures of the standard tests, where the table has exactly those, on both mountings.
+fn standard_tests(rows: &[TableRow]) -> Option<TestFigures> {
+    let find = |mount: &str, test: &MountTest| {
         let same = |r: &&TableRow| {
             r.mount == mount
-                && r.stroke_mm == printed.amplitude_mm
-                && (r.frequency_hz / printed.frequency_hz - 1.0).abs() < 1e-6
+                && r.stroke_mm == test.amplitude_mm
+                && (r.frequency_hz / test.frequency_hz - 1.0).abs() < 1e-6
         };
-        rows.iter().find(same)
+        rows.iter().find(same).map(|r| r.measured)
     };
-    let mut out = ROWS;
-    for printed in &mut out {
+    let mut figures = TestFigures::default();
+    for (pair, test) in figures.iter_mut().zip(&TESTS) {
         for mounting in MOUNTS {
-            let row = find(mount_name(mounting), printed)?;
-            printed.measured[column(mounting)] = row.measured;
-            printed.simulated[column(mounting)] = row.model?;
+            pair[mount_index(mounting)] = find(mount_name(mounting), test)?;
         }
     }
-    (rows.len() == 10).then_some(out)
+    (rows.len() == MOUNTS.len() * TESTS.len()).then_some(figures)
 }
 
-fn ours(fit: &PhysicsFit, out: &mut AggregateDiagnosis) {
+/// Adds the fitted leaf pack to the diagnosis.
+fn add_fit(fit: &RowFit, out: &mut AggregateDiagnosis) {
     for row in &fit.rows {
         let name = format!("{}, {}", mount_name(row.mounting), row.name);
         if let Some(place) = out.rows.iter_mut().find(|r| r.name == name) {
-            place.ours = Some([row.ours.peak_n, row.ours.loop_j]);
+            place.ours = Some([row.ours.peak_force_n, row.ours.loop_energy_j]);
         }
     }
-    out.fit.improved = Errors {
-        peak_force_error: worst(fit.rows.iter().map(|r| r.errors()[0])),
-        loop_energy_error: worst(fit.rows.iter().map(|r| r.errors()[1])),
-        ..Errors::default()
-    };
-    let free = fit.fit.free.iter();
-    let values = fit
-        .fit
-        .parameters
-        .iter()
-        .zip(&fit.fit.values)
-        .zip(&fit.fit.ci95)
-        .zip(free);
-    out.parameters = values
-        .filter(|(_, free)| **free)
-        .map(|(((p, value), ci95), _)| Value {
-            name: p.name.to_owned(),
-            value: *value,
-            unit: p.unit.to_owned(),
-            ci95: *ci95,
-        })
-        .collect();
+    let errors: Vec<[f64; 2]> = fit.rows.iter().map(|r| r.errors()).collect();
+    out.fit.improved = worst_errors(&errors);
+    out.parameters = fitted_values(&fit.fit, |i| fit.fit.free[i]);
     out.improved = fit
         .case
         .mounts
@@ -279,17 +256,17 @@ fn ours(fit: &PhysicsFit, out: &mut AggregateDiagnosis) {
     let at = fit.at_bounds();
     if !at.is_empty() {
         out.alarms.push(format!(
-            "The believable set stands at the end of what is believed in: {}.",
+            "The fitted leaf pack has parameters at the end of their range: {}.",
             at.join(", ")
         ));
     }
     for miss in fit.misses() {
-        out.alarms.push(format!("The believable set misses {miss}."));
+        out.alarms.push(format!("The fitted leaf pack misses {miss}."));
     }
 }
 
-/// None where the structure cannot be written, which a structure that was just run can.
-fn model_of(fit: &PhysicsFit, mounting: Mounting) -> Option<ImprovedModel> {
+/// The pack of a mounting as a model; `None` where the structure is no TOML table.
+fn model_of(fit: &RowFit, mounting: Mounting) -> Option<ImprovedModel> {
     let (structure, values) = fit.pack(mounting);
     let names = leaf_pack::MODEL.parameters.iter().map(|p| p.name.to_owned());
     Some(ImprovedModel {
@@ -303,18 +280,20 @@ fn model_of(fit: &PhysicsFit, mounting: Mounting) -> Option<ImprovedModel> {
 
 fn conclude(out: &mut AggregateDiagnosis) {
     let codes: Vec<String> = out.effects.iter().map(|f| f.code.replace('_', " ")).collect();
-    let bought = match out.alarm_figures.is_empty() {
+    let impossible = match out.alarm_figures.is_empty() {
         true => "",
-        false => "The reported fit is bought with an impossible parameter. ",
+        false => "The reported fit has an impossible parameter. ",
     };
     if codes.is_empty() {
-        out.summary = format!("{bought}Model and rows differ, and the rows do not say by which physics.");
+        out.summary = format!(
+            "{impossible}Model and tests differ, but the tests do not show which physics is missing."
+        );
         return;
     }
     out.verdict = Verdict::MissingPhysics;
     let excluded = match out.excluded.is_empty() {
         true => String::new(),
-        false => " Viscous damping is not what is missing.".to_owned(),
+        false => " Viscous damping does not explain the difference.".to_owned(),
     };
-    out.summary = format!("{bought}The model lacks {}.{excluded}", codes.join(", "));
+    out.summary = format!("{impossible}The model lacks {}.{excluded}", codes.join(", "));
 }

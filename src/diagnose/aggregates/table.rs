@@ -1,93 +1,93 @@
-//! Published tables as input: rows of peak force and loop energy, optimised parameters, or the points of one loop.
+//! Reads published tables: tests with peak force and loop energy, reported optima, or the points of one loop.
 
 use std::io::Read;
 
-use crate::identify::targets::TargetMotion;
+use crate::identify::targets::{Aggregate, SLOW_RAMP_S, TargetMotion};
 use crate::model::leaf_pack;
-use crate::papers::first::Two;
 
-/// A ramp of which no duration is told takes as long as the first paper's static test.
-const RAMP_S: f64 = crate::papers::first::STATIC_S;
-/// Names that tables use for the leaf pack's parameters.
+/// Row number of the header.
+const HEADER_ROW: usize = 1;
+/// Names of the leaf pack's parameters in tables, and in the model.
 const ALIASES: [(&str, &str); 2] = [
     ("friction_coefficient", "interleaf_mu"),
     ("thickness_correction_mm", "thickness_correction_mm"),
 ];
 
-/// One test: what was measured, and what a model gave where the table says it.
+/// One test: its measured figures, and those of a model where the table has them.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct TableRow {
-    /// Mounting; rows of one mounting are compared with one another.
+    /// Mounting; only tests of the same mounting are compared with one another.
     pub mount: String,
-    /// In words.
+    /// Name of the test.
     pub name: String,
-    /// Amplitude or stroke as printed, mm; none for a test up to a force.
+    /// Amplitude or stroke as printed, mm; `None` for a test up to a force.
     pub stroke_mm: Option<f64>,
-    /// Cycles a second.
+    /// Cycles per second.
     pub frequency_hz: f64,
-    /// The motion, where the table tells all of it.
+    /// Motion, where the table gives all of it.
     pub motion: Option<TargetMotion>,
-    /// Measured.
-    pub measured: Two,
-    /// The model's.
-    pub model: Option<Two>,
+    /// Measured peak force and loop energy.
+    pub measured: Aggregate,
+    /// Figures of the model.
+    pub model: Option<Aggregate>,
 }
 
-/// An optimum that somebody reported.
+/// A reported optimum.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Fitted {
-    /// Mounting.
+    /// Mounting of the tests that it was fitted to.
     pub mount: String,
-    /// The leaf pack's names and the values reported.
+    /// The leaf pack's names and the reported values.
     pub parameters: Vec<(&'static str, f64)>,
-    /// What it reaches.
-    pub reach: Two,
+    /// Figures that it reaches.
+    pub reach: Aggregate,
 }
 
 /// Points of one loop, in order.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Points {
-    /// On the way up: mm and N.
+    /// Loading branch: displacement in mm, force in N.
     pub loading: Vec<(f64, f64)>,
-    /// On the way down.
+    /// Unloading branch: displacement in mm, force in N.
     pub unloading: Vec<(f64, f64)>,
 }
 
-/// What the files hold.
+/// Contents of the files.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct TargetsTable {
-    /// Tests.
+    /// Measured tests, by mounting.
     pub rows: Vec<TableRow>,
-    /// Reported optima.
+    /// Reported optima, in the order of the files.
     pub fitted: Vec<Fitted>,
-    /// One loop's points.
+    /// Points of one loop.
     pub points: Points,
-    /// What was left out, and why.
+    /// What was left out of the files, and why.
     pub remarks: Vec<String>,
 }
 
-/// Where a table cannot be read.
+/// Why and where a table cannot be read.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{name}, row {row}, column {column}: {reason}")]
 pub(crate) struct TableError {
-    /// The file.
+    /// Name of the file.
     pub name: String,
-    /// Line of the file, the header being 1.
+    /// Row of the file; the header is row 1.
     pub row: usize,
-    /// Column.
+    /// Name of the column.
     pub column: String,
     /// What is wrong and what to do.
     pub reason: String,
 }
 
-/// Reads files one after the other; rows of measurement and model find each other at the end.
+/// Reads files one after the other. [`TableReader::finish`] puts the rows of the model beside the measured ones.
 #[derive(Default)]
 pub(crate) struct TableReader {
     table: TargetsTable,
-    /// Rows said to be simulated.
+    /// Rows of a model.
     simulated: Vec<TableRow>,
 }
 
+/// One row, with the header that names its cells.
 struct Cells<'a> {
     name: &'a str,
     header: &'a csv::StringRecord,
@@ -115,7 +115,7 @@ impl<'a> Cells<'a> {
         text.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| {
             self.refused(
                 column,
-                format!("\"{text}\" is not a finite number: enter one, with a point"),
+                format!("\"{text}\" is not a finite number: enter a number with a decimal point"),
             )
         })
     }
@@ -127,11 +127,11 @@ impl<'a> Cells<'a> {
         }
         Err(self.refused(
             column,
-            format!("{value} is not above zero: correct or remove the row"),
+            format!("{value} is not above 0: correct or remove the row"),
         ))
     }
 
-    /// The first of several columns that the header has, with its factor.
+    /// The first column that has a value, times its factor.
     fn one_of(&self, columns: &[(&str, f64)]) -> Result<Option<f64>, TableError> {
         for (column, factor) in columns {
             if !self.text(column).is_empty() {
@@ -160,16 +160,16 @@ const PEAK: [(&str, f64); 4] = [
 const ENERGY: [(&str, f64); 1] = [("loop_energy_j", 1.0)];
 
 impl TableReader {
-    /// Adds one file. A file with neither rows nor points is remarked on.
+    /// Adds one file. A file with neither tests nor points is left out with a remark.
     pub(crate) fn read(&mut self, reader: impl Read, name: &str) -> Result<(), TableError> {
         let mut csv = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(reader);
         let broken = |row: usize, error: csv::Error| TableError {
             name: name.to_owned(),
             row,
             column: "any".to_owned(),
-            reason: format!("{error}: save the table as CSV in UTF-8, a header and one row a test"),
+            reason: format!("{error}: save the table as CSV in UTF-8, with a header and one row per test"),
         };
-        let header = csv.headers().map_err(|e| broken(1, e))?.clone();
+        let header = csv.headers().map_err(|e| broken(HEADER_ROW, e))?.clone();
         let has = |wanted: &[(&str, f64)]| wanted.iter().any(|(w, _)| header.iter().any(|h| h == *w));
         let rows = has(&PEAK) && has(&ENERGY);
         let points = has(&[("displacement_mm", 1.0)]) && has(&[("force_n", 1.0)]) && has(&[("branch", 1.0)]);
@@ -180,8 +180,8 @@ impl TableReader {
                 "peak_force_n"
             };
             self.table.remarks.push(format!(
-                "{name}, row 1, column {wanted}: the column is missing, the file was left out (a table of tests has peak_force_n or \
-                 fmax_kn and loop_energy_j, one of points branch, displacement_mm and force_n: name the columns so)"
+                "{name}, row {HEADER_ROW}, column {wanted}: the column is missing, the file is left out. Name the columns \
+                 peak_force_n (or fmax_kn) and loop_energy_j for tests, or branch, displacement_mm and force_n for points of a loop"
             ));
             return Ok(());
         }
@@ -189,7 +189,7 @@ impl TableReader {
             .iter()
             .any(|(alias, _)| header.iter().any(|h| h == *alias));
         for (index, record) in csv.records().enumerate() {
-            let row = index + 2;
+            let row = HEADER_ROW + 1 + index;
             let record = record.map_err(|e| broken(row, e))?;
             let cells = Cells {
                 name,
@@ -211,7 +211,7 @@ impl TableReader {
     fn point(&mut self, cells: &Cells<'_>) -> Result<(), TableError> {
         if cells.text("displacement_mm").is_empty() {
             self.table.remarks.push(format!(
-                "{}, row {}, column displacement_mm: no deflection is given, the point is left out",
+                "{}, row {}, column displacement_mm: the cell is empty, the point is left out",
                 cells.name, cells.row
             ));
             return Ok(());
@@ -221,7 +221,7 @@ impl TableReader {
             "load" | "loading" => self.table.points.loading.push(point),
             "unload" | "unloading" => self.table.points.unloading.push(point),
             other => {
-                let reason = format!("\"{other}\" is no branch: use load or unload");
+                let reason = format!("unknown branch \"{other}\": use load or unload");
                 return Err(cells.refused("branch", reason));
             }
         }
@@ -238,65 +238,28 @@ impl TableReader {
         self.table.fitted.push(Fitted {
             mount: mount(cells),
             parameters,
-            reach: Two {
-                peak_n: cells.needed(&PEAK)?,
-                loop_j: cells.needed(&ENERGY)?,
+            reach: Aggregate {
+                peak_force_n: cells.needed(&PEAK)?,
+                loop_energy_j: cells.needed(&ENERGY)?,
             },
         });
         Ok(())
     }
 
     fn row(&mut self, cells: &Cells<'_>) -> Result<(), TableError> {
-        let measured = Two {
-            peak_n: cells.needed(&PEAK)?,
-            loop_j: cells.needed(&ENERGY)?,
+        let measured = Aggregate {
+            peak_force_n: cells.needed(&PEAK)?,
+            loop_energy_j: cells.needed(&ENERGY)?,
         };
         let stroke_mm = cells.one_of(&[("stroke_mm", 1.0), ("amplitude_mm", 1.0)])?;
-        let frequency = cells.one_of(&[("frequency_hz", 1.0)])?;
-        let duration_s = cells.one_of(&[("duration_s", 1.0)])?.unwrap_or(RAMP_S);
-        let frequency_hz = frequency.unwrap_or(1.0 / duration_s);
-        let valley_mm = match cells.text("valley_mm") {
-            "" => None,
-            _ => Some(cells.number("valley_mm")?),
-        };
-        let motion = match (cells.text("motion"), stroke_mm, frequency, valley_mm) {
-            ("", _, _, _) => None,
-            ("force-ramp", _, _, _) => Some(TargetMotion::ForceRamp {
-                force_n: measured.peak_n,
-                duration_s,
-            }),
-            ("ramp", Some(stroke_mm), _, _) => Some(TargetMotion::Ramp {
-                stroke_mm,
-                duration_s,
-            }),
-            ("sine", Some(stroke_mm), Some(frequency_hz), Some(valley_mm)) => Some(TargetMotion::Sine {
-                stroke_mm,
-                frequency_hz,
-                valley_mm,
-            }),
-            ("ramp" | "sine", _, _, _) => {
-                let reason =
-                    "a sine needs stroke_mm, frequency_hz and valley_mm, a ramp stroke_mm: enter them"
-                        .to_owned();
-                return Err(cells.refused("stroke_mm", reason));
-            }
-            (other, _, _, _) => {
-                let reason = format!("\"{other}\" is no motion: use force-ramp, ramp or sine");
-                return Err(cells.refused("motion", reason));
-            }
-        };
-        let name = match (cells.text("profile"), stroke_mm, frequency) {
-            ("", Some(mm), Some(hz)) => format!("{mm} mm, {hz} Hz"),
-            ("", Some(mm), None) => format!("{mm} mm, slow"),
-            ("", None, _) => "static".to_owned(),
-            (profile, _, _) => profile.to_owned(),
-        };
+        let frequency_hz = cells.one_of(&[("frequency_hz", 1.0)])?;
+        let duration_s = cells.one_of(&[("duration_s", 1.0)])?.unwrap_or(SLOW_RAMP_S);
         let row = TableRow {
             mount: mount(cells),
-            name,
+            name: test_name(cells.text("profile"), stroke_mm, frequency_hz),
             stroke_mm,
-            frequency_hz,
-            motion,
+            frequency_hz: frequency_hz.unwrap_or(1.0 / duration_s),
+            motion: motion(cells, measured.peak_force_n, stroke_mm, frequency_hz, duration_s)?,
             measured,
             model: None,
         };
@@ -304,14 +267,14 @@ impl TableReader {
             "" | "experiment" | "measured" | "measurement" => self.table.rows.push(row),
             "simulation" | "simulated" | "model" => self.simulated.push(row),
             other => {
-                let reason = format!("\"{other}\" is no source: use experiment or simulation");
+                let reason = format!("unknown source \"{other}\": use experiment or simulation");
                 return Err(cells.refused("source", reason));
             }
         }
         Ok(())
     }
 
-    /// All of it, the model's rows beside the measured ones.
+    /// The contents of all files, with the rows of the model beside the measured ones.
     pub(crate) fn finish(mut self) -> TargetsTable {
         for row in &mut self.table.rows {
             let same = |s: &&TableRow| {
@@ -332,6 +295,52 @@ impl TableReader {
     }
 }
 
+/// The name of a test: as given, or from stroke and frequency.
+fn test_name(profile: &str, stroke_mm: Option<f64>, frequency_hz: Option<f64>) -> String {
+    match (profile, stroke_mm, frequency_hz) {
+        ("", Some(mm), Some(hz)) => format!("{mm} mm, {hz} Hz"),
+        ("", Some(mm), None) => format!("{mm} mm, slow"),
+        ("", None, _) => "static".to_owned(),
+        (profile, _, _) => profile.to_owned(),
+    }
+}
+
+/// The motion of a test, where the table has the column.
+fn motion(
+    cells: &Cells<'_>,
+    force_n: f64,
+    stroke_mm: Option<f64>,
+    frequency_hz: Option<f64>,
+    duration_s: f64,
+) -> Result<Option<TargetMotion>, TableError> {
+    let valley_mm = match cells.text("valley_mm") {
+        "" => None,
+        _ => Some(cells.number("valley_mm")?),
+    };
+    let missing = |column: &str, what: &str| {
+        let reason = format!("the cell is empty, and {what} needs it: enter the value");
+        cells.refused(column, reason)
+    };
+    let motion = match cells.text("motion") {
+        "" => return Ok(None),
+        "force-ramp" => TargetMotion::ForceRamp { force_n, duration_s },
+        "ramp" => TargetMotion::Ramp {
+            stroke_mm: stroke_mm.ok_or_else(|| missing("stroke_mm", "a ramp"))?,
+            duration_s,
+        },
+        "sine" => TargetMotion::Sine {
+            stroke_mm: stroke_mm.ok_or_else(|| missing("stroke_mm", "a sine"))?,
+            frequency_hz: frequency_hz.ok_or_else(|| missing("frequency_hz", "a sine"))?,
+            valley_mm: valley_mm.ok_or_else(|| missing("valley_mm", "a sine"))?,
+        },
+        other => {
+            let reason = format!("unknown motion \"{other}\": use force-ramp, ramp or sine");
+            return Err(cells.refused("motion", reason));
+        }
+    };
+    Ok(Some(motion))
+}
+
 fn mount(cells: &Cells<'_>) -> String {
     match cells.text("mount") {
         "" => "the specimen".to_owned(),
@@ -339,7 +348,7 @@ fn mount(cells: &Cells<'_>) -> String {
     }
 }
 
-/// What is believed of a parameter of the leaf pack.
+/// Believed range of a parameter of the leaf-pack model.
 pub(super) fn belief(name: &str) -> Option<[f64; 2]> {
     let parameter = leaf_pack::MODEL.parameters.iter().find(|p| p.name == name);
     parameter.map(|p| p.belief)

@@ -1,7 +1,8 @@
 use super::*;
 use crate::model;
 
-/// A sine recording of an equivalent spring, `cycles` from its mean, stepped four times finer than recorded.
+/// A sine recording of an equivalent spring: `cycles` from its mean, four steps per sample. Without `rest` one cycle comes
+/// before it.
 fn recording(values: &[f64], cycles: usize, rest: bool) -> Recording {
     let mut plant = model::find("equivalent")
         .and_then(|m| m.plant(values, &toml::Table::new()))
@@ -30,16 +31,11 @@ fn recording(values: &[f64], cycles: usize, rest: bool) -> Recording {
 
 const TRUTH: [f64; 4] = [60.0, 85.0, 0.14, 0.3];
 
-fn problem(recording: Recording, options: &CurveOptions) -> CurveProblem<'static> {
+fn problem(recording: Recording, initial: Initial) -> CurveProblem<'static> {
     static NOTHING: std::sync::OnceLock<toml::Table> = std::sync::OnceLock::new();
     let model = model::find("equivalent").expect("listed");
-    CurveProblem::of_model(
-        model,
-        NOTHING.get_or_init(toml::Table::new),
-        &[recording],
-        options,
-    )
-    .expect("long enough")
+    let structure = NOTHING.get_or_init(toml::Table::new);
+    CurveProblem::of_model(model, structure, &[recording], initial).expect("long enough")
 }
 
 fn worst(problem: &CurveProblem<'_>) -> f64 {
@@ -49,67 +45,35 @@ fn worst(problem: &CurveProblem<'_>) -> f64 {
 }
 
 #[test]
-fn initial_state_is_found_by_replaying_or_dropping() {
-    // The recorded samples are exact for the equivalent spring at any step; 0.3 mm of presliding forget 4 mm by
-    // exp(-13) and a cycle altogether.
-    let with = |initial| CurveOptions {
-        initial,
-        ..CurveOptions::default()
-    };
-    let from_rest = worst(&problem(recording(&TRUTH, 3, false), &with(Initial::FromRest)));
+fn initial_state_is_made_by_replaying_or_left_out() {
+    // The equivalent spring is exact at any step. With 0.3 mm of presliding, the state before a 4 mm stroke counts exp(-13)
+    // after it, and nothing after a cycle.
+    let from_rest = worst(&problem(recording(&TRUTH, 3, false), Initial::FromRest));
     assert!(
         from_rest < 1e-6,
-        "loading from below ends in full drag anyway: {from_rest}"
+        "loading from below ends in full friction: {from_rest}"
     );
     let late = |initial| {
-        // From the valley-bound branch: begin a quarter cycle after the peak.
+        // Starts on the unloading branch, a quarter cycle after the peak.
         let mut r = recording(&TRUTH, 3, false);
         for column in [&mut r.time_s, &mut r.displacement_mm, &mut r.force_n] {
             column.drain(..500);
         }
-        worst(&problem(r, &with(initial)))
+        worst(&problem(r, initial))
     };
     assert!(late(Initial::FromRest) > 0.01);
-    assert!(late(Initial::DropFirstHalfCycle) < 1e-6);
     assert!(late(Initial::ReplayFirstCycle) < 1e-6);
     assert!(late(Initial::Unknown) < 1e-6);
 }
 
 #[test]
-fn held_out_cycles_are_not_fitted_but_scored() {
-    let options = CurveOptions {
-        held_out: HeldOut::EveryNthCycle(2),
-        ..CurveOptions::default()
-    };
-    let mut measured = recording(&TRUTH, 4, false);
-    let reversals = reversals(&measured.displacement_mm, 0.1);
-    // Ruin the second cycle: fitted residuals must not see it, the score must.
-    for force_n in &mut measured.force_n[reversals[1]..reversals[3]] {
-        *force_n += 100.0;
-    }
-    let problem = problem(measured, &options);
-    assert!(worst(&problem) < 1e-6);
-    let score = problem.score(&TRUTH).expect("within bounds");
-    assert!(score.nrmse_train < 1e-6);
-    assert!(score.nrmse_heldout.expect("held out") > 0.05);
-}
-
-#[test]
-fn flagged_samples_and_zero_weights_are_not_compared() {
+fn flagged_samples_are_not_compared() {
     let mut measured = recording(&TRUTH, 2, false);
     measured.force_n[700] = 1e6;
     let mut flags = vec![0; measured.len()];
     flags[700] = Flags::SPIKE.bits();
     measured.flags = Some(flags);
-    // The weight is over the range, spike included: what matters is that its place is gone.
-    let mut problem = problem(measured, &CurveOptions::default());
-    assert_eq!(problem.count(), 1999);
-    let mut weights = problem.weights(0);
-    weights[..100].fill(0.0);
-    problem.set_weights(0, &weights).expect("same length");
-    assert_eq!(problem.count(), 1899);
-    assert!(problem.set_weights(0, &[1.0]).is_err());
-    assert!(problem.set_weights(1, &[1.0]).is_err());
+    assert_eq!(problem(measured, Initial::ReplayFirstCycle).count(), 1999);
 }
 
 #[test]
@@ -118,7 +82,7 @@ fn unusable_recordings_are_refused_by_name() {
     let mut broken = recording(&TRUTH, 1, true);
     broken.force_n[3] = f64::NAN;
     let nothing = toml::Table::new();
-    let error = CurveProblem::of_model(model, &nothing, &[broken], &CurveOptions::default())
+    let error = CurveProblem::of_model(model, &nothing, &[broken], Initial::FromRest)
         .err()
         .expect("not a number");
     assert!(error.to_string().contains("sine"), "{error}");

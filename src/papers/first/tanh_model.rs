@@ -1,63 +1,68 @@
 //! The paper's kind of model: interleaf friction of the tanh law alone, and its optimisation on two numbers.
 //!
-//! Transition velocity and static travel are not printed. They are taken from the paper's own figures: the travel at which
-//! mu 0.1 gives its simulated static peak, and the velocity at which the optimum of Table 7 gives its loop energy. The
-//! evolution (Table 5) then moves friction coefficient and thickness correction over objective (9), the loop energy rounded
-//! to two decimals as printed. Bounds of the coefficient are not printed either: -30 to 30 hold both optima, printed and ours. Only its
-//! size acts in the law used here: a negative coefficient that did act as such would drive the spring.
+//! Transition velocity and static travel are not printed. They follow from the paper's own figures: the travel at which mu 0.1
+//! gives its simulated static peak, and the velocity at which the optimum of Table 7 gives its loop energy. The evolution
+//! (Table 5) then varies friction coefficient and thickness correction to minimise objective (9), with the loop energy rounded
+//! to two decimals as printed. The bounds of the coefficient are not printed either: -30 to 30 hold both optima, the printed
+//! one and ours. The law used here takes the size of the coefficient, because a negative one would drive the spring.
 //!
-//! At such coefficients leaves lock and let go, and a row costs a hundred times an ordinary one. So the rows are computed on a
-//! grid of coefficient and thickness, the evolution runs on the polynomial through them, and its optimum is computed for real.
+//! At such coefficients leaves stick and slip, and a row takes a hundred times as long as an ordinary one. The rows are
+//! therefore computed on a grid of coefficient and thickness, the evolution runs on the polynomial through them, and its
+//! optimum is computed with the model.
 
-use super::{AmplitudeReading, Choice, Printed, ROWS, STATIC_S, Two, column, structure, two, walk};
+use super::{PrintedRow, ROWS, STATIC_S, pair, structure};
+use crate::identify::evaluator::parallel_map;
+use crate::identify::leaf_pack_rows::{
+    AMPLITUDES_MM, AmplitudeReading, MOUNTS, SINE_OF_TEST, mount_index, walk,
+};
 use crate::identify::objective::{Residuals, scaled_difference};
-use crate::identify::targets::TargetMotion;
-use crate::identify::{Fit, FitControl, FitOptions, IdentifyError, Method, differential_evolution, fit};
+use crate::identify::targets::{Aggregate, ENERGY_WEIGHT, PEAK_WEIGHT, TargetMotion};
+use crate::identify::{FitControl, FitOptions, IdentifyError, Method, differential_evolution, fit};
 use crate::model::leaf_pack::{FrictionChoice, LeafPack, Mounting, PackStructure, Values, graded_path};
 use crate::model::{BuildError, Parameter, Plant};
 use crate::units::joules_from_nmm;
 
-/// The paper's coefficient.
+/// The paper's friction coefficient.
 const MU: f64 = 0.1;
 /// Where the search for the transition velocity starts, mm/s.
 const START_MM_S: f64 = 0.045;
 /// Tables 6 and 7: coefficient and thickness correction in mm, with shackle and without.
 const PRINTED: [[f64; 2]; 2] = [[-13.09991, -0.09004], [8.51317, -0.18724]];
-/// What they reach.
-const PRINTED_REACH: [Two; 2] = [two(2002.15, 8.89817), two(1999.46, 6.04738)];
-/// Table 4.
-const TARGETS: [Two; 2] = [two(2003.0, 8.9), two(1999.0, 6.05)];
+/// Figures that the paper prints for them.
+const PRINTED_REACH: [Aggregate; 2] = [pair(2002.15, 8.89817), pair(1999.46, 6.04738)];
+/// Targets of Table 4.
+const TARGETS: [Aggregate; 2] = [pair(2003.0, 8.9), pair(1999.0, 6.05)];
 /// Longest step of the static path, mm.
 const STEP_MM: f64 = 1.0;
 /// Coefficients and thickness corrections (mm) of the grid.
 const GRID_MU: [f64; 5] = [0.1, 4.0, 9.0, 18.0, 30.0];
 const GRID_MM: [f64; 3] = [-0.4, -0.15, 0.1];
-/// Softer than usual, N/mm: forces change by 0.2 %, and the leaves lock less abruptly.
+/// Softer than the default, N/mm: forces change by 0.2 %, and the leaves lock less abruptly.
 const CONTACT_N_PER_MM: f64 = 2e4;
-/// Coarser than usual for the same reason.
+/// Tolerance of the equilibrium, N; coarser than the default for the same reason.
 const TOLERANCE_N: f64 = 0.05;
 
-/// One row: printed measurement, printed simulation, ours.
+/// One row of Table 2 or 3 with the paper's kind of model.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct OwnRow {
-    /// Mounting.
+pub(crate) struct TanhRow {
+    /// Mounting of the test.
     pub mounting: Mounting,
-    /// Row.
+    /// Name of the test.
     pub name: &'static str,
-    /// Measured.
-    pub measured: Two,
-    /// The paper's simulation.
-    pub simulated: Two,
-    /// Ours.
-    pub ours: Two,
-    /// Loop with dry friction of the same coefficient that knows no rate, J: the most that any transition velocity leaves.
+    /// Measured figures as printed.
+    pub measured: Aggregate,
+    /// Simulated figures as printed.
+    pub simulated: Aggregate,
+    /// Figures of our model.
+    pub ours: Aggregate,
+    /// Loop energy of rate-independent friction with the same coefficient, J: the upper limit for any transition velocity.
     pub at_most_j: f64,
 }
 
-/// What the static test of the paper's kind of model runs with, whatever "amplitude" means.
+/// Settings of the paper's kind of model that do not depend on the meaning of "amplitude".
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct OwnStatics {
-    /// mm/s.
+pub(crate) struct TanhSettings {
+    /// Transition velocity of the tanh law, mm/s.
     pub transition_velocity_mm_s: f64,
     /// Static travel, with shackle and without, mm.
     pub travel_mm: [f64; 2],
@@ -65,11 +70,11 @@ pub(crate) struct OwnStatics {
 
 /// Tables 2 and 3 with the paper's kind of model.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct OwnModel {
+pub(crate) struct TanhTables {
     /// Trough of the sines, with shackle and without, mm.
     pub trough_mm: [f64; 2],
     /// Both mountings, five rows each.
-    pub rows: Vec<OwnRow>,
+    pub rows: Vec<TanhRow>,
 }
 
 fn values(mu: f64, thickness_correction_mm: f64) -> Values {
@@ -99,21 +104,21 @@ fn pack(structure: &PackStructure, values: &Values) -> Result<LeafPack, BuildErr
     Ok(pack)
 }
 
-/// Up to `travel_mm` and back in 120 s.
-fn static_row(structure: &PackStructure, values: &Values, travel_mm: f64) -> Result<Two, BuildError> {
+/// The slow ramp up to `travel_mm` and back.
+fn static_row(structure: &PackStructure, values: &Values, travel_mm: f64) -> Result<Aggregate, BuildError> {
     let mut pack = pack(structure, values)?;
     let points = pack.static_path(&graded_path(&[0.0, travel_mm, 0.0], STEP_MM), STATIC_S);
     let energy_nmm: f64 = points
         .windows(2)
         .map(|w| 0.5 * (w[0].force_n + w[1].force_n) * (w[1].displacement_mm - w[0].displacement_mm))
         .sum();
-    Ok(Two {
-        peak_n: points.iter().fold(0.0, |peak, p| p.force_n.max(peak)),
-        loop_j: joules_from_nmm(energy_nmm),
+    Ok(Aggregate {
+        peak_force_n: points.iter().fold(0.0, |peak, p| p.force_n.max(peak)),
+        loop_energy_j: joules_from_nmm(energy_nmm),
     })
 }
 
-/// Where a slowly rising load reaches `force_n`, mm.
+/// Displacement at which a slowly rising load reaches `force_n`, mm.
 fn reach_mm(structure: &PackStructure, values: &Values, force_n: f64) -> Result<f64, BuildError> {
     let mut pack = pack(structure, values)?;
     let (mut at_mm, mut rate) = (0.0, 60.0);
@@ -124,16 +129,16 @@ fn reach_mm(structure: &PackStructure, values: &Values, force_n: f64) -> Result<
             break;
         }
         at_mm += stride_mm;
-        // About the static test's speed.
+        // One second per mm is about the speed of the static test.
         rate = ((pack.step(at_mm, stride_mm) - before_n) / stride_mm).max(5.0);
     }
     Ok(at_mm)
 }
 
-fn sine(row: &Printed, reading: AmplitudeReading, trough_mm: f64) -> Option<TargetMotion> {
-    row.amplitude_mm.map(|amplitude_mm| TargetMotion::Sine {
+fn sine(row: &PrintedRow, reading: AmplitudeReading, trough_mm: f64) -> Option<TargetMotion> {
+    row.test.amplitude_mm.map(|amplitude_mm| TargetMotion::Sine {
         stroke_mm: reading.stroke_mm(amplitude_mm),
-        frequency_hz: row.frequency_hz,
+        frequency_hz: row.test.frequency_hz,
         valley_mm: trough_mm,
     })
 }
@@ -144,78 +149,77 @@ fn rows(
     reading: AmplitudeReading,
     travel_mm: f64,
     trough_mm: f64,
-) -> Result<Vec<OwnRow>, BuildError> {
-    let mount = column(structure.mounting);
-    let strokes = super::AMPLITUDES_MM.map(|a| reading.stroke_mm(a));
+) -> Result<Vec<TanhRow>, BuildError> {
+    let mount = mount_index(structure.mounting);
+    let strokes = AMPLITUDES_MM.map(|a| reading.stroke_mm(a));
     let dry = super::structure(structure.mounting);
-    let reach_n = ROWS[0].simulated[mount].peak_n;
+    let reach_n = ROWS[0].simulated[mount].peak_force_n;
     let sines = walk(&mut pack(&dry, values)?, trough_mm, &strokes, reach_n, STEP_MM).sines;
-    let at_most = |row: &Printed, sine: usize| match row.amplitude_mm {
+    let at_most = |row: &PrintedRow, sine: usize| match row.test.amplitude_mm {
         None => static_row(&dry, values, travel_mm),
         Some(_) => Ok(sines[sine]),
     };
     ROWS.iter()
-        .zip(super::SINE_OF_ROW)
+        .zip(SINE_OF_TEST)
         .map(|(row, sine_of_row)| {
             let ours = match sine(row, reading, trough_mm) {
                 None => static_row(structure, values, travel_mm)?,
                 Some(motion) => {
                     let mut plant: Box<dyn Plant> = Box::new(pack(structure, values)?);
-                    let reached = motion.measure(&mut plant);
-                    Two {
-                        peak_n: reached.peak_force_n,
-                        loop_j: reached.loop_energy_j,
-                    }
+                    motion.measure(&mut plant)
                 }
             };
-            Ok(OwnRow {
+            Ok(TanhRow {
                 mounting: structure.mounting,
-                name: row.name,
+                name: row.test.name,
                 measured: row.measured[mount],
                 simulated: row.simulated[mount],
                 ours,
-                at_most_j: at_most(row, sine_of_row)?.loop_j,
+                at_most_j: at_most(row, sine_of_row)?.loop_energy_j,
             })
         })
         .collect()
 }
 
-/// Travel and transition velocity from the paper's own figures.
-pub(crate) fn own_statics() -> Result<OwnStatics, IdentifyError> {
+/// Static travel and transition velocity from the paper's own figures.
+pub(crate) fn tanh_settings() -> Result<TanhSettings, IdentifyError> {
     let nominal = values(MU, 0.0);
-    // The virgin curve hardly knows the law: any transition velocity serves for the travel.
+    // The first loading hardly depends on the law: any transition velocity gives the travel.
     let travel = |mounting| {
-        let force_n = ROWS[0].simulated[column(mounting)].peak_n;
+        let force_n = ROWS[0].simulated[mount_index(mounting)].peak_force_n;
         reach_mm(&tanh(mounting, START_MM_S), &nominal, force_n)
     };
     let travel_mm = [travel(Mounting::Shackle)?, travel(Mounting::Rail)?];
     let [mu, correction_mm] = PRINTED[1];
     let mut velocity = START_MM_S;
-    // Far below the transition the friction is viscous, so the loop goes with 1 / v: two corrections leave a percent.
+    // Far below the transition the friction is viscous and the loop energy goes with 1 / v: two corrections give 1 %.
     for _ in 0..2 {
         let row = static_row(
             &tanh(Mounting::Rail, velocity),
             &values(mu, correction_mm),
             travel_mm[1],
         )?;
-        velocity *= row.loop_j / PRINTED_REACH[1].loop_j;
+        velocity *= row.loop_energy_j / PRINTED_REACH[1].loop_energy_j;
     }
-    Ok(OwnStatics {
+    Ok(TanhSettings {
         transition_velocity_mm_s: velocity,
         travel_mm,
     })
 }
 
 /// Tables 2 and 3 with interleaf friction 0.1 of the tanh law.
-pub(crate) fn own_model(reading: AmplitudeReading, statics: &OwnStatics) -> Result<OwnModel, IdentifyError> {
+pub(crate) fn tanh_tables(
+    reading: AmplitudeReading,
+    statics: &TanhSettings,
+) -> Result<TanhTables, IdentifyError> {
     let nominal = values(MU, 0.0);
     let mut trough_mm = [0.0; 2];
     let mut all = Vec::new();
-    for mounting in super::MOUNTS {
-        let mount = column(mounting);
+    for mounting in MOUNTS {
+        let mount = mount_index(mounting);
         let structure = tanh(mounting, statics.transition_velocity_mm_s);
-        // The printed simulation of the smallest sine says where its peak lies.
-        let peak_mm = reach_mm(&structure, &nominal, ROWS[1].simulated[mount].peak_n)?;
+        // The printed simulation of the smallest sine gives the displacement of its peak.
+        let peak_mm = reach_mm(&structure, &nominal, ROWS[1].simulated[mount].peak_force_n)?;
         trough_mm[mount] = (peak_mm - reading.stroke_mm(6.0)).max(0.0);
         all.extend(rows(
             &structure,
@@ -225,33 +229,29 @@ pub(crate) fn own_model(reading: AmplitudeReading, statics: &OwnStatics) -> Resu
             trough_mm[mount],
         )?);
     }
-    Ok(OwnModel { trough_mm, rows: all })
+    Ok(TanhTables { trough_mm, rows: all })
 }
 
-/// Tables 6 and 7: what the evolution makes of two numbers.
+/// Tables 6 and 7: the evolution on peak force and loop energy of the static test.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct TwoNumbers {
-    /// Mounting.
+    /// Mounting of the test.
     pub mounting: Mounting,
-    /// Printed friction coefficient and thickness correction (mm).
+    /// Printed optimum: friction coefficient and thickness correction (mm).
     pub printed: [f64; 2],
-    /// Ours.
+    /// Our optimum: friction coefficient and thickness correction (mm).
     pub found: [f64; 2],
-    /// Printed reach of the optimum.
-    pub printed_reach: Two,
-    /// Ours.
-    pub reach: Two,
+    /// Printed figures of the printed optimum.
+    pub printed_reach: Aggregate,
+    /// Figures of our optimum, computed with the model.
+    pub reach: Aggregate,
     /// Targets (Table 4).
-    pub target: Two,
-    /// What the polynomial says at our optimum; `reach` is the row computed for real.
-    pub on_grid: Two,
-    /// Static loop with the coefficient at 0.1 and nothing else changed, J.
+    pub target: Aggregate,
+    /// Static loop energy with the coefficient at 0.1 and nominal thickness, J.
     pub unfitted_j: f64,
-    /// The fit.
-    pub fit: Fit,
 }
 
-const TWO: [Parameter; 2] = [
+const PARAMETERS: [Parameter; 2] = [
     Parameter {
         name: "friction_coefficient",
         unit: "",
@@ -272,46 +272,42 @@ const TWO: [Parameter; 2] = [
 
 /// Static rows on the grid, and the polynomial through them.
 struct Surface {
-    /// `[coefficient][thickness]`.
-    rows: [[Two; 3]; 5],
-    target: Two,
+    /// Figures at each point of the grid: `[coefficient][thickness]`.
+    rows: [[Aggregate; 3]; 5],
+    target: Aggregate,
 }
 
 impl Surface {
-    fn new(structure: &PackStructure, travel_mm: f64, target: Two) -> Result<Self, BuildError> {
-        // One thread a thickness: the evolution itself costs nothing then.
-        let columns: Vec<Result<Vec<Two>, BuildError>> = std::thread::scope(|scope| {
-            let column = |mm: f64| {
-                move || {
-                    let row = |mu: &f64| static_row(structure, &values(*mu, mm), travel_mm);
-                    GRID_MU.iter().map(row).collect()
-                }
-            };
-            let threads: Vec<_> = GRID_MM.iter().map(|&mm| scope.spawn(column(mm))).collect();
-            threads
-                .into_iter()
-                .map(|t| t.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
-                .collect()
-        });
-        let columns: Vec<Vec<Two>> = columns.into_iter().collect::<Result<_, _>>()?;
+    fn new(
+        structure: &PackStructure,
+        travel_mm: f64,
+        target: Aggregate,
+        threads: usize,
+    ) -> Result<Self, BuildError> {
+        let columns: Vec<Vec<Aggregate>> = parallel_map(&GRID_MM, threads, |&mm| {
+            let row = |mu: &f64| static_row(structure, &values(*mu, mm), travel_mm);
+            GRID_MU.iter().map(row).collect::<Result<_, _>>()
+        })
+        .into_iter()
+        .collect::<Result<_, _>>()?;
         let rows = std::array::from_fn(|i| std::array::from_fn(|j| columns[j][i]));
         Ok(Surface { rows, target })
     }
 
-    fn at(&self, found: &[f64]) -> Two {
+    fn at(&self, found: &[f64]) -> Aggregate {
         let (by_mu, by_mm) = (lagrange(&GRID_MU, found[0].abs()), lagrange(&GRID_MM, found[1]));
-        let mut sum = two(0.0, 0.0);
+        let mut sum = pair(0.0, 0.0);
         for (row, a) in self.rows.iter().zip(by_mu) {
             for (cell, b) in row.iter().zip(&by_mm) {
-                sum.peak_n += a * b * cell.peak_n;
-                sum.loop_j += a * b * cell.loop_j;
+                sum.peak_force_n += a * b * cell.peak_force_n;
+                sum.loop_energy_j += a * b * cell.loop_energy_j;
             }
         }
         sum
     }
 }
 
-/// Weights of the polynomial through `nodes`.
+/// Weights at `x` of the polynomial through `nodes` (Lagrange).
 fn lagrange(nodes: &[f64], x: f64) -> Vec<f64> {
     let weight = |i: usize| {
         let others = nodes.iter().enumerate().filter(|(k, _)| *k != i);
@@ -322,16 +318,20 @@ fn lagrange(nodes: &[f64], x: f64) -> Vec<f64> {
 
 impl Residuals for Surface {
     fn parameters(&self) -> &[Parameter] {
-        &TWO
+        &PARAMETERS
     }
     fn count(&self) -> usize {
         2
     }
     fn evaluate(&self, found: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
         let reach = self.at(found);
-        let rounded_j = (100.0 * reach.loop_j).round() / 100.0;
-        out[0] = scaled_difference(1e-3 * self.target.peak_n, 1e-3 * reach.peak_n, 1.0);
-        out[1] = scaled_difference(self.target.loop_j, rounded_j, 0.6);
+        let rounded_j = (100.0 * reach.loop_energy_j).round() / 100.0;
+        out[0] = scaled_difference(
+            1e-3 * self.target.peak_force_n,
+            1e-3 * reach.peak_force_n,
+            PEAK_WEIGHT,
+        );
+        out[1] = scaled_difference(self.target.loop_energy_j, rounded_j, ENERGY_WEIGHT);
         Ok(())
     }
 }
@@ -339,17 +339,16 @@ impl Residuals for Surface {
 /// Differential evolution with the settings of Table 5 on objective (9).
 pub(crate) fn two_numbers(
     mounting: Mounting,
-    statics: &OwnStatics,
-    choice: &Choice,
+    statics: &TanhSettings,
+    threads: usize,
 ) -> Result<TwoNumbers, IdentifyError> {
-    let mount = column(mounting);
+    let mount = mount_index(mounting);
     let structure = tanh(mounting, statics.transition_velocity_mm_s);
     let travel_mm = statics.travel_mm[mount];
-    let surface = Surface::new(&structure, travel_mm, TARGETS[mount])?;
+    let surface = Surface::new(&structure, travel_mm, TARGETS[mount], threads)?;
     let options = FitOptions {
         method: Method::DifferentialEvolution(differential_evolution::EvolutionSettings::default()),
-        seed: choice.seed,
-        threads: choice.threads,
+        threads,
         intervals: false,
         ..FitOptions::default()
     };
@@ -363,9 +362,7 @@ pub(crate) fn two_numbers(
         printed_reach: PRINTED_REACH[mount],
         reach,
         target: TARGETS[mount],
-        on_grid: surface.at(&found),
-        unfitted_j: surface.at(&[GRID_MU[0], 0.0]).loop_j,
-        fit,
+        unfitted_j: surface.at(&[GRID_MU[0], 0.0]).loop_energy_j,
     })
 }
 
@@ -375,7 +372,7 @@ mod tests {
 
     #[test]
     fn the_polynomial_goes_through_its_grid() {
-        let cell = |i: usize, j: usize| two((10 * i + j) as f64, (i * j) as f64);
+        let cell = |i: usize, j: usize| pair((10 * i + j) as f64, (i * j) as f64);
         let surface = Surface {
             rows: std::array::from_fn(|i| std::array::from_fn(|j| cell(i, j))),
             target: TARGETS[0],
@@ -384,8 +381,8 @@ mod tests {
             for (j, mm) in GRID_MM.iter().enumerate() {
                 // The coefficient's sign does not act.
                 let got = surface.at(&[-mu, *mm]);
-                assert!((got.peak_n - cell(i, j).peak_n).abs() < 1e-9);
-                assert!((got.loop_j - cell(i, j).loop_j).abs() < 1e-9);
+                assert!((got.peak_force_n - cell(i, j).peak_force_n).abs() < 1e-9);
+                assert!((got.loop_energy_j - cell(i, j).loop_energy_j).abs() < 1e-9);
             }
         }
     }

@@ -1,6 +1,28 @@
-//! What the first paper's rows are fitted with: the leaf pack's parameters and the rig's, with bounds and belief.
+//! What the tests are fitted with: parameters of the leaf pack and of the rig, each with its range.
+//!
+//! The ranges are wider than the believed ranges of the leaf-pack model where a paper does not print what they depend on.
 
 use crate::model::Parameter;
+
+/// Places in [`PARAMETERS`].
+pub(super) const THICKNESS: usize = 0;
+pub(super) const CLAMP: usize = 1;
+pub(super) const EYE: usize = 2;
+pub(super) const INTERLEAF: usize = 3;
+pub(super) const PINS: usize = 4;
+pub(super) const SHACKLE_TORQUE: usize = 5;
+pub(super) const RAIL_MU: usize = 6;
+pub(super) const RAIL_CONSTANT: usize = 7;
+pub(super) const RAIL_TROUGH: usize = 8;
+pub(super) const BOARD: usize = 9;
+pub(super) const SHACKLE_ANGLE: usize = 10;
+pub(super) const SHACKLE_TROUGH: usize = 11;
+pub(super) const RAIL_TORQUE: usize = 12;
+
+/// Parameters that only the mounting without shackle has.
+pub(super) const RAIL_ONLY: [usize; 4] = [RAIL_MU, RAIL_CONSTANT, RAIL_TROUGH, RAIL_TORQUE];
+/// Parameters that only the mounting with shackle has.
+pub(super) const SHACKLE_ONLY: [usize; 4] = [SHACKLE_TORQUE, BOARD, SHACKLE_ANGLE, SHACKLE_TROUGH];
 
 const fn parameter(
     name: &'static str,
@@ -19,7 +41,7 @@ const fn parameter(
     }
 }
 
-/// Within belief; leaves, interleaf and pins first, then what each mounting has for itself.
+/// The first five are of leaves, interleaf and pins and hold for both mountings; the others are of one mounting each.
 pub(crate) const PARAMETERS: [Parameter; 13] = [
     parameter(
         "thickness_correction_mm",
@@ -43,13 +65,13 @@ pub(crate) const PARAMETERS: [Parameter; 13] = [
         "pin above the middle of leaf 1",
     ),
     parameter("interleaf_mu", "", 0.15, [0.05, 0.3], "friction between leaves"),
-    // 0.1 to 0.4, at a bolt's 6 mm to a bush's 15 mm in the eye: the paper prints neither.
+    // Coefficients of 0.1 to 0.4 at radii of 6 mm (bolt) to 15 mm (bush in the eye).
     parameter(
         "pin_friction_mm",
         "mm",
         2.0,
         [0.6, 6.0],
-        "friction coefficient of the pins times the radius at which they turn",
+        "friction coefficient of the pins times their radius",
     ),
     parameter(
         "shackle_pivot_torque_nmm",
