@@ -113,10 +113,10 @@ mod units;
 pub use cli::main;
 pub use config::Bench;
 pub use diagnose::{Baseline, DiagnoseOptions, Diagnosis, Finding, Verdict, diagnose};
-pub use library::{RecordError, find_model, read_csv, record};
-pub use model::{BuildError, Model, Parameter, Plant};
+pub use library::{RecordError, record};
+pub use model::{BuildError, Model, Parameter, Plant, find as find_model};
 pub use profile::Profile;
-pub use recording::Recording;
+pub use recording::{Recording, csv::read_file as read_csv};
 
 #[cfg(feature = "benchmarks")]
 #[doc(hidden)]

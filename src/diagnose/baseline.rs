@@ -10,6 +10,7 @@ use crate::model::{BuildError, Model, Parameter, Plant};
 /// The model that a diagnosis starts from.
 #[derive(Clone)]
 pub struct Baseline {
+    /// One of the models that [`find_model`](crate::find_model) knows.
     pub model: &'static Model,
     /// Structure table of the model.
     pub structure: toml::Table,

@@ -37,6 +37,7 @@ pub struct Finding {
     pub confidence: f64,
     /// A sentence for a technician.
     pub statement: String,
+    /// Identified parameters of the effect, with 95 % intervals.
     pub parameters: Vec<Value>,
     /// Gain in log-likelihood of effective samples that it brings; `None` for tables, which have no samples.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -207,6 +208,7 @@ pub struct ImprovedModel {
 /// The result of a diagnosis.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Diagnosis {
+    /// Whether physics is missing, and whether it could be named.
     pub verdict: Verdict,
     /// The verdict as a sentence.
     pub summary: String,
@@ -234,6 +236,7 @@ pub struct Diagnosis {
     pub curves: Vec<Curve>,
     /// Mean residuals along every axis.
     pub maps: Vec<Map>,
+    /// The baseline with the missing effects, all parameters identified.
     pub improved: ImprovedModel,
 }
 

@@ -70,31 +70,42 @@ impl Parameter {
 /// Why a model could not be built.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum BuildError {
+    /// There is no model of this name.
     #[error("no model is called \"{name}\": use one of {known}")]
     UnknownModel {
+        /// The name that was asked for.
         name: String,
         /// Names and descriptions of all models.
         known: String,
     },
+    /// The model has no parameter of this name.
     #[error("model {model} has no parameter \"{name}\": use one of {known}")]
     UnknownParameter {
+        /// Name of the model.
         model: &'static str,
+        /// The name that was asked for.
         name: String,
         /// Names of the model's parameters.
         known: String,
     },
+    /// A value is not finite or outside its bounds.
     #[error("{name} = {value} of model {model} is outside {low} to {high}: enter a value within")]
     OutOfBounds {
+        /// Name of the model.
         model: &'static str,
         /// Name of the parameter.
         name: String,
+        /// The value that was given.
         value: f64,
+        /// Lower bound of the parameter.
         low: f64,
+        /// Upper bound of the parameter.
         high: f64,
     },
     /// The structure table (leaves, geometry, options) does not fit the model.
     #[error("structure of model {model}: {reason}")]
     Structure {
+        /// Name of the model.
         model: &'static str,
         /// What is wrong, at which key, and what to do.
         reason: String,
@@ -102,13 +113,14 @@ pub enum BuildError {
 }
 
 /// How a [`Model`] is built.
-pub type BuildPlant = fn(values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, BuildError>;
+pub(crate) type BuildPlant =
+    fn(values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, BuildError>;
 
 /// Tells whether the physics with a code is known.
-pub type Knows<'a> = dyn Fn(&str) -> bool + 'a;
+pub(crate) type Knows<'a> = dyn Fn(&str) -> bool + 'a;
 
-/// See [`Model::limit_friction`].
-pub type LimitFriction = fn(&Knows<'_>) -> (&'static str, &'static str);
+/// Gives the structure entry for the friction that is known: [`Model::limit_friction`].
+pub(crate) type LimitFriction = fn(&Knows<'_>) -> (&'static str, &'static str);
 
 /// One entry of [`MODELS`].
 pub struct Model {

@@ -285,6 +285,7 @@ impl Recording {
         self.time_s.len()
     }
 
+    /// True for a recording without samples.
     pub fn is_empty(&self) -> bool {
         self.time_s.is_empty()
     }

@@ -8,7 +8,7 @@ mod writer;
 pub(crate) use error::CsvError;
 #[cfg(any(test, feature = "benchmarks"))]
 pub(crate) use reader::read;
-pub(crate) use reader::read_file;
+pub use reader::read_file;
 pub(super) use writer::push_fixed;
 pub(crate) use writer::{CsvFormat, CsvWriter};
 
