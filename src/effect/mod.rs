@@ -135,7 +135,7 @@ pub(crate) struct LookAlike {
 /// Wraps a plant in an effect that has these parameter values.
 pub(crate) type Attach = fn(values: &[f64], inside: Box<dyn Plant>) -> Box<dyn Plant>;
 
-/// See [`Effect::if_known`].
+/// Gives the parameters for [`Effect::if_known`] from the effect and the known codes.
 pub(crate) type IfKnown = fn(&Effect, &Knows<'_>) -> Option<Vec<Parameter>>;
 
 /// For effects that a baseline gets with their usual bounds.
