@@ -28,7 +28,11 @@ pub(crate) fn text(request: &BlindRequest, scores: &[CaseScore]) -> String {
     let width = list.iter().map(|r| r.what.len()).max().unwrap_or(0);
     let mut out = String::new();
     for r in &list {
-        let met = if r.met { "met" } else { "NOT MET" };
+        let met = match (r.reached, r.met) {
+            (None, _) => "not measured",
+            (_, true) => "met",
+            (_, false) => "NOT MET",
+        };
         let _ = writeln!(
             out,
             "{:width$}  {:>10}  (n = {:4})  {:32}  {met}",

@@ -13,14 +13,12 @@ use crate::daemon::header;
 use crate::link::{Link, loopback};
 use crate::mockrig::MockRig;
 use crate::profile::{Player, Profile};
-use crate::protocol::message::SAMPLE_RATE_HZ;
+use crate::protocol::tick::{SAMPLE_RATE_HZ, TICK_NS};
 use crate::recording::memory::Memory;
 use crate::recording::run_file::{EXTENSION, RunFile, RunFileWriter};
 use crate::recording::{Ending, Event, Header, Outcome, Recorder, Sample};
 use crate::twin::Twin;
 
-/// Period of both loops.
-const STEP_NS: u64 = 1_000_000;
 /// Longest wait for a ready rig, in ms of bench time; the hello takes about 100 ms.
 const READY_WITHIN_MS: u64 = 10_000;
 /// Time for arming and unloading, in addition to the profile itself.
@@ -58,7 +56,7 @@ impl VirtualBench {
 
     /// One millisecond: the rig ticks, then control polls the link.
     pub(crate) fn step(&mut self, recorder: &mut dyn Recorder) {
-        self.now_ns += STEP_NS;
+        self.now_ns += TICK_NS;
         self.mock.tick(&mut self.rig_end);
         self.rig.poll(self.now_ns, &mut self.host_end, recorder);
     }
