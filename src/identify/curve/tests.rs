@@ -1,8 +1,7 @@
 use super::*;
 use crate::model;
 
-/// A sine recording of an equivalent spring: `cycles` from its mean, four steps per sample. Without `rest` one cycle comes
-/// before it.
+/// A sine recording of an equivalent spring: `cycles` from its mean, four steps per sample. `rest` starts it from rest.
 fn recording(values: &[f64], cycles: usize, rest: bool) -> Recording {
     let mut plant = model::find("equivalent")
         .and_then(|m| m.plant(values, &toml::Table::new()))
