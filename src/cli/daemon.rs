@@ -6,6 +6,10 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use clap::Args;
+use tracing_subscriber::Layer;
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
 
 use super::shared::client::DATA_VARIABLE;
 use super::shared::local::{self, BenchArg, ProfilesArg};
@@ -100,14 +104,19 @@ fn open_link(address: &str, bench: &Bench) -> Result<Link, CliError> {
     Ok(host_end)
 }
 
+/// Logs to stderr. The environment variable LEAFBENCH_LOG sets the level, for all or by module: `debug`,
+/// `warn,leafbench::link=trace`.
 fn log_to_stderr() {
-    let filter = tracing_subscriber::EnvFilter::try_from_env("LEAFBENCH_LOG")
-        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("info"));
-    // Fails only if a log was set up before.
-    let _ = tracing_subscriber::fmt()
-        .with_env_filter(filter)
+    let wanted = std::env::var("LEAFBENCH_LOG").ok();
+    let levels: Targets = wanted
+        .and_then(|text| text.parse().ok())
+        .unwrap_or_else(|| Targets::new().with_default(LevelFilter::INFO));
+    let lines = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
-        .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))
+        .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()));
+    // Fails only if a log was set up before.
+    let _ = tracing_subscriber::registry()
+        .with(lines.with_filter(levels))
         .try_init();
 }
 
