@@ -269,7 +269,6 @@ impl<'a> FitContext<'a> {
 
     /// Maps over the worker threads. Order and result do not depend on their number.
     pub(super) fn parallel_map<T: Sync, R: Send>(&self, items: &[T], run: impl Fn(&T) -> R + Sync) -> Vec<R> {
-        self.pool
-            .install(|| items.par_iter().map(|item| run(item)).collect())
+        self.pool.install(|| items.par_iter().map(&run).collect())
     }
 }

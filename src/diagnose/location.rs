@@ -192,11 +192,11 @@ impl<'a> LocationScan<'a> {
         for from in 0..BINS {
             let mut overlap = DVector::<f64>::zeros(self.jacobian.ncols());
             let (mut sum, mut power, mut held) = (0.0, 0.0, 0);
-            for to in from..BINS {
+            for (to, count) in points.iter().enumerate().skip(from) {
                 sum += bins.score[to];
                 power += bins.power[to];
                 overlap += &bins.overlap[to];
-                held += points[to];
+                held += count;
                 if to - from + 1 > MOST_BINS || held as f64 > MOST_POINTS * on_branch {
                     break;
                 }
