@@ -89,10 +89,10 @@ fn the_demo_writes_loops_csv_and_packages_and_loses_nothing() {
         assert_eq!(row["ending"], "completed");
         assert_eq!(row["lost"], 0);
     }
-    // Issue: 2000 N within 5 N, a sample every millisecond for 120 s (both ends of the time count).
+    // 2000 N within 5 N; a sample every millisecond for 120 s, both ends included.
     assert!((ramp["peak_force_n"].as_f64().expect("a number") - 2000.0).abs() < 5.0);
     assert_eq!(ramp["samples"], 120_001);
-    // Issue: amplitude within 1 % by the fifth counted cycle.
+    // The amplitude is within 1 % by the fifth counted cycle.
     assert!(sine["amplitude_error"].as_f64().expect("a number").abs() < 0.01);
     assert!(sine["twin_nrmse"].as_f64().expect("a number") < 0.05);
     let csv = std::fs::read_to_string(folder.path().join("static-ramp.csv")).expect("written");
@@ -138,10 +138,9 @@ fn a_technicians_day_tare_run_status_runs_export() {
     let folder = tempfile::tempdir().expect("a folder");
     let data = folder.path().join("data");
     let daemon = Daemon::ready(&data, &[]);
-    let (tare, code) = support::until("a still rig", || {
+    let (tare, _) = support::until("a still rig", || {
         Some(json(&data, &["tare"])).filter(|(_, code)| *code == 0)
     });
-    assert_eq!(code, 0);
     assert!(tare["force_new_n"].as_f64().expect("a number").abs() < 50.0);
 
     let profile = short_profile(folder.path());
@@ -213,7 +212,8 @@ fn a_daemon_beyond_loopback_is_refused() {
         .output();
     let output = output.expect("starts");
     assert_eq!(output.status.code(), Some(2));
-    assert!(text(&output.stderr).contains("127.0.0.1"));
+    let said = text(&output.stderr);
+    assert!(said.contains("0.0.0.0:0") && said.contains("127.0.0.1"), "{said}");
 }
 
 #[test]
@@ -221,13 +221,19 @@ fn a_bench_file_with_a_wrong_key_is_refused_with_its_line() {
     let folder = tempfile::tempdir().expect("a folder");
     let bench = folder.path().join("bench.toml");
     let good = std::fs::read_to_string(config("benches/mock.toml")).expect("shipped");
+    let line = good.lines().position(|l| l.starts_with("force_max_n = "));
+    let line = 1 + line.expect("the key is shipped");
     std::fs::write(&bench, good.replace("force_max_n", "force_max")).expect("written");
     let output = leafbench(&["plan", "static-ramp", "--bench"])
         .arg(&bench)
         .output()
         .expect("starts");
     assert_eq!(output.status.code(), Some(2));
-    assert!(text(&output.stderr).contains("line "), "{}", text(&output.stderr));
+    let said = text(&output.stderr);
+    assert!(
+        said.contains(&format!("line {line}")) && said.contains("`force_max`"),
+        "{said}"
+    );
 }
 
 /// A triangle of the equivalent spring (rate 80 N/mm, ratio 0.15, presliding 0.4 mm), stepped here and not by the fit.

@@ -46,6 +46,10 @@ fn limits() -> Limits {
 
 impl Bench {
     fn new() -> Self {
+        Bench::with(&MockRigConfig::default())
+    }
+
+    fn with(mock: &MockRigConfig) -> Self {
         let plain = |scale_per_count| ChannelScale {
             scale_per_count,
             offset: 0.0,
@@ -73,7 +77,7 @@ impl Bench {
         let plant = equivalent
             .plant(&equivalent.start_values(), &toml::Table::new())
             .expect("starts are within bounds");
-        let mock = MockRig::new(&MockRigConfig::default(), plant).expect("defaults are possible");
+        let mock = MockRig::new(mock, plant).expect("a possible rig");
         let (host, far) = loopback::pair();
         Bench {
             rig,
@@ -212,7 +216,6 @@ fn the_static_ramp_has_a_sample_a_millisecond_and_its_exact_peak() {
     assert_eq!(m.samples.len(), 120_001, "0 s to 120 s, both included");
     assert!(m.samples.windows(2).all(|w| w[1].tick == w[0].tick + 1));
     let peak = m.samples.iter().map(|s| s.force_n).fold(f64::MIN, f64::max);
-    println!("peak force {peak:.2} N");
     assert!((peak - 2000.0).abs() < 5.0, "peak {peak}");
     let top = &m.samples[60_000];
     assert_eq!(
@@ -243,12 +246,10 @@ fn amplitude_and_mean_are_within_one_percent_by_the_fifth_counted_cycle() {
             };
             let (peak, valley) = (of(f64::max, f64::MIN), of(f64::min, f64::MAX));
             let (a, mean) = (0.5 * (peak - valley), 0.5 * (peak + valley));
-            println!("{amplitude} mm {frequency_hz} Hz cycle {cycle}: amplitude {a:.4}, mean {mean:.4}");
             assert!(
-                (a / amplitude - 1.0).abs() < 0.01,
-                "amplitude {a} of {amplitude} in cycle {cycle}"
+                (a / amplitude - 1.0).abs() < 0.01 && (mean / 18.0 - 1.0).abs() < 0.01,
+                "{amplitude} mm {frequency_hz} Hz cycle {cycle}: amplitude {a:.4}, mean {mean:.4}"
             );
-            assert!((mean / 18.0 - 1.0).abs() < 0.01, "mean {mean} in cycle {cycle}");
         }
     }
 }
@@ -259,8 +260,7 @@ fn a_dead_host_leaves_a_rig_that_unloads_within_its_lease() {
     bench.start(static_ramp());
     bench.ticks(20_000);
     bench.host_alive = false;
-    let loaded = bench.mock.state();
-    assert_eq!(loaded, RigState::Running);
+    assert_eq!(bench.mock.state(), RigState::Running);
     bench.ticks(45);
     assert_eq!(bench.mock.state(), RigState::Running, "the lease is 50 ms");
     bench.ticks(15);
@@ -339,13 +339,33 @@ fn hold_and_resume_finish_all_cycles() {
 
 #[test]
 fn tare_takes_the_still_mean_and_is_refused_in_motion() {
-    let mut bench = Bench::new();
+    // Zero errors of 50 N and 0.2 mm.
+    let mut config = MockRigConfig::default();
+    (config.load_cell.zero_counts, config.lvdt.zero_counts) = (500.0, 400.0);
+    let mut bench = Bench::with(&config);
     bench.until(Phase::Ready, 2_000);
     bench.ticks(600);
+    let read = |bench: &Bench| {
+        let status = bench.rig.status();
+        let force_n = status.force_n.expect("samples flow");
+        [force_n, status.displacement_mm.expect("samples flow")]
+    };
+    let [force_n, mm] = read(&bench);
+    assert!(
+        (force_n - 50.0).abs() < 3.0 && (mm - 0.2).abs() < 0.02,
+        "{force_n} N, {mm} mm"
+    );
     let report = bench.rig.tare().expect("the rig is still");
+    assert!(
+        (report.force_new_n - report.force_old_n - 50.0).abs() < 0.5,
+        "{report:?}"
+    );
     bench.ticks(600);
-    let status = bench.rig.status();
-    assert!(status.force_n.expect("samples flow").abs() < 3.0, "{report:?}");
+    let [force_n, mm] = read(&bench);
+    assert!(
+        force_n.abs() < 3.0 && mm.abs() < 0.02,
+        "{report:?}: {force_n} N, {mm} mm"
+    );
     bench.rig.start(order(static_ramp())).expect("ready");
     bench.until(Phase::Running, 1_000);
     assert!(matches!(bench.rig.tare(), Err(Refusal::Phase { .. })));

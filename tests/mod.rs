@@ -29,3 +29,4 @@ mod support;
 mod templates;
 mod two_processes;
 mod vcan;
+mod words;

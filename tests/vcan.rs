@@ -1,5 +1,5 @@
-//! Frames over a real CAN stack: two links on `vcan0`. Where the kernel has no CAN this says so and passes;
-//! `LEAFBENCH_REQUIRE_VCAN=1` makes that a failure. `.ci/uml-run cargo test --test vcan` brings a kernel that has it.
+//! Frames over a real CAN stack: two links on `vcan0`. Without CAN in the kernel, the test says so and passes;
+//! `LEAFBENCH_REQUIRE_VCAN=1` makes that a failure. `.ci/uml-run TEST_BINARY vcan` runs it under a kernel with CAN.
 
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -10,10 +10,10 @@ use crate::protocol::message::{FromRig, LeaseMessage, NmtCommand, SampleMessage,
 use socketcan::{CanFrame, CanRemoteFrame, CanSocket, EmbeddedFrame, ExtendedId, Socket, StandardId};
 
 const NODE: u8 = 5;
-/// Far beyond what a loaded virtual machine needs; only a lost frame waits this long.
+/// Longest wait for a frame: far longer than a busy virtual machine needs.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// True where `vcan0` is there; else the test is over.
+/// Whether `vcan0` exists; if not, the caller returns.
 fn vcan0(test: &str) -> bool {
     let Err(error) = CanSocket::open("vcan0") else {
         return true;
@@ -23,7 +23,7 @@ fn vcan0(test: &str) -> bool {
         !required,
         "{test}: no vcan0 ({error}), and LEAFBENCH_REQUIRE_VCAN=1 forbids to skip"
     );
-    eprintln!("SKIPPED {test}: no vcan0 here ({error}); `.ci/uml-run cargo test --test vcan` runs it");
+    eprintln!("SKIPPED {test}: no vcan0 here ({error}); run the test binary with .ci/uml-run");
     false
 }
 
@@ -81,7 +81,7 @@ fn ten_thousand_samples_arrive_in_order() {
     let (mut host, mut rig) = (host(), rig());
     let mut counter = 0;
     for tick in 0..10_000 {
-        // The ring holds less than all of them: the receiver keeps pace, as control does.
+        // The ring holds fewer than 10,000 frames, so each one is received at once, as control does.
         assert!(rig.send(sample(counter, tick).encode(NODE)));
         assert_eq!(FromRig::decode(&next(&mut host), NODE), Ok(sample(counter, tick)));
         counter = next_counter(counter);
@@ -105,7 +105,7 @@ fn both_directions_and_the_abort() {
     };
     assert!(host.send_urgent(stop.encode(NODE)));
     assert_eq!(ToRig::decode(&next(&mut rig), NODE), Ok(stop));
-    // What was queued before a close is still sent.
+    // Frames that were queued before the close are still sent.
     assert!(host.send(lease.encode(NODE)));
     drop(host);
     assert_eq!(ToRig::decode(&next(&mut rig), NODE), Ok(lease));
@@ -135,7 +135,7 @@ fn foreign_frames_stay_in_the_kernel() {
 fn a_stalled_reader_loses_nothing_in_two_seconds() {
     let mut host = host();
     let bus = CanSocket::open("vcan0").expect("vcan0 opens");
-    // Two seconds of three frames a millisecond, with nobody at the inbox.
+    // Two seconds of three frames per millisecond, while nobody receives.
     for tick in 0..6000_u16 {
         let frame = sample((tick % 15) as u8, tick).encode(NODE);
         let frame =
@@ -167,7 +167,7 @@ fn a_vanished_interface_closes_the_link() {
             .expect("ip runs");
         assert!(status.success(), "ip {arguments}");
     };
-    // Own interface: nobody else's bus is taken away.
+    // An interface of its own, so that no other test loses its bus.
     ip("link add dev vcan7 type vcan");
     ip("link set vcan7 up");
     let mut gone = link::open("can:vcan7", Side::Rig { node: NODE }).expect("vcan7 opens");

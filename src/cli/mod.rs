@@ -187,6 +187,12 @@ fn command_line() -> clap::Command {
         .subcommands(COMMANDS.iter().map(CommandEntry::command))
 }
 
+/// Names of all commands, for the tests of their help.
+#[cfg(test)]
+pub(crate) fn command_names() -> impl Iterator<Item = &'static str> {
+    COMMANDS.iter().map(|c| c.name)
+}
+
 #[cfg(test)]
 mod tests {
     use std::path::Path;

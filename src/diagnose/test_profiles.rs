@@ -441,11 +441,14 @@ mod tests {
 
     #[test]
     fn a_slow_logger_gets_no_fast_test() {
-        let range = TestRange::new([0.0, 24.0], 40.0, [20.0, 3000.0], Some(&LIMITS));
-        assert!(
-            test_profiles(&range)
-                .iter()
-                .all(|t| !t.name.contains("sine-high-2") && !t.name.contains("-8-hz"))
-        );
+        let fast = |sample_hz: f64| {
+            let range = TestRange::new([0.0, 24.0], 40.0, [sample_hz, 3000.0], Some(&LIMITS));
+            let tests = test_profiles(&range);
+            let is_fast = |name: &str| name.contains("sine-high-2") || name.contains("-8-hz");
+            (tests.len(), tests.iter().filter(|t| is_fast(&t.name)).count())
+        };
+        let ((slow_all, slow_fast), (_, quick_fast)) = (fast(20.0), fast(1000.0));
+        assert!(slow_all > 0 && slow_fast == 0, "{slow_fast} of {slow_all}");
+        assert!(quick_fast > 0, "a logger of 1 kHz gets them");
     }
 }

@@ -382,6 +382,7 @@ mod tests {
             );
             assert!(!(effect.starts)(&span).is_empty());
             for start in (effect.starts)(&span) {
+                assert_eq!(start.len(), n, "{}", effect.code);
                 for (p, v) in effect.parameters.iter().zip(&start) {
                     assert!(
                         *v >= p.bounds[0] && *v <= p.bounds[1],
@@ -445,6 +446,6 @@ mod tests {
         };
         assert_eq!(pair(false), pair(true));
         // The friction is attached before the clipping, so no force is above the limit.
-        assert!(pair(false).iter().all(|&f| f <= 400.0));
+        assert_eq!(pair(false).into_iter().fold(0.0, f64::max), 400.0);
     }
 }

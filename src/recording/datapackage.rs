@@ -212,7 +212,12 @@ mod tests {
     fn every_column_has_a_unit_and_a_description() {
         for column in ["time_s", "command_n", "twin_force_n", "flags", "cycles_averaged"] {
             let field = field(column);
-            assert!(field["unit"] != "" && field["description"] != "", "{field}");
+            for key in ["unit", "description"] {
+                assert!(
+                    field[key].as_str().is_some_and(|text| !text.is_empty()),
+                    "{field}"
+                );
+            }
         }
         assert_eq!(
             field("twin_force_n").get("constraints"),

@@ -305,8 +305,12 @@ mod tests {
     }
 
     #[test]
-    fn a_plot_without_curves_is_still_drawn() {
-        assert!(xy_plot("x", "y", &[]).contains("</svg>"));
+    fn a_plot_without_curves_has_axes_and_no_curve() {
+        let svg = xy_plot("x in mm", "y in N", &[]);
+        assert!(svg.contains("x in mm") && svg.contains("y in N"), "{svg}");
+        // The axes go from 0 to 1, and nothing is drawn in the inks of the curves.
+        assert!(svg.contains("0.5") && !svg.contains("NaN"), "{svg}");
+        assert!(!svg.contains("#1C71C4") && !svg.contains("#DE751A"), "{svg}");
     }
 
     #[test]

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// Far beyond what a loaded machine needs; only a defect waits this long.
+/// Longest wait for a condition: far longer than a busy machine needs.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 /// Pause between two looks at a condition.
 const LOOK_PERIOD: Duration = Duration::from_millis(20);
@@ -156,7 +156,7 @@ impl Daemon {
         nix::sys::signal::kill(pid, signal).expect("the daemon is there");
     }
 
-    /// `host:port`.
+    /// Host and port, as in a `Host` header.
     pub fn authority(&self) -> &str {
         self.url.trim_start_matches("http://")
     }

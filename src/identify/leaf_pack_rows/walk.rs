@@ -149,6 +149,7 @@ mod tests {
             .into_iter()
             .chain([statics])
             .map(|m| m.measure(&mut plant));
+        assert_eq!(pass.sines.len(), 2);
         for (own, pass) in one_by_one.zip(pass.sines.iter().chain([&pass.statics])) {
             let errors = pass.errors(&own);
             // Steps of up to 1 mm against 400 steps per cycle.

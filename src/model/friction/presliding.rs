@@ -14,15 +14,15 @@ pub(super) const LAW: FrictionLaw = FrictionLaw {
     name: "presliding",
     what: "the friction reverses gradually over presliding_mm: 32 elastic-plastic elements, Iwan 1966",
     keys: &[],
-    build: |presliding_mm, _| Box::new(Presliding(Elements::new(spread(presliding_mm, 1.0)))),
+    build: |presliding_mm, _| Box::new(PreslidingElements(Elements::new(spread(presliding_mm, 1.0)))),
 };
 
 const ELEMENTS: usize = 32;
 
 #[derive(Clone)]
-struct Presliding(Elements<ELEMENTS>);
+struct PreslidingElements(Elements<ELEMENTS>);
 
-impl DragLaw for Presliding {
+impl DragLaw for PreslidingElements {
     fn drag(&mut self, slip_mm: f64, _dt_s: f64, _velocity_mm_s: Option<f64>) -> f64 {
         self.0.advance(slip_mm).iter().sum::<f64>() / ELEMENTS as f64
     }

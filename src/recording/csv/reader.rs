@@ -423,11 +423,34 @@ mod tests {
         }
 
         #[test]
-        fn any_rows_never_panic_and_never_give_uneven_columns(rows in "[-0-9.,e\"\\n\\r;aN\u{0}]{0,200}") {
-            if let Ok(recording) = read("r.csv", format!("{HEAD}{rows}").as_bytes()) {
-                prop_assert_eq!(recording.time_s.len(), recording.force_n.len());
-                prop_assert!(recording.time_s.windows(2).all(|w| w[0] < w[1]));
-                prop_assert!(recording.force_n.iter().all(|v| v.is_finite()));
+        fn any_rows_never_panic(rows in "[-0-9.,e\"\\n\\r;aN\u{0}]{0,200}") {
+            let _ = read("r.csv", format!("{HEAD}{rows}").as_bytes());
+        }
+
+        /// Three cells that may be no number, or a time that does not rise, in any row.
+        #[test]
+        fn rows_are_read_as_they_are_or_refused(
+            rows in proptest::collection::vec((-1..20_i32, prop_oneof![9 => -1e3..1e3_f64, 1 => Just(f64::NAN)], -1e6..1e6_f64), 1..5)
+        ) {
+            let mut text = HEAD.to_owned();
+            let mut time = 0;
+            let mut times = Vec::new();
+            for (step, mm, n) in &rows {
+                time += step;
+                times.push(f64::from(time));
+                text += &format!("{time},{mm},{n}\n");
+            }
+            let rises = times.windows(2).all(|w| w[0] < w[1]);
+            let finite = rows.iter().all(|row| row.1.is_finite());
+            match read("r.csv", text.as_bytes()) {
+                Ok(recording) => {
+                    prop_assert!(rises && finite, "{}", text);
+                    prop_assert_eq!(recording.time_s, times);
+                    let force_n: Vec<f64> = rows.iter().map(|row| row.2).collect();
+                    prop_assert_eq!(recording.force_n, force_n);
+                    prop_assert_eq!(recording.displacement_mm.len(), rows.len());
+                }
+                Err(error) => prop_assert!(!(rises && finite), "{}: {}", text, error),
             }
         }
     }
