@@ -381,7 +381,7 @@ fn every_page_that_is_cited_is_there() {
         for (number, line) in text.lines().enumerate() {
             let place = || format!("{}:{}", shown(&file), number + 1);
             for page in pages_cited(line) {
-                let page = page.trim_start_matches("./");
+                let page = page.trim_start_matches(['.', '/']);
                 let beside = file.parent().map(|folder| folder.join(page));
                 let there = root().join(page).is_file()
                     || root().join("docs").join(page).is_file()
