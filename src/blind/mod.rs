@@ -1,9 +1,10 @@
 //! Blind test of the diagnosis: cases of `truth` are diagnosed without their labels, then the labels are opened and the answers
 //! are scored.
 //!
-//! `seal` hashes the labels, `score` compares one answer with its label, `statistics` and `requirements` evaluate many scores,
+//! `seal` hashes the labels, `score` compares one `answer` with its label, `statistics` and `requirements` evaluate many scores,
 //! `page` writes the results as text. `cli` writes the files and shows the progress.
 
+mod answer;
 pub(crate) mod page;
 pub(crate) mod requirements;
 pub(crate) mod score;
@@ -21,7 +22,8 @@ use crate::model::equivalent;
 use crate::recording::Recording;
 use crate::truth::{BaselineSettings, Case, Family};
 
-pub(crate) use score::{Answer, CaseScore};
+pub(crate) use answer::Answer;
+pub(crate) use score::CaseScore;
 pub(crate) use seal::SealedLabel;
 
 /// Settings of a run.

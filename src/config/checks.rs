@@ -1,7 +1,7 @@
 //! Checks a bench or specimen that was read: ranges that follow from the sensors, and ranges narrow enough to find a wrong
-//! unit (kN for N, m for mm), which is off by a factor of 1000. `file` finds line and column of a refused key.
+//! unit (kN for N, m for mm), which is off by a factor of 1000. `document` finds line and column of a refused key.
 
-use super::file::Document;
+use super::document::Document;
 use super::{
     Bench, BenchLimits, ConfigError, DisplacementChannel, ForceChannel, LinkConfig, ModelConfig, Specimen,
 };

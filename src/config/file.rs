@@ -1,17 +1,16 @@
 //! Reads bench and specimen files strictly, with line and column in every error, and writes a bench as one complete file.
 //! `checks` decides which values are allowed.
 
-use std::ops::Range;
 use std::path::Path;
 
 use serde::Deserialize;
-use toml::de::{DeTable, DeValue};
 
+use super::document::Document;
 use super::{
     Bench, BenchLimits, ConfigError, DaemonConfig, DisplacementChannel, ForceChannel, LinkConfig,
     ModelConfig, Specimen, checks,
 };
-use crate::profile::file::{MAX_FILE_BYTES, line_column};
+use crate::profile::file::MAX_FILE_BYTES;
 
 /// A bench file as it is written. Its specimen may be in a file of its own.
 #[derive(Deserialize)]
@@ -36,56 +35,6 @@ struct RawSpecimen {
     name: Option<String>,
     source: Option<String>,
     model: Option<ModelConfig>,
-}
-
-/// The text of a file, for errors with line and column.
-pub(super) struct Document<'a> {
-    text: &'a str,
-    origin: &'a str,
-}
-
-impl<'a> Document<'a> {
-    fn read<T: serde::de::DeserializeOwned>(
-        text: &'a str,
-        origin: &'a str,
-    ) -> Result<(Self, T), ConfigError> {
-        let document = Document { text, origin };
-        match toml::from_str(text) {
-            Ok(value) => Ok((document, value)),
-            Err(e) => Err(document.at(e.span().unwrap_or(0..0), "toml", e.message().replace('\n', "; "))),
-        }
-    }
-
-    /// An error at `key` (with its tables, separated by points), or at its table if the key is not written.
-    pub(super) fn refuse(&self, key: &str, reason: impl Into<String>) -> ConfigError {
-        self.at(self.span(key).unwrap_or(0..0), key, reason.into())
-    }
-
-    fn at(&self, span: Range<usize>, key: &str, reason: String) -> ConfigError {
-        let (line, column) = line_column(self.text, span.start);
-        ConfigError::Invalid {
-            origin: self.origin.to_owned(),
-            line,
-            column,
-            key: key.to_owned(),
-            reason,
-        }
-    }
-
-    fn span(&self, key: &str) -> Option<Range<usize>> {
-        let root = DeTable::parse(self.text).ok()?;
-        let mut table = root.get_ref();
-        let mut span = None;
-        for part in key.split('.') {
-            let Some(value) = table.get(part) else { break };
-            span = Some(value.span());
-            match value.get_ref() {
-                DeValue::Table(inner) => table = inner,
-                _ => break,
-            }
-        }
-        span
-    }
 }
 
 impl Bench {

@@ -3,6 +3,7 @@
 //! the command line. docs/profiles-and-benches.md lists every key.
 
 mod checks;
+mod document;
 mod file;
 mod rig;
 

@@ -9,6 +9,7 @@
 //! ```
 
 use super::guard::{Following, Reaction, SafetyGuard, SensorReading};
+use super::host_side::HostSide;
 use super::queue::{CommandQueue, SetPoint};
 use super::servo::{Servo, ServoConfig, ServoTarget};
 use crate::protocol::message::{
@@ -97,7 +98,7 @@ pub(crate) struct Firmware {
     pub(super) tick: u64,
     pub(super) state: RigState,
     pub(super) cause: Cause,
-    pub(super) host: super::requests::HostSide,
+    pub(super) host: HostSide,
     pub(super) queue: CommandQueue,
     /// Mode of the commands since the queue was last emptied.
     pub(super) queue_mode: Option<WireMode>,
@@ -133,7 +134,7 @@ impl Firmware {
             tick: 0,
             state: RigState::Off,
             cause: Cause::None,
-            host: super::requests::HostSide::default(),
+            host: HostSide::default(),
             queue: CommandQueue::default(),
             queue_mode: None,
             guard: SafetyGuard::default(),

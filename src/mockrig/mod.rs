@@ -17,6 +17,7 @@ use crate::protocol::tick::ticks_in_ms;
 mod actuator;
 mod firmware;
 mod guard;
+mod host_side;
 mod queue;
 mod realtime;
 mod requests;

@@ -9,56 +9,8 @@ use crate::protocol::message::{
     NmtState, PROTOCOL_VERSION, RequestCode, RequestMessage, RequestResult, RigState, SAMPLE_RATE_HZ, ToRig,
     WireMode, object,
 };
-use crate::protocol::protection::{CounterCheck, Sequence};
+use crate::protocol::protection::Sequence;
 use crate::protocol::tick::ticks_in_ms;
-
-/// State of the connection to the host.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct HostSide {
-    /// Session that owns the rig; 0 = none.
-    pub session: u8,
-    /// Counter of the newest request and its result.
-    pub ack: Option<(u8, RequestResult)>,
-    last_request: Option<RequestMessage>,
-    renewed_at: u64,
-    control_tick: Option<u16>,
-    leases: CounterCheck,
-    commands: CounterCheck,
-    corrupt: Burst<3>,
-    foreign: Burst<6>,
-}
-
-/// Detects `N` events within [`BURST_TICKS`].
-#[derive(Debug, Clone)]
-struct Burst<const N: usize> {
-    at: [Option<u64>; N],
-    next: usize,
-}
-
-/// Window of the frame fault counters: 100 ms.
-const BURST_TICKS: u64 = ticks_in_ms(100);
-
-impl<const N: usize> Default for Burst<N> {
-    fn default() -> Self {
-        Burst {
-            at: [None; N],
-            next: 0,
-        }
-    }
-}
-
-impl<const N: usize> Burst<N> {
-    /// Takes an event. Returns true if it is the `N`th within the window.
-    fn hit(&mut self, tick: u64) -> bool {
-        if let Some(slot) = self.at.get_mut(self.next) {
-            *slot = Some(tick);
-        }
-        self.next = (self.next + 1) % N;
-        self.at
-            .iter()
-            .all(|at| at.is_some_and(|at| tick - at < BURST_TICKS))
-    }
-}
 
 impl Firmware {
     /// Handles a decoded message.

@@ -5,7 +5,16 @@
 //! commanded mean`. The next command is the target, divided by the gain and moved by minus the shift. Since a cycle is compared
 //! with its own command, it does not matter that a correction acts one or two cycles later.
 
-use super::player::CycleTarget;
+/// Target of the cycles of one segment, in the unit of the profile's mode.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct CycleTarget {
+    /// Absolute mean level.
+    pub mean: f64,
+    /// Half of peak minus valley.
+    pub amplitude: f64,
+    /// True if amplitude and mean are corrected from cycle to cycle.
+    pub corrected: bool,
+}
 
 /// Change of a cycle's command: `mean + mean_offset + amplitude * amplitude_factor * wave`.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -18,6 +18,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use super::keys::{Keys, RawSegment, misplaced};
+use super::reader::Reader;
 use super::{Block, Profile, ProfileError, Segment, Wave, pieces};
 use crate::units::Mode;
 
@@ -50,18 +51,6 @@ fn once() -> Spanned<u32> {
     Spanned::new(0..0, 1)
 }
 
-/// Line and column, both from 1, of a byte in `text`.
-pub(crate) fn line_column(text: &str, byte: usize) -> (usize, usize) {
-    let before: String = text
-        .char_indices()
-        .take_while(|(i, _)| *i < byte)
-        .map(|(_, c)| c)
-        .collect();
-    let line = before.matches('\n').count() + 1;
-    let column = before.rsplit('\n').next().unwrap_or("").chars().count() + 1;
-    (line, column)
-}
-
 impl Profile {
     /// Reads and checks the text of a profile file; `name_for_messages` is the name of the file.
     pub fn from_toml(text: &str, name_for_messages: &str) -> Result<Profile, ProfileError> {
@@ -84,23 +73,7 @@ impl Profile {
     }
 }
 
-/// The text of a profile file, for errors with line and column.
-pub(super) struct Reader<'a> {
-    text: &'a str,
-    name: &'a str,
-}
-
 impl Reader<'_> {
-    pub(super) fn refuse(&self, span: Range<usize>, reason: impl Into<String>) -> ProfileError {
-        let (line, column) = line_column(self.text, span.start);
-        ProfileError::File {
-            name: self.name.to_owned(),
-            line,
-            column,
-            reason: reason.into(),
-        }
-    }
-
     fn profile(&self, raw: RawProfile) -> Result<Profile, ProfileError> {
         let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '.' | '_');
         if raw.name.get_ref().is_empty()

@@ -5,7 +5,7 @@ use std::ops::Range;
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::file::Reader;
+use super::reader::Reader;
 use super::{CycleSegment, Level, ProfileError, Segment, Wave};
 use crate::units::Mode;
 

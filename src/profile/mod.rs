@@ -10,13 +10,14 @@ pub(crate) mod file;
 mod keys;
 mod pieces;
 pub(crate) mod player;
+pub(crate) mod reader;
 mod shape;
 
 #[cfg(test)]
 pub(crate) use check::violations;
 pub(crate) use check::{Extreme, LimitWatch, ProfileLimits, Violation};
-pub(crate) use correction::{Correction, CycleController, CycleMeasurement};
-pub(crate) use player::{CycleTarget, Player, Slot};
+pub(crate) use correction::{Correction, CycleController, CycleMeasurement, CycleTarget};
+pub(crate) use player::{Player, Slot};
 
 use crate::units::Mode;
 

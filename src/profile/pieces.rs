@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use super::player::CycleTarget;
+use super::correction::CycleTarget;
 use super::{CycleSegment, Level, Profile, ProfileError, Segment, Wave};
 
 /// Largest number of segments with all repeats written out.

@@ -4,7 +4,7 @@
 
 use std::f64::consts::TAU;
 
-use super::correction::Correction;
+use super::correction::{Correction, CycleTarget};
 use super::pieces::{self, CyclicMotion, Piece, PieceMotion};
 use super::shape::{self, interpolate, smoother};
 use super::{Profile, ProfileError};
@@ -22,17 +22,6 @@ pub(crate) struct Slot {
     pub phase: f64,
     /// True for the last slot of the profile.
     pub last: bool,
-}
-
-/// Target of the cycles of one segment, in the unit of the profile's mode.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct CycleTarget {
-    /// Absolute mean level.
-    pub mean: f64,
-    /// Half of peak minus valley.
-    pub amplitude: f64,
-    /// True if amplitude and mean are corrected from cycle to cycle.
-    pub corrected: bool,
 }
 
 /// Part of a cycle in which a new correction is blended in: it is complete at the first peak of a sine.

@@ -3,8 +3,45 @@
 
 use super::cob;
 use super::frame::Frame;
-use super::message::{COUNTER_MODULO, DecodeError};
-use super::protection::{FrameKind, crc8, data_id};
+use super::protection::{COUNTER_MODULO, FrameKind, crc8, data_id};
+
+/// Why a frame is not a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub(crate) enum DecodeError {
+    /// The identifier is not of this protocol, or for another node. This is no fault.
+    #[error("identifier {0:#05x} is not one of this protocol, or not for this node")]
+    ForeignId(u16),
+    /// Right identifier, wrong length.
+    #[error("frame {id:#05x} has {len} bytes instead of {expected}")]
+    Length {
+        /// Identifier of the frame.
+        id: u16,
+        /// Bytes in the frame.
+        len: u8,
+        /// Bytes that the protocol specifies.
+        expected: u8,
+    },
+    /// The CRC-8 is wrong.
+    #[error("CRC-8 of frame {id:#05x} is {found:#04x}, expected {expected:#04x}")]
+    Crc {
+        /// Identifier of the frame.
+        id: u16,
+        /// CRC-8 in the frame.
+        found: u8,
+        /// CRC-8 that was computed.
+        expected: u8,
+    },
+    /// A field holds a value that the protocol does not name.
+    #[error("field {field} of frame {id:#05x} holds {value}")]
+    Field {
+        /// Identifier of the frame.
+        id: u16,
+        /// Name of the field in `firmware-protocol.md`.
+        field: &'static str,
+        /// Value of the field.
+        value: u32,
+    },
+}
 
 /// A field of a frame in Intel bit numbering: bit 0 is the lowest bit of byte 0.
 pub(super) struct Field {

@@ -2,7 +2,7 @@
 //! do about a bad frame is left to firmware and control.
 
 use super::cob;
-use super::message::{COUNTER_MODULO, Limits};
+use super::dictionary::Limits;
 
 /// CRC-8 0x2F (AUTOSAR CRC8H2F): Hamming distance 4 up to 119 protected bits; here 72 bits with the data id.
 static CRC8: crc::Crc<u8> = crc::Crc::<u8>::new(&crc::CRC_8_AUTOSAR);
@@ -66,6 +66,14 @@ impl Limits {
     }
 }
 
+/// Size of the alternating counter: it counts 0 to 14 and wraps; 15 is never sent.
+pub(crate) const COUNTER_MODULO: u8 = 15;
+
+/// The counter after `counter`.
+pub(crate) fn next_counter(counter: u8) -> u8 {
+    (counter + 1) % COUNTER_MODULO
+}
+
 /// Most frames in a row that may be missing without a wrong sequence.
 pub(crate) const MAX_LOST: u8 = 3;
 
@@ -127,7 +135,6 @@ fn distance(from: u8, to: u8) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::protocol::message::next_counter;
 
     #[test]
     fn check_values_of_the_catalogue() {

@@ -3,9 +3,8 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::hidden::{self, PHYSICS};
+use super::catalogue::{self, PHYSICS};
 use super::limit::VisibilityMeter;
-use super::rig::TruthRig;
 use super::sensors::Sensors;
 use super::{Family, Form, Hidden, Programme, TruthSpecimen, between, one_of};
 use crate::recording::Recording;
@@ -53,6 +52,13 @@ pub(crate) struct Label {
     pub top: [f64; 2],
     /// Noise of one sample for a displacement-driven model, N.
     pub sigma_n: f64,
+}
+
+/// Specimen and sensors of one case.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct TruthRig {
+    pub specimen: TruthSpecimen,
+    pub sensors: Sensors,
 }
 
 /// A case of a blind test.
@@ -140,9 +146,9 @@ impl Draft {
     fn new(random: &mut ChaCha8Rng, family: Family, codes: &[&str], strength: f64) -> Option<Draft> {
         let mut specimen = specimen(random);
         let mut baseline = BaselineSettings::default();
-        let units: Vec<(&'static hidden::Physics, Hidden)> = codes
+        let units: Vec<(&'static catalogue::Physics, Hidden)> = codes
             .iter()
-            .filter_map(|c| hidden::find(c))
+            .filter_map(|c| catalogue::find(c))
             .map(|p| (p, p.draw(random, &specimen)))
             .collect();
         for (physics, unit) in &units {
@@ -472,7 +478,7 @@ mod tests {
     fn every_code_is_in_the_catalogue() {
         let look_alikes = LOOK_ALIKES.iter().flat_map(|(a, b)| [a, b]);
         for code in look_alikes.chain(&REDUCED) {
-            assert!(hidden::find(code).is_some_and(|p| p.in_library), "{code}");
+            assert!(catalogue::find(code).is_some_and(|p| p.in_library), "{code}");
         }
     }
 

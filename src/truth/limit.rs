@@ -9,7 +9,7 @@
 //! neighbouring samples of a residual are not independent. sigma: noise of the force and of displacement times rate, N.
 //! At the limit, the part of the effect that no refit can absorb has an RMS of [`MULTIPLE`] times sigma / sqrt(n).
 
-use super::hidden::Physics;
+use super::catalogue::Physics;
 use super::{Form, Hidden, Programme, TruthSpecimen};
 
 /// Number of standard deviations of a detection. Noise alone exceeds it with a probability of 1 in 3 million.
@@ -203,7 +203,7 @@ fn variations(specimen: &TruthSpecimen) -> Vec<(TruthSpecimen, f64)> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::hidden::find;
+    use super::super::catalogue::find;
     use super::super::specimen::tests::{plain, programme};
     use super::*;
 

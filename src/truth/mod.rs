@@ -7,6 +7,7 @@
 //! detection limits, see [`limit`]. `blind` compares the diagnosis with the truth.
 
 pub(crate) mod case;
+pub(crate) mod catalogue;
 pub(crate) mod family;
 pub(crate) mod hidden;
 pub(crate) mod limit;

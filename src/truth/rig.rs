@@ -1,18 +1,10 @@
-//! The rig of a case: the specimen and the sensors, which can take further recordings.
+//! Further recordings of a case with its specimen and its sensors.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use super::sensors::Sensors;
-use super::{Case, Programme, TruthSpecimen, path::Path};
+use super::{Case, Programme, path::Path};
 use crate::recording::Recording;
-
-/// Specimen and sensors of one case.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct TruthRig {
-    pub specimen: TruthSpecimen,
-    pub sensors: Sensors,
-}
 
 impl Case {
     /// Takes one more recording with the specimen, the hidden effects and the sensors of the case. `points` are time in s and

@@ -11,8 +11,7 @@
 
 use super::AggregateDiagnosis;
 use super::regression::{Estimate, RegressionLine, line};
-use super::rows::mounts;
-use super::table::TableRow;
+use super::table::{TableRow, mounts};
 use crate::diagnose::diagnosis::{Alternative, Finding, Value};
 use crate::identify::targets::Aggregate;
 

@@ -2,7 +2,7 @@
 //! The `laws` find the physics; the fit of the leaf pack is in `identify::leaf_pack_rows`.
 
 use super::laws::{Strokes, constant, load, power_law, rate, viscous};
-use super::table::{Fitted, TableRow, TargetsTable, belief};
+use super::table::{Fitted, TableRow, TargetsTable, belief, mounts};
 use super::{AggregateDiagnosis, AggregateErrors, Compared, fitted_values, not_testable, worst};
 use crate::diagnose::diagnosis::{ImprovedModel, Value, Verdict};
 use crate::identify::IdentifyError;
@@ -140,17 +140,6 @@ fn errors(rows: &[TableRow], of: impl Fn(&TableRow) -> Option<Aggregate>) -> Vec
 
 fn within(errors: &[f64; 2]) -> bool {
     errors.iter().zip(ADEQUATE).all(|(e, most)| e.abs() <= most)
-}
-
-/// Names of the mountings, in the order of the tests.
-pub(super) fn mounts(rows: &[TableRow]) -> Vec<&str> {
-    let mut names: Vec<&str> = Vec::new();
-    for row in rows {
-        if !names.contains(&row.mount.as_str()) {
-            names.push(&row.mount);
-        }
-    }
-    names
 }
 
 /// Alarms for reported optima that meet their figures with values outside belief.

@@ -32,6 +32,17 @@ pub(crate) struct TableRow {
     pub model: Option<Aggregate>,
 }
 
+/// Names of the mountings, in the order of the tests.
+pub(super) fn mounts(rows: &[TableRow]) -> Vec<&str> {
+    let mut names: Vec<&str> = Vec::new();
+    for row in rows {
+        if !names.contains(&row.mount.as_str()) {
+            names.push(&row.mount);
+        }
+    }
+    names
+}
+
 /// A reported optimum.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Fitted {

@@ -8,8 +8,7 @@ use super::beam::Beam;
 use super::contact::{Contact, NormalLaw};
 use super::geometry::{ContactChoice, Leaf, Mesh, PackStructure};
 use super::parameters::Values;
-use super::side::{HalfPack, StepInfo};
-use super::slip_law::SlipLaw;
+use super::side::{Assembly, HalfPack, StepInfo};
 
 /// Steps from parallel arcs to the leaves' own curvatures.
 const NIP_STEPS: f64 = 4.0;
@@ -23,20 +22,6 @@ const WHOLE_ITERATIONS: usize = 14;
 const LINEAR_N: f64 = 1e-2;
 /// Residual at which the assembly is in equilibrium, N.
 const NIP_TOLERANCE_N: f64 = 1e-6;
-
-/// The parts of one side, ready for [`HalfPack::new`].
-pub(super) struct Assembly {
-    pub nodes: Vec<V3>,
-    pub fixed: usize,
-    pub beams: Vec<Beam>,
-    pub inner: Vec<usize>,
-    pub leaf_of: Vec<usize>,
-    pub contacts: Vec<Contact>,
-    pub reach: Vec<usize>,
-    pub mass: Vec<[f64; 2]>,
-    pub normal_law: NormalLaw,
-    pub slip_law: SlipLaw,
-}
 
 /// A clamped side at rest, its eye free, before friction is switched on.
 pub(super) fn clamped_side(structure: &PackStructure, values: &Values) -> Result<HalfPack, String> {

@@ -9,7 +9,7 @@
 //! | `assembly` | free arcs are clamped to a pack with nip |
 //! | `beam`, `contact`, `slip_law`, `mounting` | force elements, each with its derivative |
 //! | `side`, `band` | one half from clamp to eye, and its linear solver |
-//! | `newton`, `pack` | equilibrium at one position of the pusher, and the plant step by step |
+//! | `clamp`, `newton`, `pack` | clamp between the sides, equilibrium at one position of the pusher, and the plant step by step |
 //! | `energy`, `path`, `shape` | energy balance, static paths for identification, state for drawing |
 //!
 //! The plant is driven by the pusher's displacement (0 at first contact with the unloaded pack, plus `preload_mm`) and returns
@@ -18,6 +18,7 @@
 mod assembly;
 mod band;
 mod beam;
+mod clamp;
 mod contact;
 mod energy;
 mod geometry;
@@ -33,8 +34,8 @@ mod slip_law;
 #[cfg(any(test, feature = "benchmarks"))]
 pub(crate) use geometry::Dynamics;
 pub(crate) use geometry::{FrictionChoice, Mounting, PackStructure};
-pub(crate) use pack::LeafPack;
-pub(crate) use parameters::{MODEL, Values};
+pub(crate) use pack::{LeafPack, MODEL};
+pub(crate) use parameters::Values;
 pub(crate) use path::graded_path;
 pub(crate) use shape::{ContactShape, LeafShape, PackShape};
 pub(crate) use slip_law::SlipState;

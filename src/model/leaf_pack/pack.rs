@@ -1,17 +1,17 @@
-//! The whole pack as a plant: built, driven step by step, always with a finite force.
+//! The whole pack as a plant: built, driven step by step, always with a finite force. It has the entry in the list of models.
 //!
 //! A step whose equilibrium is not found ends at the last equilibrium and returns its force.
 
 use super::assembly::clamped_side;
 use super::band::V3;
+use super::clamp::{Clamp, OuterStates, eye_of};
 use super::energy::{Energy, FrictionSource};
 use super::geometry::{Mounting, PackStructure};
-use super::mounting::{Mount, MountForce, MountValues, Support};
-use super::newton::{Clamp, OuterStates, eye_of};
-use super::parameters::Values;
+use super::mounting::{Mount, MountForce, MountValues, PLACES, RAIL, Support};
+use super::parameters::{PARAMETERS, Values};
 use super::side::{HalfPack, StepInfo};
 use super::slip_law::{Slider, SlipLaw};
-use crate::model::Plant;
+use crate::model::{BuildError, Model, Plant};
 
 /// Residual at which a step has converged, N: some 1e-6 of the forces in the pack.
 const TOLERANCE_N: f64 = 5e-4;
@@ -215,6 +215,26 @@ impl LeafPack {
         self.force_n = self.clamp.pusher_n;
         self.last_increments_mm = [increment_mm, self.last_increments_mm[0]];
     }
+
+    /// Keeps the slips of a support after a converged step and adds their losses.
+    fn commit_mount(&mut self, k: usize, force: &MountForce) {
+        let mount = &mut self.mounts[k];
+        for place in 0..PLACES {
+            let law = mount.law(place);
+            let slider = &mut mount.sliders[place];
+            let before = slider.dissipated_nmm;
+            slider.commit(law, force.slip[place], force.friction[place]);
+            let work = self.copies * (slider.dissipated_nmm - before);
+            let constant = work * force.constant_share[place];
+            let (by_load, fixed) = if place == RAIL {
+                (FrictionSource::Rail, FrictionSource::RailConstant)
+            } else {
+                (FrictionSource::Pin, FrictionSource::PivotTorque)
+            };
+            self.energy.add_loss(by_load, work - constant);
+            self.energy.add_loss(fixed, constant);
+        }
+    }
 }
 
 impl Plant for LeafPack {
@@ -236,6 +256,42 @@ impl Plant for LeafPack {
     fn boxed_clone(&self) -> Box<dyn Plant> {
         Box::new(self.clone())
     }
+}
+
+/// The entry of [`crate::model::MODELS`].
+pub(crate) const MODEL: Model = Model {
+    name: "leaf-pack",
+    what: "leaves of rigid segments and beam elements, clamped with nip, in contact with friction (Kadziela et al. 2015)",
+    parameters: PARAMETERS,
+    physics: &[
+        "rate_independent_friction",
+        "load_dependent_friction",
+        "coulomb_friction",
+        "presliding",
+        "progressive_stiffness",
+        "geometric_stiffness",
+        "lift_off",
+    ],
+    slow: true,
+    friction_ratio: None,
+    limit_friction: None,
+    build,
+};
+
+fn build(values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, BuildError> {
+    let refuse = |reason| BuildError::Structure {
+        model: MODEL.name,
+        reason,
+    };
+    let structure = PackStructure::from_table(structure).map_err(refuse)?;
+    let values = Values::from_slice(values).ok_or_else(|| {
+        refuse(format!(
+            "{} values given for {} parameters: give one for each",
+            values.len(),
+            PARAMETERS.len()
+        ))
+    })?;
+    Ok(Box::new(LeafPack::new(&structure, &values).map_err(refuse)?))
 }
 
 /// True where one side is solved for both.
@@ -298,5 +354,33 @@ impl LeafPack {
     pub(crate) fn segments(&self) -> usize {
         let all: usize = self.sides.iter().map(|s| s.beams.len()).sum();
         if self.copies > 1.0 { 2 * all } else { all }
+    }
+}
+
+#[cfg(test)]
+impl LeafPack {
+    /// Work and losses since the last reset.
+    pub(crate) fn energy(&self) -> Energy {
+        self.energy
+    }
+
+    /// Elastic energy beyond that after a reset, N mm.
+    pub(crate) fn stored_nmm(&self) -> f64 {
+        let mut start = self.clone();
+        crate::model::Plant::reset(&mut start);
+        self.elastic_nmm() - start.elastic_nmm()
+    }
+
+    /// Elastic energy of leaves, contacts, supports and pusher, N mm.
+    fn elastic_nmm(&self) -> f64 {
+        let mut sum = 0.0;
+        for (k, (side, mount)) in self.sides.iter().zip(&self.mounts).enumerate() {
+            let eye = eye_of(side, self.eye, self.sense(k), self.clamp.settled);
+            sum += side.stored_nmm() + mount.stored_nmm(&eye);
+        }
+        let push = self.clamp.pusher_n;
+        self.copies * sum
+            + 0.5 * push * push / self.structure.support_stiffness_n_per_mm
+            + self.board.stored_nmm(self.slide_law)
     }
 }

@@ -1,8 +1,6 @@
-//! Parameters that a fit may change in a leaf pack, and the entry in the list of models.
+//! Parameters that a fit may change in a leaf pack.
 
-use super::LeafPack;
-use super::geometry::PackStructure;
-use crate::model::{BuildError, Model, Parameter, Plant};
+use crate::model::Parameter;
 
 /// One value per parameter, in the order of [`PARAMETERS`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -208,40 +206,4 @@ impl Values {
             preload_mm: 0.0,
         }
     }
-}
-
-/// The entry of [`crate::model::MODELS`].
-pub(crate) const MODEL: Model = Model {
-    name: "leaf-pack",
-    what: "leaves of rigid segments and beam elements, clamped with nip, in contact with friction (Kadziela et al. 2015)",
-    parameters: PARAMETERS,
-    physics: &[
-        "rate_independent_friction",
-        "load_dependent_friction",
-        "coulomb_friction",
-        "presliding",
-        "progressive_stiffness",
-        "geometric_stiffness",
-        "lift_off",
-    ],
-    slow: true,
-    friction_ratio: None,
-    limit_friction: None,
-    build,
-};
-
-fn build(values: &[f64], structure: &toml::Table) -> Result<Box<dyn Plant>, BuildError> {
-    let refuse = |reason| BuildError::Structure {
-        model: MODEL.name,
-        reason,
-    };
-    let structure = PackStructure::from_table(structure).map_err(refuse)?;
-    let values = Values::from_slice(values).ok_or_else(|| {
-        refuse(format!(
-            "{} values given for {} parameters: give one for each",
-            values.len(),
-            PARAMETERS.len()
-        ))
-    })?;
-    Ok(Box::new(LeafPack::new(&structure, &values).map_err(refuse)?))
 }

@@ -4,8 +4,8 @@
 //! loading; the clamp's middle of leaf 1 is at (0, 0) when unloaded, the eyes at positive y.
 
 use super::LeafPack;
+use super::clamp::eye_of;
 use super::mounting::Support;
-use super::newton::eye_of;
 use super::side::HalfPack;
 use super::slip_law::SlipState;
 

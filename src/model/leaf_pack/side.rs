@@ -3,7 +3,6 @@
 //! The coordinates move with the clamp: x outward along the pack, y towards the eyes, the clamp's edge at rest. So a side does
 //! not depend on how the clamp moves. Only its last body, which carries the eye, meets the support (see `mounting`).
 
-use super::assembly::Assembly;
 use super::band::{BlockBand, M3, V3};
 use super::beam::{Beam, BeamForce, Strain};
 use super::contact::{Contact, Measure, NormalLaw};
@@ -37,6 +36,20 @@ pub(super) struct ContactEstimate {
     slip_mm: f64,
     friction_n: f64,
     normal_n: f64,
+}
+
+/// The parts of one side, ready for [`HalfPack::new`].
+pub(super) struct Assembly {
+    pub nodes: Vec<V3>,
+    pub fixed: usize,
+    pub beams: Vec<Beam>,
+    pub inner: Vec<usize>,
+    pub leaf_of: Vec<usize>,
+    pub contacts: Vec<Contact>,
+    pub reach: Vec<usize>,
+    pub mass: Vec<[f64; 2]>,
+    pub normal_law: NormalLaw,
+    pub slip_law: SlipLaw,
 }
 
 /// One side of the pack, ready to solve.

@@ -11,7 +11,9 @@ mod sample;
 mod sdo;
 mod status;
 
+pub(crate) use super::bits::DecodeError;
 pub(crate) use super::dictionary::{ConfigAbort, LIMIT_COUNT, Limits, object};
+pub(crate) use super::protection::{COUNTER_MODULO, next_counter};
 pub(crate) use super::state::{Cause, RigState};
 pub(crate) use super::tick::SAMPLE_RATE_HZ;
 use super::{cob, frame::Frame};
@@ -33,14 +35,6 @@ pub(crate) const FORCE_N_PER_COUNT: f64 = 0.1;
 pub(crate) const DISPLACEMENT_MM_PER_COUNT: f64 = 0.0005;
 /// Protocol version of this program, major << 16 | minor. A rig with another major is refused before arming.
 pub(crate) const PROTOCOL_VERSION: u32 = 0x0001_0000;
-
-/// Size of the alternating counter: it counts 0 to 14 and wraps; 15 is never sent.
-pub(crate) const COUNTER_MODULO: u8 = 15;
-
-/// The counter after `counter`.
-pub(crate) fn next_counter(counter: u8) -> u8 {
-    (counter + 1) % COUNTER_MODULO
-}
 
 /// Messages from the host to the rig.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -114,44 +108,6 @@ pub(crate) enum FromRig {
         sub: u8,
         /// CiA 301 abort code.
         abort: ConfigAbort,
-    },
-}
-
-/// Why a frame is not a message.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub(crate) enum DecodeError {
-    /// The identifier is not of this protocol, or for another node. This is no fault.
-    #[error("identifier {0:#05x} is not one of this protocol, or not for this node")]
-    ForeignId(u16),
-    /// Right identifier, wrong length.
-    #[error("frame {id:#05x} has {len} bytes instead of {expected}")]
-    Length {
-        /// Identifier of the frame.
-        id: u16,
-        /// Bytes in the frame.
-        len: u8,
-        /// Bytes that the protocol specifies.
-        expected: u8,
-    },
-    /// The CRC-8 is wrong.
-    #[error("CRC-8 of frame {id:#05x} is {found:#04x}, expected {expected:#04x}")]
-    Crc {
-        /// Identifier of the frame.
-        id: u16,
-        /// CRC-8 in the frame.
-        found: u8,
-        /// CRC-8 that was computed.
-        expected: u8,
-    },
-    /// A field holds a value that the protocol does not name.
-    #[error("field {field} of frame {id:#05x} holds {value}")]
-    Field {
-        /// Identifier of the frame.
-        id: u16,
-        /// Name of the field in `firmware-protocol.md`.
-        field: &'static str,
-        /// Value of the field.
-        value: u32,
     },
 }
 

@@ -1,6 +1,6 @@
 //! Every force by hand, on a spring with 100 N preload and 80 N/mm.
 
-use super::super::hidden::find;
+use super::super::catalogue::find;
 use super::*;
 
 pub(crate) fn plain() -> TruthSpecimen {
