@@ -7,7 +7,7 @@ use super::shared::progress::duration;
 use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::plan::{self, Plan, PlanError};
 
-/// Check a profile against the bench's limits and dry-run it on the model; nothing moves
+/// Predict a profile on the model and compare it with the limits of the bench; nothing moves
 #[derive(Debug, Args)]
 pub(super) struct PlanArgs {
     #[command(flatten)]
