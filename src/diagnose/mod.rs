@@ -1,6 +1,6 @@
-//! Says which physics a model lacks, and proves it on cycles that no parameter was fitted to.
+//! Says which physics a model lacks, and checks the answer on cycles that no parameter was fitted to.
 //!
-//! The data walk through these parts in this order:
+//! The data pass through these parts in this order:
 //!
 //! | part | what it does |
 //! |---|---|

@@ -77,7 +77,7 @@ async fn serve<P: AsyncRead + AsyncWrite>(port: P, ends: Ends, side: Side) {
     let Ends { out, urgent, inlet } = ends;
     let health = Arc::clone(&inlet.health);
     let (reader, writer) = tokio::io::split(port);
-    // Ends with the first of the two: the port is gone, or the link was dropped and all is sent.
+    // Ends with the first of the two: the port is unplugged, or the link was dropped and all is sent.
     tokio::select! {
         () = receive(reader, inlet, side) => {}
         () = send(writer, out, urgent, &health) => {}

@@ -128,7 +128,7 @@ impl LeafPack {
         for k in 0..ITERATIONS {
             let residual = self.evaluate::<false>(pusher_mm);
             if residual < self.tolerance_n {
-                // Old factors that need more than one correction are made anew.
+                // Old factors that need more than one correction are computed again.
                 self.factor_age += 1;
                 if k > 1 && self.factor_age > WORTH_KEEPING {
                     self.factors = false;
