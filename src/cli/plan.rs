@@ -64,7 +64,7 @@ fn text(p: &Plan) -> String {
     }));
     lines.push(String::new());
     match p.trips.is_empty() {
-        true => lines.push("the profile keeps every limit".to_owned()),
+        true => lines.push("the profile stays within every limit".to_owned()),
         false => lines.extend(p.trips.iter().map(|t| format!("WOULD TRIP: {t}"))),
     }
     lines.join("\n")

@@ -50,7 +50,7 @@ fn parse(address: &str) -> Result<(&str, u32), String> {
         .and_then(|baud| baud.parse().ok())
         .filter(|&baud| baud > 0);
     let baud =
-        baud.ok_or_else(|| format!("\"{options}\" is no option of a serial port: write ?baud=460800"))?;
+        baud.ok_or_else(|| format!("\"{options}\" is not an option of a serial port: write ?baud=460800"))?;
     Ok((path, baud))
 }
 
