@@ -193,7 +193,7 @@ fn draw_pack(mut pack: LeafPack, path_mm: &[f64], name: &Path) -> Result<(), Cli
     Ok(())
 }
 
-/// Indices of the path's reversals; a movement back of less than 2 % of the range is none.
+/// Indices of the path's reversals; a movement back of less than 2 % of the range is ignored.
 fn reversals(path_mm: &[f64]) -> Vec<usize> {
     let (low, high) = path_mm
         .iter()

@@ -39,7 +39,8 @@ pub(super) fn choose(context: &FitContext<'_>, nodes: &mut Vec<Node>, likelihood
     chosen
 }
 
-/// The set without the effect that falls shortest of what it must bring; `None` if every effect brings enough.
+/// The set without the effect whose gain is farthest below the required gain; `None` if the gain of every effect is
+/// sufficient.
 fn eliminate(
     context: &FitContext<'_>,
     nodes: &mut Vec<Node>,

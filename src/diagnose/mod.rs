@@ -63,7 +63,8 @@ use context::{Node, RunSettings};
 use data::Data;
 use structure::ModelStructure;
 
-/// Why there is no diagnosis. All reasons are about the input; what the physics does is in the verdict.
+/// Why there is no diagnosis. All reasons are errors of the input. An unexplained difference is not an error: the verdict
+/// reports it.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum DiagnoseError {
     #[error("no recording was given: name at least one")]

@@ -44,7 +44,7 @@ pub(crate) fn scaled_jacobian(
                 continue;
             }
         }
-        // The difference of the rounded values, not the step: the quotient divides by what was really moved.
+        // The difference of the rounded values, not the step, so that the quotient divides by the real change.
         let factor = scale[n] / (point[n] - values[n]);
         for (derivative, &before) in column.iter_mut().zip(residuals) {
             *derivative = (*derivative - before) * factor;

@@ -188,7 +188,8 @@ impl<'e, 'p, 'b> Descent<'e, 'p, 'b> {
             }
             match self.attempt() {
                 Attempt::Lower => idle = 0,
-                // Only twice in a row is convergence: high damping alone can make one step tiny.
+                // The search has converged only after two such steps in a row, because high damping can make a single step
+                // very small.
                 Attempt::Settled if idle == 0 => idle = 1,
                 Attempt::Settled | Attempt::Stuck => {
                     ending = FitEnding::Converged;

@@ -111,7 +111,7 @@ async fn receive(mut port: impl AsyncRead + Unpin, mut inlet: Inlet, side: Side)
 
 async fn send(mut port: impl AsyncWrite + Unpin, mut out: Lane, mut urgent: Lane, health: &LinkHealth) {
     let mut packet = [0; PACKET_MAX];
-    // A leading zero ends what the far end has read so far: noise, or a packet cut by the deadline.
+    // A leading zero ends what the other end has received so far: noise, or a packet that the deadline cut off.
     let mut resync = true;
     loop {
         let frame = tokio::select! {
