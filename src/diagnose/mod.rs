@@ -63,8 +63,7 @@ use context::{Node, RunSettings};
 use data::Data;
 use structure::ModelStructure;
 
-/// Why there is no diagnosis. All reasons are errors of the input. An unexplained difference is not an error: the verdict
-/// reports it.
+/// Why there is no diagnosis. All reasons are errors of the input. An unexplained difference is a verdict, not an error.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum DiagnoseError {
     #[error("no recording was given: name at least one")]
