@@ -1,5 +1,5 @@
-//! Virtual seconds per second of the whole loop: mock rig (`equivalent`), control, twin, recording into a run file.
-//! Read a time per iteration `t` of the 10 s profile as 10 s / t; the goal is 500, so at most 20 ms.
+//! Speed of the whole loop in virtual time: mock rig (`equivalent`), control, twin, recording into a run file.
+//! One iteration plays a profile of 10 s. The goal is 500 times real time, that is at most 20 ms per iteration.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! What the benchmarks measure. It is part of the library under the feature `benchmarks`, because it needs more than the
+//! The code of the benchmarks. It is part of the library under the feature `benchmarks`, because it needs more than the
 //! public types; `benches/speed.rs` and `benches/leaf_pack_speed.rs` run it.
 #![allow(missing_docs, reason = "each benchmark prints its own name")]
 

@@ -1,5 +1,5 @@
-//! Says which physics a model lacks. With CSV files as arguments it reads them; without, it conceals a helper leaf in the mock
-//! rig and records two tests there.
+//! Says which physics a model lacks, from the CSV files that are given as arguments. Without arguments it records two tests on
+//! the mock rig, whose specimen has a helper leaf that the model lacks.
 //!
 //!     cargo run --release --example diagnose_csv
 //!     cargo run --release --example diagnose_csv -- loops/a.csv loops/b.csv
@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// A slow and a quick sine on a rig whose specimen has a helper leaf from 8 mm on.
+/// A slow and a quick sine on a mock rig whose specimen has a helper leaf that touches at 8 mm.
 fn concealed() -> Result<Vec<Recording>, Box<dyn Error>> {
     let helper = [("extra_rate_n_per_mm", 15.0), ("knee_mm", 8.0), ("width_mm", 0.5)];
     let bench = Bench::shipped()?.with_concealed_effect("progressive_stiffness", &helper);

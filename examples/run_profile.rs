@@ -27,7 +27,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         extreme(&recording.displacement_mm, f64::max).unwrap_or(f64::NAN)
     );
 
-    // Work over the whole motion: the spring returns to its start, so friction is what is left.
+    // Work over the whole motion. The spring ends where it began, so this work is the friction loss.
     let energy_nmm: f64 = (1..recording.len())
         .map(|i| {
             let travel_mm = recording.displacement_mm[i] - recording.displacement_mm[i - 1];

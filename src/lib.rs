@@ -1,11 +1,11 @@
-//! leafbench: controller of a hardware-in-the-loop test bench for leaf springs, with a virtual twin that explains its own misfit.
+//! leafbench: controller of a hardware-in-the-loop test bench for leaf springs, with a virtual twin and a diagnosis of the twin.
 //!
-//! One daemon drives a hydraulic load frame over CAN or serial, records the load cell and the LVDT, and steps a leaf-spring
-//! model beside the rig as a virtual twin. Where they differ, [`diagnose`] says which physics the model lacks. The program is
-//! the way to run a bench (`leafbench --help`); this library is for programs that use its parts.
+//! One daemon drives a hydraulic load frame over CAN or serial and records the load cell and the LVDT. During a test it also
+//! steps a leaf-spring model, the virtual twin. [`diagnose`] compares recordings with a model and says which physics the model
+//! lacks. To run a bench, use the program (`leafbench --help`). This library is for programs that use its parts.
 //!
 //! # Run a profile on the mock rig
-//! The mock rig stands where no hardware is. It runs here in memory and in virtual time.
+//! The mock rig simulates a rig. Here it runs in memory and in virtual time.
 //! ```
 //! use leafbench::{Bench, Profile, record};
 //!
@@ -26,8 +26,8 @@
 //! ```
 //!
 //! # Diagnose a recording
-//! A CSV needs the columns `time_s`, `displacement_mm` and `force_n`. This one was not made by the model that it is compared with:
-//! beyond 6 mm a second leaf carries as well.
+//! A CSV needs the columns `time_s`, `displacement_mm` and `force_n`. The spring in this example has a helper leaf that touches at
+//! 6 mm. The model `equivalent` has none.
 //! ```
 //! use leafbench::{Baseline, DiagnoseOptions, Verdict, diagnose, find_model, read_csv};
 //!

@@ -1,4 +1,4 @@
-//! Arguments in, exit code out.
+//! The program `leafbench`: it runs the command line of the library and ends with its exit code.
 
 use std::process::ExitCode;
 

@@ -28,7 +28,7 @@ pub(super) struct BlindArgs {
     /// Strength of every effect in detection limits, up to 1000 [default: drawn from 1, 2, 5, 10]
     #[arg(long, value_name = "LIMITS", value_parser = strength_in_limits)]
     strength: Option<f64>,
-    /// Only the cases of one kind; they keep their numbers
+    /// Only the cases of one kind; the numbers of the cases stay the same
     #[arg(long, value_name = "KIND", value_parser = kinds())]
     kind: Option<Family>,
     /// Folder for blind.md, the page with the confusion matrix, and blind.json with every case
@@ -77,7 +77,7 @@ impl CliCommand for BlindArgs {
         }
         if request.numbers().is_empty() {
             return Err(CliError::Input(format!(
-                "--cases {}: no case among them is of that kind: enter at least 20, which contain every kind",
+                "--cases {}: none of these cases is of that kind: enter at least 20, which contain every kind",
                 request.cases
             )));
         }

@@ -31,16 +31,16 @@ pub(super) struct DaemonArgs {
     bench: BenchArg,
     #[command(flatten)]
     profiles: ProfilesArg,
-    /// Folder of the run files; the other commands find the daemon through it [default: the bench's]
+    /// Folder of the run files; the other commands find the daemon through it [default: from the bench file]
     #[arg(long, value_name = "DIR", env = DATA_VARIABLE)]
     data: Option<PathBuf>,
     #[arg(
         long,
         value_name = "ADDRESS",
-        help = format!("Address of the link: {} [default: the bench's]", link::address_forms())
+        help = format!("Address of the link: {} [default: from the bench file]", link::address_forms())
     )]
     link: Option<String>,
-    /// Address and port of the page and of the commands; port 0 takes a free one [default: the bench's]
+    /// Address and port of the page and of the commands; port 0 takes a free one [default: from the bench file]
     #[arg(long, value_name = "ADDRESS")]
     listen: Option<SocketAddr>,
 }

@@ -33,7 +33,7 @@ pub(super) struct IdentifyArgs {
     #[arg(
         long,
         value_name = "MODEL",
-        help = format!("Model to fit: {} [default: the specimen's]", model_names())
+        help = format!("Model to fit: {} [default: from the specimen file]", model_names())
     )]
     model: Option<String>,
     /// Specimen file to start from: model, values, geometry

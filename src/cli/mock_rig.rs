@@ -10,7 +10,7 @@ use super::{CliCommand, CliError, Done, Output};
 use crate::link::priority::raise_this_thread;
 use crate::link::{self, Side};
 
-/// Act as a rig at the far end of a CAN bus or serial line: firmware, hydraulics, sensors and a spring
+/// Simulate a rig at the other end of a CAN bus or serial line: firmware, hydraulics, sensors and a spring
 #[derive(Debug, Args)]
 #[command(after_help = "Runs in real time until Ctrl-C or until the line is closed.")]
 pub(super) struct MockRigArgs {
@@ -22,7 +22,7 @@ pub(super) struct MockRigArgs {
         help = format!("Address of the link to the host: {}", link::port_forms())
     )]
     link: String,
-    /// Seed of the sensor noise [default: the bench's]
+    /// Seed of the sensor noise [default: from the bench file]
     #[arg(long)]
     seed: Option<u64>,
 }

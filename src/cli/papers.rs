@@ -18,7 +18,7 @@ use crate::identify::targets::Aggregate;
 use crate::papers::first::{self, Choice, LeafPackRerun, ReadingRerun};
 use crate::papers::{second, third};
 
-/// Rerun what the three papers report and print their figures beside ours
+/// Compute the results of the three papers again and print them beside the published figures
 #[derive(Debug, Args)]
 pub(super) struct PapersArgs {
     /// What the first paper's "amplitude" means

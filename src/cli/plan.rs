@@ -7,7 +7,7 @@ use super::shared::progress::duration;
 use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::plan::{self, Plan, PlanError};
 
-/// Check a profile against the bench's limits and dry-run it on the model; nothing moves
+/// Predict a profile on the model and compare it with the limits of the bench; nothing moves
 #[derive(Debug, Args)]
 pub(super) struct PlanArgs {
     #[command(flatten)]
@@ -64,7 +64,7 @@ fn text(p: &Plan) -> String {
     }));
     lines.push(String::new());
     match p.trips.is_empty() {
-        true => lines.push("the profile keeps every limit".to_owned()),
+        true => lines.push("the profile stays within every limit".to_owned()),
         false => lines.extend(p.trips.iter().map(|t| format!("WOULD TRIP: {t}"))),
     }
     lines.join("\n")

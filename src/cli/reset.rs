@@ -6,7 +6,7 @@ use super::shared::client::DataArg;
 use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::client_types::Nothing;
 
-/// Clear the interlock once its cause is gone; moves nothing
+/// Clear the interlock after its cause was removed; nothing moves
 #[derive(Debug, Args)]
 pub(super) struct ResetArgs {
     #[command(flatten)]

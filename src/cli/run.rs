@@ -23,7 +23,7 @@ pub(super) struct RunArgs {
     /// Continue this interrupted run at the cycle after its last complete one; RUN is a run id
     #[arg(long, value_name = "RUN")]
     resume: Option<String>,
-    /// Name of the specimen [default: the bench's]
+    /// Name of the specimen [default: from the bench file]
     #[arg(long, value_name = "TEXT")]
     specimen: Option<String>,
     /// Name of the person who runs the test

@@ -24,7 +24,7 @@ const FRAMES: usize = 60;
 /// Duration of an animation in s.
 const SHOWN_S: f64 = 6.0;
 
-/// Step the bench's model through a profile, without rig or noise, and write what it does as CSV
+/// Run a profile on the model of the bench, without rig or noise, and write displacement and force as CSV
 #[derive(Debug, Args)]
 pub(super) struct SimulateArgs {
     #[command(flatten)]
@@ -193,7 +193,7 @@ fn draw_pack(mut pack: LeafPack, path_mm: &[f64], name: &Path) -> Result<(), Cli
     Ok(())
 }
 
-/// Indices of the path's reversals; a movement back of less than 2 % of the range is none.
+/// Indices of the path's reversals; a movement back of less than 2 % of the range is ignored.
 fn reversals(path_mm: &[f64]) -> Vec<usize> {
     let (low, high) = path_mm
         .iter()

@@ -71,7 +71,11 @@ pub(super) fn model(document: &Document, key: &str, config: &ModelConfig) -> Res
 
 fn link(document: &Document, link: &LinkConfig) -> Result<(), ConfigError> {
     if !is_address(&link.address) {
-        let reason = format!("\"{}\" is no link: write {}", link.address, address_forms());
+        let reason = format!(
+            "\"{}\" is not the address of a link: write {}",
+            link.address,
+            address_forms()
+        );
         return Err(document.refuse("link.address", reason));
     }
     let rows = [

@@ -61,7 +61,7 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// The bench with one more effect in the specimen of its mock rig. Twin and diagnosis do not know of it.
+    /// The bench with one more effect in the specimen of its mock rig. Twin and diagnosis do not have it.
     #[must_use]
     pub fn with_concealed_effect(mut self, code: &str, parameters: &[(&str, f64)]) -> Bench {
         self.specimen.model.effects.push(EffectConfig {

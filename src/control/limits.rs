@@ -97,8 +97,8 @@ impl Detectors {
             .map(|at| now_ns.saturating_sub(at) / NS_PER_MS)
     }
 
-    /// Detects a silent stream; called once per poll. A host that was itself stopped cannot judge the stream, so a pause
-    /// between two polls counts as [`PAUSE_MAX_NS`] at most; the firmware's lease covers the rest.
+    /// Detects a silent stream; called once per poll. If this process was stopped, it could not receive samples. So a pause
+    /// between two polls counts as [`PAUSE_MAX_NS`] at most; the firmware's lease covers longer pauses.
     pub(crate) fn silence(&mut self, now_ns: u64) -> Option<Action> {
         let pause_ns = now_ns.saturating_sub(self.last_poll_ns.replace(now_ns)?);
         self.last_sample_ns?;

@@ -49,10 +49,10 @@ use ticks::Ticks;
 
 /// A poll later than this after the one before is counted as late, ms.
 const LATE_POLL_MS: u64 = 5;
-/// Without a sample for this long the rig counts as gone, ns: a stopped run is closed and the hello starts again.
+/// Without a sample for this long the rig counts as disconnected, ns: a stopped run is closed and the hello starts again.
 const DEAD_STREAM_NS: u64 = 500 * NS_PER_MS;
 
-/// What control must know of a bench.
+/// The settings of a bench that control needs.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct RigConfig {
     /// Node of the rig, 1 to 126.

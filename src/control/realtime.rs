@@ -97,7 +97,7 @@ pub(crate) struct ControlHandle {
 }
 
 impl ControlHandle {
-    /// Starts the thread. The handle joins once [`Request::End`] was asked for or every `ControlHandle` is dropped.
+    /// Starts the thread. It ends after [`Request::End`], or when every `ControlHandle` is dropped.
     pub(crate) fn spawn(rig: Rig, link: Link) -> io::Result<(ControlHandle, JoinHandle<()>)> {
         let (requests, inbox) = mpsc::sync_channel(REQUESTS);
         let (ready, degraded) = mpsc::sync_channel(1);
@@ -106,7 +106,7 @@ impl ControlHandle {
         let thread = std::thread::Builder::new()
             .name("control".to_owned())
             .spawn(move || {
-                // The receiver waits just below; it is gone only if that thread died.
+                // The receiver waits below. Sending fails only if its thread has ended.
                 let _ = ready.send(degradations());
                 ControlLoop {
                     rig,

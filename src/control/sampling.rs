@@ -141,9 +141,13 @@ fn gap(at: &Sample, lost: u64) -> Event {
 
 /// The event of a new correction after `ended`.
 fn correction(at: &Sample, ended: &EndedCycle, next: Correction) -> Event {
+    let cycle = match ended.cycle {
+        0 => "an uncounted cycle".to_owned(),
+        number => format!("cycle {number}"),
+    };
     let text = format!(
-        "after cycle {} (peak {:.4}, valley {:.4}): amplitude x {:.5}, mean {:+.4}",
-        ended.cycle, ended.measured.peak, ended.measured.valley, next.amplitude_factor, next.mean_offset
+        "after {cycle} (peak {:.4}, valley {:.4}): amplitude x {:.5}, mean {:+.4}",
+        ended.measured.peak, ended.measured.valley, next.amplitude_factor, next.mean_offset
     );
     Event {
         tick: at.tick,

@@ -44,7 +44,7 @@ pub(crate) enum HelloError {
     SampleRate(u32),
     /// The sensors of the rig were calibrated with other figures than the bench config has.
     #[error(
-        "the rig's calibration hash is {rig:#010x}, the bench config's {bench:#010x}: load the bench config of these sensors, or store the new hash in the rig"
+        "the rig's calibration hash is {rig:#010x}, the bench file's {bench:#010x}: use the bench file of these sensors, or store the new hash in the rig"
     )]
     Calibration {
         /// Hash that the rig holds.
@@ -54,7 +54,7 @@ pub(crate) enum HelloError {
     },
     /// The rig refused an access.
     #[error(
-        "the rig refused object {index:#06x}:{sub} ({abort:?}): check the limit in the bench config, and that the firmware follows this version of firmware-protocol.md"
+        "the rig refused object {index:#06x}:{sub} ({abort:?}): check the limit in the bench file, and that the firmware follows this version of firmware-protocol.md"
     )]
     Refused {
         /// Index of the object.
@@ -66,7 +66,7 @@ pub(crate) enum HelloError {
     },
     /// The CRC-32 of the limits in the rig differs from that of the limits that were sent.
     #[error(
-        "the rig holds other limits than were sent (CRC {rig:#010x}, expected {bench:#010x}): power-cycle the rig and start again"
+        "the limits in the rig differ from the limits that were sent (CRC {rig:#010x}, expected {bench:#010x}): power-cycle the rig and start again"
     )]
     Limits {
         /// CRC-32 from the rig.

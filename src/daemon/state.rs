@@ -13,7 +13,7 @@ use crate::config::Bench;
 use crate::control::realtime::ControlHandle;
 use crate::link::LinkHealth;
 
-/// What a daemon is started with.
+/// Settings of a daemon at its start.
 #[derive(Debug, Clone)]
 pub(crate) struct DaemonSettings {
     pub bench: Arc<Bench>,
@@ -30,7 +30,7 @@ pub(crate) struct DaemonSettings {
 /// The state of the daemon.
 pub(super) struct DaemonState {
     pub settings: DaemonSettings,
-    /// The way to the control thread.
+    /// Handle of the control thread.
     pub control: ControlHandle,
     pub store: Store,
     pub library: Library,

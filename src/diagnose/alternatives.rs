@@ -43,7 +43,7 @@ pub(super) struct JudgedEffect {
     pub rivals: Vec<RivalSet>,
 }
 
-/// A set with another effect in place of the judged one.
+/// A set with another effect in place of the finding.
 pub(super) struct RivalSet {
     pub code: &'static str,
     /// Index of the set.

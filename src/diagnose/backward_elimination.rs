@@ -39,7 +39,7 @@ pub(super) fn choose(context: &FitContext<'_>, nodes: &mut Vec<Node>, likelihood
     chosen
 }
 
-/// The set without the effect that falls shortest of what it must bring; `None` if every effect brings enough.
+/// The set without the effect whose gain is farthest below the required gain; `None` if every gain is sufficient.
 fn eliminate(
     context: &FitContext<'_>,
     nodes: &mut Vec<Node>,

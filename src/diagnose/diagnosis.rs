@@ -250,7 +250,7 @@ impl Diagnosis {
         }
     }
 
-    /// The next test, or why there is none. It may be one that was run before, because a repetition is evidence too.
+    /// The next test, or why there is none. It may be a test that was run before, because a repetition also adds information.
     pub(crate) fn next(&self) -> Result<&NextTest, &'static str> {
         let next = self.next_test.as_ref();
         next.ok_or("no profile within the limits separates the rest")

@@ -15,7 +15,7 @@ use crate::effect::Axis;
 /// Number of bins along the displacement, where ripples are finest, and along every other axis.
 const FINE: usize = 64;
 const COARSE: usize = 12;
-/// Bins of a regression on displacement alone: fewer bins fit less noise, and a ripple is the same in both directions.
+/// Bins of a regression on displacement only. Fewer bins fit less noise. A ripple is the same in both directions.
 const DISPLACEMENT_BINS: [usize; 2] = [24, FINE];
 /// Numbers of cycles after which the specimen may have changed, so that earlier and later residuals differ.
 const CHANGE_CYCLES: [u32; 4] = [2, 3, 5, 10];

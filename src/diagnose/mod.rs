@@ -1,6 +1,6 @@
-//! Says which physics a model lacks, and proves it on cycles that no parameter was fitted to.
+//! Says which physics a model lacks, and checks the answer on cycles that no parameter was fitted to.
 //!
-//! The data walk through these parts in this order:
+//! The data pass through these parts in this order:
 //!
 //! | part | what it does |
 //! |---|---|
@@ -63,7 +63,7 @@ use context::{Node, RunSettings};
 use data::Data;
 use structure::ModelStructure;
 
-/// Why there is no diagnosis. All reasons are about the input; what the physics does is in the verdict.
+/// Why there is no diagnosis. All reasons are errors of the input. An unexplained difference is a verdict, not an error.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum DiagnoseError {
     #[error("no recording was given: name at least one")]

@@ -1,9 +1,9 @@
 //! The next test: the one that separates a finding from its rivals.
 //!
 //! The finding and its rivals are simulated over every test that the bench can run. A rival is refitted to the prediction, as far as
-//! the recordings allow (T-criterion, Atkinson and Fedorov 1975, linearised). A test is judged as the verdict will be judged: by
-//! the lack of log-likelihood that distinguishes a rival once the samples of the test are added. The test that comes nearest to
-//! this for all rivals is chosen; of tests that are sufficient, the shortest.
+//! the recordings allow (T-criterion, Atkinson and Fedorov 1975, linearised). The measure of a
+//! test is that of the diagnosis: the lack of log-likelihood of a rival after the samples of the test are added. The shortest
+//! test that is sufficient for all rivals is chosen; if no test is sufficient, the one that comes nearest.
 
 use std::ops::AddAssign;
 
@@ -22,9 +22,9 @@ use crate::identify::jacobian::typical;
 use crate::profile::ProfileLimits;
 
 /// A test is worth running if this many repetitions would distinguish a rival. It is twice the number of tests that `--run-next`
-/// runs by itself, because tests were seen to gain about twice what is predicted here.
+/// runs by itself, because real tests gain about twice what is predicted here.
 const REPETITIONS: f64 = 8.0;
-/// A test is sufficient if it predicts this many times the lack that distinguishes: noise takes a part of it.
+/// A test is sufficient if the predicted lack is this many times the one that distinguishes, because noise reduces it.
 const SUFFICIENT: f64 = 1.5;
 /// Number of rivals that a test is chosen for; there are seldom more.
 const RIVALS: usize = 3;
@@ -49,7 +49,7 @@ pub(super) struct Question<'n> {
     pub rivals: Vec<Rival<'n>>,
 }
 
-/// A set that could stand in place of the chosen one.
+/// A set that could replace the chosen one.
 pub(super) struct Rival<'n> {
     pub code: &'static str,
     pub node: &'n Node,

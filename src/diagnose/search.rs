@@ -62,8 +62,8 @@ pub(super) fn search(
         {
             return search(context, root, seeds, progress);
         }
-        // Stops where the largest gain would not be accepted. Plain sums of squares, not effective samples: what is still
-        // unexplained makes the residuals correlated, and must not end the search.
+        // Stops where the largest gain would not be accepted. Sums of squares are compared, not effective samples, because
+        // unexplained physics correlates the residuals and would end the search too early.
         let (fall, total) = (before - nodes[best].cost(), nodes[0].cost() - nodes[best].cost());
         if 0.5 * fall < PENALTY || fall < 0.5 * LEAST_SHARE * total {
             break;

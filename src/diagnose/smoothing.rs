@@ -1,6 +1,6 @@
 //! Smooths a displacement and gives its speed and acceleration, from samples before and after each instant.
 //!
-//! It knows neither recordings nor models: columns in, columns out.
+//! It uses no recordings and no models: input and output are columns of numbers.
 
 use nalgebra::{SMatrix, SVector};
 

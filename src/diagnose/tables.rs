@@ -122,7 +122,7 @@ pub(super) fn baseline_parameters(
     for (k, attached) in node.attached.iter().enumerate().filter(|(_, a)| a.own) {
         let from = context.offset(&node.attached, k);
         list.extend(values_of(&attached.parameters, from, node, confidence));
-        // The general friction law adds to the model's own friction ratio: a technician knows the sum.
+        // The general friction law adds to the model's own friction ratio. Only the sum can be compared with a measurement.
         let added: f64 = node.values[from..from + attached.parameters.len()].iter().sum();
         if let Some(i) = context.setup.model.friction_ratio {
             let sum = Value {

@@ -1,4 +1,4 @@
-//! Position of each sample between two turning points: half cycle, direction, travel. Columns in, columns out.
+//! Position of each sample between two turning points: half cycle, direction, travel. Input and output are columns of numbers.
 
 use super::condition::range;
 use super::smoothing::median;

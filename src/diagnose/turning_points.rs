@@ -1,5 +1,5 @@
-//! Turning points of a motion: between its samples, and where it dwells. It knows neither recordings nor models: columns in,
-//! columns out.
+//! Turning points of a motion: between its samples, and where it dwells. It uses no recordings and no models: input and output
+//! are columns of numbers.
 
 use std::ops::Range;
 

@@ -31,7 +31,7 @@ const NO_FIT_POWER: f64 = 3.0;
 const NO_FIT_SHARE: f64 = 0.5;
 /// Such residuals must also be correlated over this many samples: a noise that was estimated too low is not.
 const NO_FIT_CORRELATION: f64 = 4.0;
-/// A set that leaves this mean square explains nothing, whatever the share.
+/// If a set leaves this mean square, the verdict is `unexplained`, even if the set explains a large share.
 const FAR_OFF_POWER: f64 = 25.0;
 /// A force zero beyond this many standard deviations raises an alarm.
 const ZERO_ALARM: f64 = 4.0;

@@ -91,13 +91,13 @@ pub(crate) const FORM: Effect = Effect {
     confusable_with: &[
         LookAlike {
             code: "presliding",
-            why: "the baseline's friction turns round after a reversal in another way than the recorded one",
-            test: "reversal nests of 0.2 to 2 mm: play is used up at a fixed travel, friction turns round over a travel that grows with its own strength",
+            why: "the friction of the specimen reverses over another travel than the friction of the baseline",
+            test: "nested reversals of 0.2 to 2 mm: backlash ends at a fixed travel, presliding needs a travel that depends on the friction force",
         },
         LookAlike {
             code: "backlash",
-            why: "play and presliding both take force away after each reversal",
-            test: "reversal nests of 0.2 to 2 mm: play is used up at a fixed travel, friction turns round over a travel that grows with its own strength",
+            why: "both reduce the force change just after each reversal",
+            test: "nested reversals of 0.2 to 2 mm: backlash ends at a fixed travel, presliding needs a travel that depends on the friction force",
         },
     ],
 };

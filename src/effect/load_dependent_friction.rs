@@ -3,8 +3,8 @@
 //! ```text
 //! F = F_in + c E r(x)
 //! ```
-//! c: `friction_ratio`, friction force divided by carried load. E: load that the contacts carry, N (F_in if the plant cannot
-//! tell). r: drag of the contacts, -1 to 1; after a reversal it changes sign over `transition_mm` with `shape` (see
+//! c: `friction_ratio`, friction force divided by carried load. E: load that the contacts carry, N (F_in if the plant has
+//! none). r: drag of the contacts, -1 to 1; after a reversal it changes sign over `transition_mm` with `shape` (see
 //! [`Drag`]). F_in: force of the plant inside, N.
 //! Sources: the loop energies of Kadziela et al. (2015, Tables 2 and 3) grow with the square of the peak force, as friction
 //! in proportion to the load does; transition after a reversal: P. R. Dahl (1968), with his exponent as `shape`.

@@ -163,7 +163,7 @@ pub(crate) struct Effect {
     pub statement: fn(values: &[f64]) -> String,
     /// Wraps a plant; takes one checked value for each parameter.
     pub attach: Attach,
-    /// Parameters of the effect in a baseline that already knows this physics; `None` if the model itself provides it.
+    /// Parameters of the effect in a baseline that already has this physics; `None` if the model itself provides it.
     pub if_known: IfKnown,
     /// Where on the loop the effect acts; `None` if it acts everywhere.
     pub place: fn(values: &[f64], span: &Span) -> Option<Place>,

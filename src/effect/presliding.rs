@@ -4,7 +4,7 @@
 //! F = F_in + (c E + T) (r(x) - d(x))
 //! ```
 //! c: `friction_ratio`; T: `friction_n`, N: the friction that reverses gradually. E: load that the contacts carry, N (F_in if
-//! the plant cannot tell). r: drag over `presliding_mm` with `shape`, -1 to 1 (see [`Drag`]). d: the same with a
+//! the plant has none). r: drag over `presliding_mm` with `shape`, -1 to 1 (see [`Drag`]). d: the same with a
 //! transition of 5 um, that is the direction of travel. F_in: force of the plant inside, N.
 //! Sources: P. R. Dahl (1968); W. D. Iwan (1966); Chula thesis, eqs. 5-1 to 5-4 and Fig. 5-12, where the reversal takes
 //! millimetres.

@@ -3,7 +3,7 @@
 //! ```text
 //! F = F_in + c E (r(x) - tanh(v / v_t))
 //! ```
-//! c: `friction_ratio`. E: load that the contacts carry, N (F_in if the plant cannot tell). r: drag over `transition_mm`, -1
+//! c: `friction_ratio`. E: load that the contacts carry, N (F_in if the plant has none). r: drag over `transition_mm`, -1
 //! to 1 (see [`Drag`]). v: speed, mm/s. v_t: `transition_velocity_mm_s`. F_in: force of the plant inside, N.
 //! It restores what the smoothing removes: nothing at high speed, the whole friction in a slow ramp.
 //! Sources: Kadziela et al. (2015): section 7.5 describes the smoothed contact law, section 6 (Table 2) the static loop, with

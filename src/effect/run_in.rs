@@ -5,7 +5,7 @@
 //! ```
 //! n: cycles since the start of the recording. n_c: `cycles`. c: `friction_change`, final change of friction divided by load.
 //! k: `rate_change`, final change of the force as a share of the force. E: load that the contacts carry, N (F_in if the
-//! plant cannot tell). F_in: force of the plant inside, N. r: drag of the friction inside, -1 to 1, that is its ratio to
+//! plant has none). F_in: force of the plant inside, N. r: drag of the friction inside, -1 to 1, that is its ratio to
 //! the load relative to that ratio where the friction was largest; if the plant has no friction, a drag of its own over
 //! `transition_mm`. So the changed friction reverses as the friction of the same contacts does.
 //! Source: run-in of dry contacts, exponential in the number of cycles (empirical). Range: monotonic run-in; the count

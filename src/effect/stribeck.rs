@@ -4,7 +4,7 @@
 //! F = F_in + c E r(x) exp(-(|v| / v_s)^n)
 //! ```
 //! c: `extra_ratio`, friction divided by load that is added at rest. v_s: `fading_velocity_mm_s`. n: `fading_exponent`.
-//! v: speed, mm/s. E: load that the contacts carry, N (F_in if the plant cannot tell). r: drag over 0.1 mm, -1 to 1 (see
+//! v: speed, mm/s. E: load that the contacts carry, N (F_in if the plant has none). r: drag over 0.1 mm, -1 to 1 (see
 //! [`Drag`]). F_in: force of the plant inside, N.
 //! Sources: R. Stribeck (1902); exponential form: L. C. Bo and D. Pavelescu (1982), where n is 0.5 to 1; n = 2 is Gaussian.
 //! Range: sliding; stick-slip is not included, because it depends on the compliance of the rig.

@@ -31,7 +31,7 @@ pub(crate) enum Warning {
         /// The bound that it reached.
         value: f64,
     },
-    /// The value is outside its believed range: often physics that the model lacks.
+    /// The value is outside its plausible range: often physics that the model lacks.
     OutsideBelief {
         /// Name of the parameter.
         name: &'static str,
@@ -46,7 +46,7 @@ pub(crate) enum Warning {
         /// The combination in words: "only the product f * r_f_mm is determined".
         combination: String,
     },
-    /// The interval is wider than the believed range.
+    /// The interval is wider than the plausible range.
     Loose {
         /// Name of the parameter.
         name: &'static str,
@@ -68,7 +68,7 @@ impl std::fmt::Display for Warning {
                 belief: [low, high],
             } => write!(
                 f,
-                "{name} = {value:.6} is outside its believed range ({low} to {high}): it may stand for physics that the model lacks"
+                "{name} = {value:.6} is outside its plausible range ({low} to {high}): it may compensate for physics that the model lacks"
             ),
             Warning::NotIdentifiable { names, combination } => write!(
                 f,
@@ -77,7 +77,7 @@ impl std::fmt::Display for Warning {
             ),
             Warning::Loose { name } => write!(
                 f,
-                "the 95 % interval of {name} is wider than its believed range: these data hardly determine it"
+                "the 95 % interval of {name} is wider than its plausible range: these data hardly determine it"
             ),
             Warning::NotConverged => {
                 write!(f, "the search did not converge: start it from better values")
@@ -140,7 +140,7 @@ pub(crate) fn confidence(
     confidence
 }
 
-/// Indices of the parameters that are not at a bound, and the warnings about bounds and believed ranges.
+/// Indices of the parameters that are not at a bound, and the warnings about bounds and plausible ranges.
 fn check_ranges(parameters: &[Parameter], values: &[f64], scale: &[f64]) -> (Vec<usize>, Vec<Warning>) {
     let (mut inside, mut warnings) = (Vec::new(), Vec::new());
     for (i, p) in parameters.iter().enumerate() {

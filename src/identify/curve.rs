@@ -16,8 +16,8 @@ pub(crate) enum Initial {
     FromRest,
     /// The first cycle is run once before it is compared.
     ReplayFirstCycle,
-    /// `FromRest`. Where the first sample carries load, nothing is compared before the second reversal: an unloaded spring
-    /// remembers no friction, a loaded one does.
+    /// `FromRest`. If the first sample is loaded, nothing is compared before the second reversal, because the friction of a
+    /// loaded spring depends on its earlier motion.
     Unknown,
 }
 

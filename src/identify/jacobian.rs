@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 
 use super::evaluator::Evaluator;
 
-/// Typical size of a parameter: its value, or one hundredth of its believed range where the value is smaller.
+/// Typical size of a parameter: its value, or one hundredth of its plausible range where the value is smaller.
 pub(crate) fn typical(value: f64, belief: [f64; 2], bounds: [f64; 2]) -> f64 {
     let floor = 0.01 * (belief[1] - belief[0]).abs().min((bounds[1] - bounds[0]).abs());
     value.abs().max(floor).max(f64::MIN_POSITIVE)
@@ -44,7 +44,7 @@ pub(crate) fn scaled_jacobian(
                 continue;
             }
         }
-        // The difference of the rounded values, not the step: the quotient divides by what was really moved.
+        // The difference of the rounded values, not the step, so that the quotient divides by the real change.
         let factor = scale[n] / (point[n] - values[n]);
         for (derivative, &before) in column.iter_mut().zip(residuals) {
             *derivative = (*derivative - before) * factor;

@@ -3,7 +3,7 @@
 //! Minimises `|r(p)|^2` over `low <= p <= high` in scaled parameters. A step solves `(J'J + lambda diag(J'J)) d = -J'r` on
 //! the parameters that are free to move; a parameter that would leave its bounds is put on the bound, and the others are
 //! solved again. Damping after Nielsen (1999); a step that the model refuses has infinite cost and raises the damping.
-//! Several starts: the costs at a seeded Latin hypercube over the believed ranges are compared, and the best points are
+//! Several starts: the costs at a seeded Latin hypercube over the plausible ranges are compared, and the best points are
 //! followed to their minimum.
 
 use nalgebra::{DMatrix, DVector};
@@ -45,7 +45,7 @@ impl Default for LeastSquaresSettings {
     }
 }
 
-/// Searches within `bounds` from `start` and, where `settings` ask for them, from points of the believed ranges.
+/// Searches within `bounds` from `start` and, where `settings` ask for them, from points of the plausible ranges.
 pub(crate) fn minimise(
     evaluator: &mut Evaluator<'_>,
     start: &[f64],
@@ -91,7 +91,7 @@ pub(crate) fn minimise(
     best.expect("there is at least the given start")
 }
 
-/// `count` points with one value in each of `count` equal slices of every believed range; the slices are shuffled.
+/// `count` points with one value in each of `count` equal slices of every plausible range; the slices are shuffled.
 fn latin_hypercube(evaluator: &Evaluator<'_>, bounds: &[[f64; 2]], count: usize, seed: u64) -> Vec<Vec<f64>> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut points = vec![Vec::with_capacity(bounds.len()); count];
@@ -188,7 +188,8 @@ impl<'e, 'p, 'b> Descent<'e, 'p, 'b> {
             }
             match self.attempt() {
                 Attempt::Lower => idle = 0,
-                // Only twice in a row is convergence: high damping alone can make one step tiny.
+                // The search has converged only after two such steps in a row, because high damping can make a single step
+                // very small.
                 Attempt::Settled if idle == 0 => idle = 1,
                 Attempt::Settled | Attempt::Stuck => {
                     ending = FitEnding::Converged;

@@ -1,6 +1,7 @@
 //! The five-link spring against the points of one loop: force over displacement, measured at rest point by point.
 //!
-//! A dozen points and five or six parameters: a fit shows what the model can do, not that its values are the spring's.
+//! With a dozen points and five or six parameters, a fit shows that the model can follow the loop. It does not identify the
+//! values of the spring.
 
 use super::objective::Residuals;
 use super::{Fit, FitControl, FitOptions, IdentifyError, Method, fit, least_squares};

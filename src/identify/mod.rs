@@ -63,7 +63,7 @@ pub(crate) enum IdentifyError {
         known: String,
     },
     /// The start has not one value per parameter, or the residuals there are not finite.
-    #[error("the start does not work: {reason}")]
+    #[error("the start values cannot be used: {reason}")]
     Start {
         /// What is wrong and what to do.
         reason: String,
@@ -276,7 +276,7 @@ fn restrict<'a>(problem: &'a dyn Residuals, options: &FitOptions) -> Result<Rest
     if values.len() != parameters.len() {
         return Err(IdentifyError::Start {
             reason: format!(
-                "it has {} values for {} parameters: give one value per parameter",
+                "{} values were given for {} parameters: give one value per parameter",
                 values.len(),
                 parameters.len()
             ),

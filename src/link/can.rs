@@ -108,7 +108,7 @@ struct CanPort {
 }
 
 impl Port for CanPort {
-    /// A frame is refused if the kernel's queue is full (the caller tries again at its next turn) or the interface is gone.
+    /// A frame is refused if the kernel's queue is full (the caller tries again at its next turn) or the interface was removed.
     fn send(&mut self, frame: Frame, urgent: bool, health: &LinkHealth) -> bool {
         let socket = if urgent { &self.urgent } else { &self.socket };
         let written = match StandardId::new(frame.id).and_then(|id| CanFrame::new(id, frame.bytes())) {

@@ -47,7 +47,7 @@ enum Access {
 /// State and counters of a link, written by the link, read by anyone.
 #[derive(Debug, Default)]
 pub(crate) struct LinkHealth {
-    /// The link is open; false once the far end is gone and the port is free again.
+    /// The link is open; false once the other end is closed and the port is free again.
     pub open: AtomicBool,
     /// Frames that the bus or port refused (queue full, write deadline).
     pub send_failures: AtomicU64,
@@ -70,7 +70,7 @@ impl LinkHealth {
         }
     }
 
-    /// True while the far end is there.
+    /// True while the other end is open.
     pub(crate) fn is_open(&self) -> bool {
         self.open.load(Ordering::Relaxed)
     }
@@ -83,12 +83,12 @@ pub(crate) struct Link {
     port: Box<dyn Port>,
 }
 
-/// What carries a link's frames. Neither function waits or allocates.
+/// Transport of the frames of a link. Neither function waits or allocates.
 trait Port: Send {
-    /// Queues `frame`, an urgent one before all others. False, and counted, if the queue is full or the far end is gone.
+    /// Queues `frame`, an urgent one before all others. False, and counted, if the queue is full or the other end is closed.
     fn send(&mut self, frame: Frame, urgent: bool, health: &LinkHealth) -> bool;
 
-    /// The next frame that arrived. Closes `health` if the far end is gone.
+    /// The next frame that arrived. Closes `health` if the other end is closed.
     fn receive(&mut self, health: &LinkHealth) -> Option<Frame>;
 }
 
@@ -100,7 +100,7 @@ impl Link {
         }
     }
 
-    /// Queues `frame`. False, and counted, if the queue is full or the far end is gone.
+    /// Queues `frame`. False, and counted, if the queue is full or the other end is closed.
     pub(crate) fn send(&mut self, frame: Frame) -> bool {
         self.port.send(frame, false, &self.health)
     }

@@ -50,7 +50,7 @@ fn parse(address: &str) -> Result<(&str, u32), String> {
         .and_then(|baud| baud.parse().ok())
         .filter(|&baud| baud > 0);
     let baud =
-        baud.ok_or_else(|| format!("\"{options}\" is no option of a serial port: write ?baud=460800"))?;
+        baud.ok_or_else(|| format!("\"{options}\" is not an option of a serial port: write ?baud=460800"))?;
     Ok((path, baud))
 }
 
@@ -77,7 +77,7 @@ async fn serve<P: AsyncRead + AsyncWrite>(port: P, ends: Ends, side: Side) {
     let Ends { out, urgent, inlet } = ends;
     let health = Arc::clone(&inlet.health);
     let (reader, writer) = tokio::io::split(port);
-    // Ends with the first of the two: the port is gone, or the link was dropped and all is sent.
+    // Ends with the first of the two: the port is unplugged, or the link was dropped and all is sent.
     tokio::select! {
         () = receive(reader, inlet, side) => {}
         () = send(writer, out, urgent, &health) => {}
@@ -111,7 +111,7 @@ async fn receive(mut port: impl AsyncRead + Unpin, mut inlet: Inlet, side: Side)
 
 async fn send(mut port: impl AsyncWrite + Unpin, mut out: Lane, mut urgent: Lane, health: &LinkHealth) {
     let mut packet = [0; PACKET_MAX];
-    // A leading zero ends what the far end has read so far: noise, or a packet cut by the deadline.
+    // A leading zero ends what the other end has received so far: noise, or a packet that the deadline cut off.
     let mut resync = true;
     loop {
         let frame = tokio::select! {

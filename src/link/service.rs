@@ -40,7 +40,7 @@ pub(super) fn runtime() -> io::Result<Runtime> {
 }
 
 /// The link that `serve` serves on a thread called `name`. The thread ends when `serve` returns: when the [`Link`] is
-/// dropped and all is sent, or when the far end is gone.
+/// dropped and all is sent, or when the other end is closed.
 pub(super) fn start<S>(
     name: &str,
     runtime: Runtime,

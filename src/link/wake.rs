@@ -39,7 +39,7 @@ impl Sleep {
 }
 
 impl Wakeup {
-    /// Waits for a wake; several wakes since the last wait count as one. Fails once the [`Waker`] is gone. Safe to cancel.
+    /// Waits for a wake; several wakes since the last wait count as one. Fails after the [`Waker`] is dropped. Safe to cancel.
     pub(super) async fn wait(&self) -> io::Result<()> {
         loop {
             self.0.readable().await?;

@@ -159,7 +159,7 @@ impl SafetyGuard {
         limits: &Limits,
         following: &Following,
     ) -> Option<(Cause, Reaction)> {
-        // All detectors run in each tick, so that none misses a count because another one found a fault.
+        // All detectors run in each tick, also after one of them has found a fault, so that their counts are complete.
         let faults = [
             reading
                 .emergency_stop

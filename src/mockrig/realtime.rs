@@ -33,7 +33,7 @@ pub(crate) struct Punctuality {
 const CATCH_UP_NS: i64 = 3 * TICK_NS;
 
 impl MockRig {
-    /// Ticks in real time until `stop` is set or the far end is gone. Each tick has an absolute deadline. No tick is skipped;
+    /// Ticks in real time until `stop` is set or the other end is closed. Each tick has an absolute deadline. No tick is skipped;
     /// after a stall the rig's clock is behind the host's by the length of the stall.
     pub(crate) fn run_realtime(mut self, mut link: Link, stop: &AtomicBool) -> Result<Punctuality, Errno> {
         let mut punctuality = Punctuality::default();

@@ -5,8 +5,8 @@
 //! F    = E(x) * (1 + friction_ratio * r)
 //! ```
 //! x displacement and datum, mm; E carried load, N; rate in N/mm; F force, N; r drag ratio of the contacts from -1 to 1, by
-//! the friction law that the structure key `friction` names (see [`super::friction`]; default "presliding"). A law with less
-//! physics is for a baseline that lacks what a diagnosis is to find.
+//! the friction law that the structure key `friction` names (see [`super::friction`]; default "presliding"). The other
+//! laws have less physics. They are for baselines that lack physics which a diagnosis is to find.
 //!
 //! The friction is a ratio of the carried load because the measured loss grows with the square of the peak force (loop
 //! energies of Kadziela et al. 2015, Tables 2 and 3). With the law "presliding" a closed cycle of stroke S inside the contact

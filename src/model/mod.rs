@@ -18,13 +18,13 @@ pub trait Plant: Send {
     fn boxed_clone(&self) -> Box<dyn Plant>;
     /// Gives the motion just before a step, where the whole recording is known. A twin never gets it.
     fn told(&mut self, _motion: &Motion) {}
-    /// Load in N that the contacts carried at the last step, without friction; `None` where the model does not know it.
+    /// Load in N that the contacts carried at the last step, without friction; `None` if the model does not compute it.
     fn carried_n(&self) -> Option<f64> {
         None
     }
 }
 
-/// Motion at one instant, smoothed over samples before and after it. Differences of noisy samples are far worse.
+/// Motion at one instant, smoothed over samples before and after it. Differences of noisy samples would be much less accurate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motion {
     pub velocity_mm_s: f64,

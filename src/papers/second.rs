@@ -3,7 +3,7 @@
 //!
 //! The sixth unloading point is left out, its deflection is not printed. The first point carries 294 N at 0.03 mm: the
 //! spring was under preload when the LVDT was zeroed. The thesis' model has no preload, so it is one more parameter: the
-//! travel before the zero, `preload_mm`. Without it the other parameters are spent on that point; both fits are shown.
+//! travel before the zero, `preload_mm`. Without it that point distorts the other parameters; both fits are shown.
 
 use crate::identify::IdentifyError;
 use crate::identify::loop_points::{FiveLinkComparison, LoopPoints, compare_five_link};

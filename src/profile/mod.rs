@@ -80,7 +80,7 @@ pub struct Profile {
     pub name: String,
     /// One sentence for the list of profiles.
     pub description: String,
-    /// What the rig controls, for the whole profile.
+    /// Controlled quantity, for the whole profile.
     pub(crate) mode: Mode,
     /// Blocks in the order in which they are played.
     pub(crate) blocks: Vec<Block>,

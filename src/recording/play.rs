@@ -1,8 +1,8 @@
 //! Play: removes the noise from a displacement without the time lag of a filter.
 //!
-//! A friction model remembers every reversal. If a ramp moves less per sample than the noise of the sensor, every sample is a
-//! reversal, and the friction of a presliding law becomes too small. A play (backlash) of a few standard deviations passes
-//! motion on and removes the noise. It shifts a branch by its half width and keeps reversals sharp.
+//! The state of a friction model depends on every reversal. If a ramp moves less per sample than the noise of the sensor,
+//! every sample is a reversal, and the friction of a presliding law becomes too small. A play (backlash) of a few standard
+//! deviations passes motion on and removes the noise. It shifts a branch by its half width and keeps reversals sharp.
 
 /// A play of a given half width.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,7 +1,7 @@
 //! Recorders that pass a run on: to several recorders, and to a thread behind a bounded ring. What is done with the samples
 //! is left to the recorders behind them.
 //!
-//! Control only knows `&mut dyn Recorder`. In real time that is a [`RecorderInput`], which never waits. In virtual time it is
+//! Control uses only `&mut dyn Recorder`. In real time that is a [`RecorderInput`], which never waits. In virtual time it is
 //! the chain itself, called directly: a slow disk then slows the run down and no samples are lost.
 
 use std::io;

@@ -1,7 +1,7 @@
 //! The virtual twin: steps a model beside the run and writes its force into each sample.
 //!
 //! It is a recorder in front of the next recorder. `dry_run` predicts a whole profile before anything moves; `mismatch` watches
-//! the difference between measurement and model. None of them knows the load frame, and the twin never delays the recording.
+//! the difference between measurement and model. None of them uses the load frame, and the twin never delays the recording.
 
 mod dry_run;
 mod mismatch;

@@ -40,7 +40,7 @@ pub(super) struct DiagnoseArgs {
     #[arg(
         long,
         value_name = "MODEL",
-        help = format!("Model to start from: {} [default: the bench's]", model_names())
+        help = format!("Model to start from: {} [default: from the bench file]", model_names())
     )]
     baseline: Option<String>,
     #[arg(

@@ -65,7 +65,7 @@ fn files_of(diagnosis: &AggregateDiagnosis, bench: &Bench) -> Result<Vec<files::
         // Tables have no next test: the one of an earlier diagnosis of recordings would mislead.
         (files::NEXT_TEST.to_owned(), None),
     ];
-    // One bench config for each mounting; the first is also the one that scripts read.
+    // One bench file for each mounting; the first is also the one that scripts read.
     for (i, (mount, model)) in diagnosis.improved.iter().enumerate() {
         let toml = improved_bench(bench, model).to_toml();
         if i == 0 {
@@ -93,7 +93,7 @@ fn text(d: &AggregateDiagnosis, folder: &Path) -> String {
         }
     }
     for f in &d.excluded {
-        lines.push(format!("  not {}: {}", f.code, f.statement));
+        lines.push(format!("  not missing: {}: {}", f.code, f.statement));
     }
     lines.extend(
         d.alternatives
@@ -101,7 +101,7 @@ fn text(d: &AggregateDiagnosis, folder: &Path) -> String {
             .map(|a| format!("  or {} instead of {}: {}", a.code, a.instead_of, a.why)),
     );
     lines.extend(d.location.iter().map(|l| format!("  where: {}", l.words)));
-    lines.extend(d.alarms.iter().map(|a| format!("  look at: {a}")));
+    lines.extend(d.alarms.iter().map(|a| format!("  alarm: {a}")));
     let [model, optimum, ours] = &d.models;
     lines.push(format!(
         "  {:<28}{:>20}{model:>32}{optimum:>32}{ours:>32}",

@@ -22,7 +22,7 @@ pub(crate) struct BenchArg {
     #[arg(
         long = "bench",
         value_name = "FILE",
-        help = format!("Bench config [default: bench-configs/{DEFAULT_BENCH}, the mock rig in memory]")
+        help = format!("Bench file [default: bench-configs/{DEFAULT_BENCH}, the mock rig in memory]")
     )]
     file: Option<PathBuf>,
 }
@@ -146,7 +146,7 @@ pub(crate) fn configs() -> Result<PathBuf, CliError> {
 pub(crate) fn mock_rig(bench: &Bench, seed: Option<u64>) -> Result<MockRig, CliError> {
     let mut config: MockRigConfig = bench.mock_rig.clone().try_into().map_err(|e| {
         CliError::Input(format!(
-            "table [mock_rig] of bench {}: {}: correct it in the bench config",
+            "table [mock_rig] of bench {}: {}: correct it in the bench file",
             bench.name,
             e.message()
         ))

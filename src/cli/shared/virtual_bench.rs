@@ -108,7 +108,7 @@ impl VirtualBench {
     fn failed(&self, what: &str) -> CliError {
         let notice = self.rig.status().notice;
         CliError::Input(format!(
-            "the bench in virtual time {what}: {notice}: check the bench config"
+            "the bench in virtual time {what}: {notice}: check the bench file"
         ))
     }
 }

@@ -43,7 +43,7 @@ pub(super) fn diagnose(table: &TargetsTable, threads: usize) -> Result<Aggregate
     if models.envelope.rms_n < ADEQUATE * range_n {
         out.verdict = Verdict::Adequate;
         out.summary = format!(
-            "The envelope lines meet the points within {:.0} N RMS.",
+            "The envelope lines agree with the points within {:.0} N RMS.",
             models.envelope.rms_n
         );
         return Ok(out);
@@ -385,7 +385,7 @@ fn why(code: &str) -> &'static str {
 
 fn conclude(out: &mut AggregateDiagnosis, envelope_n: f64, ours_n: f64) {
     let misses = format!(
-        "The envelope lines miss the points by {envelope_n:.0} N RMS, the fitted five-link spring with preload by {ours_n:.0} N."
+        "The envelope lines differ from the points by {envelope_n:.0} N RMS, the fitted five-link spring with preload by {ours_n:.0} N."
     );
     if out.effects.is_empty() {
         out.summary = format!("{misses} The points do not show which physics is missing.");

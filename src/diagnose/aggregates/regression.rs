@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use crate::diagnose::diagnosis::Value;
 use crate::identify::confidence::{student_975, student_within};
 
-/// Relative rounding of printed figures (four digits): the smallest scatter that is believed.
+/// Relative rounding of printed figures (four digits): the smallest scatter that is used.
 const ROUNDING: f64 = 5e-5;
 
 /// A value with its standard error.

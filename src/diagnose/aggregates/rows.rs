@@ -163,7 +163,7 @@ fn impossible(table: &TargetsTable, out: &mut AggregateDiagnosis) {
                 ));
             } else {
                 out.alarms.push(format!(
-                    "{name} = {value} ({}) is outside its believed range {low} to {high}.",
+                    "{name} = {value} ({}) is outside its plausible range {low} to {high}.",
                     fitted.mount
                 ));
             }
@@ -190,12 +190,14 @@ fn impossible(table: &TargetsTable, out: &mut AggregateDiagnosis) {
 fn why(code: &str) -> &'static str {
     match code {
         "rate_independent_friction" | "viscous_damping" => {
-            "the tests do not determine the loss at several rates well enough, or the model meets it"
+            "the tests do not determine the loss at several rates well enough, or the model agrees with it"
         }
         "load_dependent_friction" | "coulomb_friction" => {
-            "the tests do not determine the loss over stroke and load well enough, or the model meets it"
+            "the tests do not determine the loss over stroke and load well enough, or the model agrees with it"
         }
-        "run_in" | "relaxation" | "sensor_drift" => "one loop energy per test has no course over time",
+        "run_in" | "relaxation" | "sensor_drift" => {
+            "one loop energy per test does not show a change over time"
+        }
         "channel_delay" => {
             "a delay adds to the loop energy as viscous damping does; two figures per test do not show the delay itself"
         }

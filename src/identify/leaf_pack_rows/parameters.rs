@@ -1,6 +1,6 @@
 //! What the tests are fitted with: parameters of the leaf pack and of the rig, each with its range.
 //!
-//! The ranges are wider than the believed ranges of the leaf-pack model where a paper does not print what they depend on.
+//! The ranges are wider than the plausible ranges of the leaf-pack model where a paper does not print what they depend on.
 
 use crate::model::Parameter;
 

@@ -6,7 +6,7 @@
 //! T friction force, N; N carried load, N; r drag ratio from -1 to 1, where -1 and 1 are full sliding. A law gives r from
 //! slip, time step and speed. The ratio and the load are the model's.
 //!
-//! A new law is one file and one line in [`LAWS`]. [`elements`] is no law: laws, effects and the diagnosis build on it.
+//! A new law is one file and one line in [`LAWS`]. [`elements`] is not a law; laws, effects and the diagnosis use it.
 //! The leaf pack has its own law type (`leaf_pack/slip_law.rs`), because its implicit step also needs the derivatives of
 //! the friction force by slip and by friction limit.
 

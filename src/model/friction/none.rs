@@ -1,4 +1,4 @@
-//! No friction: the drag ratio is always 0. For a baseline that is to leave all friction to the diagnosis.
+//! No friction: the drag ratio is always 0. For a baseline without friction, so that the diagnosis must find it.
 
 use super::{DragLaw, FrictionLaw};
 

@@ -18,7 +18,7 @@ use crate::units::inertia_force_n;
 const ITERATIONS: usize = 20;
 /// The tangent is factored again where an iteration leaves more than this share of the residual.
 const SLOW: f64 = 0.1;
-/// Age of the factors, in steps, beyond which a new factorisation is worth one saved iteration per step.
+/// Age of the factors in steps. Beyond it a new factorisation costs less than one additional iteration per step.
 const WORTH_KEEPING: u32 = 24;
 /// WBZ-alpha (Wood, Bossak, Zienkiewicz 1980) for spectral radius 0.5: second order, forces at the end of the step only,
 /// so that quasi-static and dynamic steps use the same elements. gamma = 1/2 - alpha, beta = (1 - alpha)^2 / 4.
@@ -85,7 +85,7 @@ impl LeafPack {
         for k in 0..ITERATIONS {
             let residual = self.evaluate::<false>(pusher_mm);
             if residual < self.tolerance_n {
-                // Old factors that need more than one correction are made anew.
+                // Old factors that need more than one correction are computed again.
                 self.factor_age += 1;
                 if k > 1 && self.factor_age > WORTH_KEEPING {
                     self.factors = false;

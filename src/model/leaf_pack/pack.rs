@@ -162,7 +162,7 @@ impl LeafPack {
             k += 1.0;
             let to = from + (goal_mm - from) * k / parts;
             if !self.advance(self.travel_mm, to, dt_s / parts, 0) {
-                // The rest of the way would fail as well, and the caller waits in real time.
+                // The rest of the path would also fail, and the caller waits in real time.
                 self.unconverged += 1;
                 return;
             }

@@ -3,8 +3,8 @@
 //! Transition velocity and static travel are not printed. They follow from the paper's own figures: the travel at which mu 0.1
 //! gives its simulated static peak, and the velocity at which the optimum of Table 7 gives its loop energy. The evolution
 //! (Table 5) then varies friction coefficient and thickness correction to minimise objective (9), with the loop energy rounded
-//! to two decimals as printed. The bounds of the coefficient are not printed either: -30 to 30 hold both optima, the printed
-//! one and ours. The law used here takes the size of the coefficient, because a negative one would drive the spring.
+//! to two decimals as printed. The bounds of the coefficient are not printed either: -30 to 30 contain both optima, the
+//! printed one and ours. The law uses the absolute value of the coefficient, because negative friction would add energy.
 //!
 //! At such coefficients leaves stick and slip, and a row takes a hundred times as long as an ordinary one. The rows are
 //! therefore computed on a grid of coefficient and thickness, the evolution runs on the polynomial through them, and its
@@ -192,7 +192,7 @@ pub(crate) fn tanh_settings() -> Result<TanhSettings, IdentifyError> {
     let travel_mm = [travel(Mounting::Shackle)?, travel(Mounting::Rail)?];
     let [mu, correction_mm] = PRINTED[1];
     let mut velocity = START_MM_S;
-    // Far below the transition the friction is viscous and the loop energy goes with 1 / v: two corrections give 1 %.
+    // Far below the transition the friction is viscous and the loop energy is proportional to 1 / v: two corrections give 1 %.
     for _ in 0..2 {
         let row = static_row(
             &tanh(Mounting::Rail, velocity),

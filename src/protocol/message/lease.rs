@@ -12,7 +12,7 @@ pub(crate) struct LeaseMessage {
     pub counter: u8,
     /// Session of the host, 1 to 255.
     pub session: u8,
-    /// Low 16 bits of the newest sample tick that control has processed. It stands still if the control loop does.
+    /// Low 16 bits of the newest sample tick that control has processed. It does not change if the control loop is stuck.
     pub control_tick: u16,
 }
 

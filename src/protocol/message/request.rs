@@ -7,7 +7,7 @@ use crate::protocol::protection::FrameKind;
 use crate::protocol::wire_enum::wire_enum;
 
 wire_enum! {
-    /// What a request asks for.
+    /// Kind of request.
     pub(crate) enum RequestCode: u8 {
         /// Take the session named in the frame. Refused while another session's lease is alive.
         OpenSession = 1,
@@ -41,7 +41,7 @@ wire_enum! {
         WrongConfiguration = 4,
         /// The cause of the trip is still present.
         CauseStands = 5,
-        /// The firmware does not know this request.
+        /// The firmware has no such request.
         Unknown = 6,
     }
 }
@@ -53,7 +53,7 @@ pub(crate) struct RequestMessage {
     pub counter: u8,
     /// Session of the host, 1 to 255.
     pub session: u8,
-    /// What is asked for.
+    /// Kind of request.
     pub code: RequestCode,
     /// Argument of the code; 0 where it has none.
     pub argument: u32,

@@ -24,7 +24,7 @@ pub enum CsvError {
     )]
     Separator { name: String, separator: char },
     #[error(
-        "{name}, row 1: column {column} is missing, there are {found}: rename the matching column to {column}"
+        "{name}, row 1: column {column} is missing, the file has {found}: rename the matching column to {column}"
     )]
     MissingColumn {
         name: String,

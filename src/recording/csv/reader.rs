@@ -338,7 +338,7 @@ mod tests {
         (HEAD, "row 2: there are no samples"),
         (
             "time_s,force_n\n0,1\n",
-            "column displacement_mm is missing, there are time_s, force_n",
+            "column displacement_mm is missing, the file has time_s, force_n",
         ),
         (
             "time_s,displacement_mm,force_kN\n",
