@@ -123,10 +123,8 @@ fn a_mismatch_holds_the_run_if_the_bench_asks_for_it() {
         .as_str()
         .expect("a report")
         .to_owned();
-    assert!(
-        text.starts_with("model mismatch: the measured force is "),
-        "{held}"
-    );
+    // The specimen has friction that the twin lacks, which resists the loading.
+    assert!(text.contains(" N above the twin"), "{text}");
     // A run of a minute that was held within seconds.
     assert!(held["rig"]["elapsed_s"].as_f64().expect("a number") < 30.0);
     json(&data, &["stop"]);

@@ -196,6 +196,9 @@ fn write_mistakes(folder: &Path) {
         write(name, &with_line(&good, row, line));
     }
     let bench = std::fs::read_to_string(config("benches/mock.toml")).expect("shipped");
+    let specimen = "samurai-front-equivalent.toml";
+    std::fs::copy(config("specimens").join(specimen), folder.join(specimen)).expect("shipped");
+    let bench = bench.replace("../specimens/", "");
     for (name, key, line) in BAD_BENCHES {
         let starts = format!("{key} = ");
         let at = bench.lines().position(|l| l.starts_with(&starts));
