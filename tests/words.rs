@@ -1,14 +1,12 @@
 //! Snapshots of the words that a user reads: the help, the errors, the reports. They lie in `tests/snapshots/`.
 //!
-//! After a text was changed on purpose, `INSTA_UPDATE=always cargo test --lib words` writes the snapshots again; read the
-//! difference before the commit. Numbers of the reports are `#`, so that only words are compared.
+//! After a text was changed on purpose, `INSTA_UPDATE=always cargo test words` writes the snapshots again (not with `--lib`,
+//! which would leave an older program there); read the difference before the commit. Numbers of the reports are `#`, so that only words are compared.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::process::Command;
-use std::sync::Once;
 
-use super::support::{config, leafbench, program};
+use super::support::{config, leafbench};
 use crate::recording::Recording;
 use crate::truth::{Case, Family, sensors};
 
@@ -21,30 +19,8 @@ fn compare(name: &str, text: &str) {
     settings.bind(|| insta::assert_snapshot!(name, text));
 }
 
-/// Builds the program: `cargo test --lib` alone would leave an older one there, whose words these tests would then compare.
-fn build_program() {
-    static BUILT: Once = Once::new();
-    BUILT.call_once(|| {
-        let own = std::env::current_exe().expect("a test binary knows its path");
-        let profile = match own.ancestors().nth(2).and_then(Path::file_name) {
-            Some(folder) if folder != "debug" => folder.to_str().expect("UTF-8").to_owned(),
-            _ => "dev".to_owned(),
-        };
-        // As a test and not by `cargo build`: this is how `cargo test` builds it, so nothing is built twice.
-        let built = Command::new(env!("CARGO"))
-            .args(["test", "--quiet", "--no-run", "--offline", "--test", "program"])
-            .args(["--profile", &profile])
-            .current_dir(env!("CARGO_MANIFEST_DIR"))
-            .output()
-            .expect("cargo starts");
-        let said = String::from_utf8_lossy(&built.stderr);
-        assert!(built.status.success(), "{}: {said}", program().display());
-    });
-}
-
 /// What the program says on stdout and stderr, with the exit code. `DIR` stands for `folder` in arguments and answer.
 fn said(arguments: &[&str], folder: &Path) -> (i32, String, String) {
-    build_program();
     let folder = folder.to_str().expect("UTF-8");
     let arguments: Vec<String> = arguments.iter().map(|a| a.replace("DIR", folder)).collect();
     let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
