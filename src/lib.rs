@@ -1,7 +1,7 @@
 //! leafbench: controller of a hardware-in-the-loop test bench for leaf springs, with a virtual twin and a diagnosis of the twin.
 //!
 //! One daemon drives a hydraulic load frame over CAN or serial and records the load cell and the LVDT. During a test it also
-//! steps a leaf-spring model, the virtual twin. [`diagnose`] compares recordings with a model and says which physics the model
+//! steps a leaf-spring model, the virtual twin. [`diagnose()`] compares recordings with a model and says which physics the model
 //! lacks. To run a bench, use the program (`leafbench --help`). This library is for programs that use its parts.
 //!
 //! # Run a profile on the mock rig

@@ -9,7 +9,7 @@ use crate::link::{address_forms, is_address};
 use crate::model;
 use crate::protocol::message::COUNTS_MAX;
 
-/// Checks a bench. Its models and its specimen are checked by [`model`] and [`specimen`].
+/// Checks a bench. Its models and its specimen are checked by [`model()`] and [`specimen()`].
 pub(super) fn bench(document: &Document, bench: &Bench) -> Result<(), ConfigError> {
     not_empty(document, "name", &bench.name, "enter the name of the bench")?;
     link(document, &bench.link)?;

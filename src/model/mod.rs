@@ -122,7 +122,7 @@ pub(crate) type Knows<'a> = dyn Fn(&str) -> bool + 'a;
 /// Gives the structure entry for the friction that is known: [`Model::limit_friction`].
 pub(crate) type LimitFriction = fn(&Knows<'_>) -> (&'static str, &'static str);
 
-/// One entry of [`MODELS`].
+/// A model of the spring: name, parameters, physics, and how it is built.
 pub struct Model {
     /// Name in files and on the command line.
     pub name: &'static str,

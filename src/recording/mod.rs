@@ -275,7 +275,7 @@ pub struct Recording {
     pub command_mode: Option<crate::units::Mode>,
     /// Counted cycle, 0 outside the counted cycles, where recorded.
     pub cycle: Option<Vec<u32>>,
-    /// Bits of [`Flags`], where recorded; those of another program may have more.
+    /// Quality bits of each sample (docs/formats.md), where recorded; those of another program may have more.
     pub flags: Option<Vec<u16>>,
 }
 

@@ -67,8 +67,8 @@ impl Message {
     pub fn build(name: &str, fields: &Fields) -> Message {
         let raw = Raw { name, fields };
         let message = match name {
-            "NMT" | "COMMAND" | "LEASE" | "REQUEST" | "CONFIG_REQUEST" => Message::ToRig(raw.to_rig()),
-            _ => Message::FromRig(raw.from_rig()),
+            "NMT" | "COMMAND" | "LEASE" | "REQUEST" | "CONFIG_REQUEST" => Message::ToRig(raw.host_message()),
+            _ => Message::FromRig(raw.rig_message()),
         };
         assert_eq!(&message.fields(), fields, "fields of {name}");
         message
@@ -191,7 +191,7 @@ impl Raw<'_> {
         from_wire(self.get(field)).unwrap_or_else(|| panic!("{}: {field} has no such value", self.name))
     }
 
-    fn to_rig(&self) -> ToRig {
+    fn host_message(&self) -> ToRig {
         match self.name {
             "NMT" => Nmt {
                 command: self.one_of("command", NmtCommand::from_wire),
@@ -229,7 +229,7 @@ impl Raw<'_> {
         }
     }
 
-    fn from_rig(&self) -> FromRig {
+    fn rig_message(&self) -> FromRig {
         match self.name {
             "HEARTBEAT" => Heartbeat {
                 state: self.one_of("state", NmtState::from_wire),
