@@ -13,23 +13,14 @@ use leafbench::{
 
 fn main() -> Result<(), Box<dyn Error>> {
     let files: Vec<String> = std::env::args().skip(1).collect();
-    let recordings = if files.is_empty() {
-        concealed()?
-    } else {
-        files
-            .iter()
-            .map(|f| read_csv(Path::new(f)))
-            .collect::<Result<_, _>>()?
+    let read = || files.iter().map(|f| read_csv(Path::new(f)));
+    let recordings = match files.is_empty() {
+        true => concealed()?,
+        false => read().collect::<Result<_, _>>()?,
     };
     let baseline = Baseline::of(find_model("equivalent")?);
-    let diagnosis = diagnose(
-        &recordings,
-        &baseline,
-        &DiagnoseOptions::default(),
-        &mut |_, step| {
-            eprintln!("{step}");
-        },
-    )?;
+    let options = DiagnoseOptions::default();
+    let diagnosis = diagnose(&recordings, &baseline, &options, &mut |_, _| {})?;
     println!("{}", diagnosis.summary);
     for finding in &diagnosis.effects {
         println!(
@@ -56,8 +47,6 @@ fn concealed() -> Result<Vec<Recording>, Box<dyn Error>> {
         Profile::from_toml(&text, name)
     };
     let profiles = [sine("slow", 8.0, 0.25, 5)?, sine("quick", 7.0, 2.0, 12)?];
-    Ok(profiles
-        .iter()
-        .map(|p| record(&bench, p))
-        .collect::<Result<_, _>>()?)
+    let recordings = profiles.iter().map(|p| record(&bench, p));
+    Ok(recordings.collect::<Result<_, _>>()?)
 }
