@@ -245,6 +245,33 @@ fn same(a: &toml::Value, b: &toml::Value) -> bool {
     }
 }
 
+/// Rows of a document's tables whose first cell is this code.
+fn rows_of(page: &str, code: &str) -> usize {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs").join(page);
+    let text = std::fs::read_to_string(path).expect("the document is in the repository");
+    let start = format!("| `{code}` |");
+    text.lines().filter(|line| line.starts_with(&start)).count()
+}
+
+#[test]
+fn every_effect_is_in_the_tables_of_the_documents() {
+    // Codes; equations and bounds; codes of a config file.
+    let wanted = [
+        ("formats.md", 1),
+        ("models.md", 2),
+        ("profiles-and-benches.md", 1),
+    ];
+    let mut missing = Vec::new();
+    for effect in EFFECTS {
+        for (page, tables) in wanted {
+            if rows_of(page, effect.code) < tables {
+                missing.push(format!("docs/{page}: {} needs {tables} table rows", effect.code));
+            }
+        }
+    }
+    assert!(missing.is_empty(), "{}", missing.join("\n"));
+}
+
 #[test]
 fn every_key_of_a_parser_is_documented_and_every_documented_key_is_accepted() {
     let (documented, parsed) = (documented(&document()), parsed());

@@ -10,8 +10,8 @@ use super::score::Tangent;
 const BEAM_WIDTH: usize = 3;
 /// Largest number of missing effects.
 const MOST_EFFECTS: usize = 3;
-/// Candidates that are fitted for each set, by the size of the set. 17 are all; fewer later, to limit the time.
-const CHILDREN: [usize; MOST_EFFECTS] = [17, 8, 6];
+/// Candidates that are fitted for each set, by the size of the set: all of them first, fewer later, to limit the time.
+const CHILDREN: [usize; MOST_EFFECTS] = [usize::MAX, 8, 6];
 /// Fall of the baseline's sum of squares, as a share, from which its fit had not converged to its lowest minimum.
 const BETTER_ROOT: f64 = 0.01;
 

@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_come_back_from_clean_data() {
+    fn parameters_are_recovered_from_clean_data() {
         parameters_are_recovered(&EFFECT, &[3.0]);
     }
 }
