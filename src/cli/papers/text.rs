@@ -83,14 +83,14 @@ fn two_numbers(out: &mut String, rerun: &LeafPackRerun) -> Result {
     )
 }
 
-/// The ranges of the fits, and the believed ranges of the leaf-pack model.
+/// The ranges of the fits, and the plausible ranges of the leaf-pack model.
 fn ranges(out: &mut String) -> Result {
     writeln!(
         out,
         "### Ranges of the fits to Tables 2 and 3\n\n\
-         \"Within the ranges\" below means the ranges of this table. They are for this page only. Some are wider than the believed \
+         \"Within the ranges\" below means the ranges of this table. They are for this page only. Some are wider than the plausible \
          ranges (`belief`) of the leaf-pack model, which `identify` and `diagnose` use for their warnings, because the paper does not \
-         print what they depend on, for example the radii of the pins. So a set within the ranges can be outside belief.\n\n\
+         print what they depend on, for example the radii of the pins. So a set within the ranges can be outside the plausible range.\n\n\
          | parameter | meaning | range here | belief of the leaf-pack model |\n|---|---|---|---|"
     )?;
     for p in &PARAMETERS {
