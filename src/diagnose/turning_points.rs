@@ -41,7 +41,7 @@ pub(super) fn smooth_dwells(
             path = rest(&values[dwell.clone()], &path, noise).unwrap_or(path);
             limit_approach(values, locals, &near, &dwell, &path);
         } else if median(locals[dwell.clone()].iter().map(|l| l.window as f64).collect()) >= window as f64 {
-            // The crest of a wave: wider windows know it better, above all its acceleration.
+            // At the crest of a wave a wider window estimates better, above all the acceleration.
             continue;
         }
         for (local, smooth) in locals[dwell].iter_mut().zip(path) {
