@@ -190,6 +190,7 @@ impl Rig {
             recorder,
         };
         self.note_lateness(now_ns);
+        self.clock.begin_poll(now_ns);
         while let Some(frame) = turn.link.receive() {
             match FromRig::decode(&frame, self.config.node) {
                 Ok(message) => self.on_message(message, turn),

@@ -42,9 +42,10 @@ impl Rig {
     }
 
     fn on_sample(&mut self, mut sample: PlacedSample, turn: &mut Turn) {
-        let first_of_stream = self.clock.take(sample.tick, turn.now_ns);
-        if self.clock.age_ms(sample.tick, turn.now_ns) > self.config.detectors.silence_ms {
+        let first_of_stream = self.clock.take(sample.tick);
+        if self.clock.age_ms(sample.tick) > self.config.detectors.silence_ms {
             sample.reading.flags.insert(Flags::LATE);
+            self.counters.late += 1;
         }
         self.counters.samples += 1;
         self.counters.lost += sample.lost;
@@ -87,6 +88,9 @@ impl Rig {
         let lost = if run.samples() > 0 { sample.lost } else { 0 };
         if lost > 0 {
             turn.recorder.event(&gap(&record, lost));
+        }
+        if record.flags.contains(Flags::LATE) {
+            run.count_late();
         }
         let feedback = Channels::feedback(run.mode(), &sample.reading);
         let ended = run.on_sample(slot.as_ref(), feedback, lost);
