@@ -12,11 +12,12 @@
 //! | `requests` | start, stop, hold, resume, reset and tare, as people ask for them |
 //! | `sending` | requests, lease and commands to the rig |
 //! | `session` | hello, configuration and acknowledgements |
-//! | `realtime` | the control thread |
+//! | `realtime`, `pace` | the control thread, the time of a rig in memory |
 
 pub(crate) mod channel;
 mod life_cycle;
 pub(crate) mod limits;
+mod pace;
 pub(crate) mod realtime;
 mod requests;
 mod rig_clock;
@@ -199,6 +200,7 @@ impl Rig {
         }
         self.watch(turn);
         self.send_due(turn);
+        turn.link.flush(now_ns);
     }
 
     fn note_lateness(&mut self, now_ns: u64) {
