@@ -1,14 +1,15 @@
 //! Control against the mock rig in virtual time: whole runs, and what happens when something goes wrong.
 
 use crate::control::channel::Channels;
-use crate::control::limits::DetectorLimits;
+use crate::control::detectors::DetectorLimits;
+use crate::control::physical_limits::PhysicalLimits;
 use crate::control::run::RunOrder;
 use crate::control::{Phase, Refusal, Rig, RigConfig};
 use crate::link::{Link, loopback};
 use crate::mockrig::{MockRig, MockRigConfig};
 use crate::model;
 use crate::profile::{Block, CycleSegment, Level, Profile, Segment, Wave};
-use crate::protocol::message::{Limits, RigState};
+use crate::protocol::message::RigState;
 use crate::recording::memory::Memory;
 use crate::recording::{ChannelScale, Ending, EventKind, FirmwareIdentity, Flags, Header};
 use crate::units::Mode;
@@ -24,24 +25,6 @@ struct Bench {
     memory: Memory,
     /// Frames of the host that reach the rig.
     host_alive: bool,
-}
-
-fn limits() -> Limits {
-    Limits {
-        force_max_counts: 40_000,
-        force_min_counts: -2_000,
-        displacement_max_counts: 90_000,
-        displacement_min_counts: -10_000,
-        velocity_max_counts_s: 1_000_000,
-        following_error_displacement_counts: 4_000,
-        following_error_force_counts: 5_000,
-        lease_ms: 50,
-        hold_timeout_ms: 30_000,
-        unload_velocity_counts_s: 10_000,
-        queue_low_ms: 30,
-        unloaded_force_counts: 200,
-        retract_counts: 0,
-    }
 }
 
 impl Bench {
@@ -62,7 +45,7 @@ impl Bench {
                 force: plain(0.1),
                 displacement: plain(0.0005),
             },
-            limits: limits(),
+            limits: PhysicalLimits::EXAMPLE,
             calibration_hash: 0,
             queue_lead_ms: 100,
             commands_per_poll: 3,
@@ -287,8 +270,7 @@ fn a_stop_unloads_and_keeps_the_data() {
     bench.ticks(9_300);
     bench
         .rig
-        .stop("stopped by the operator", bench.now_ns)
-        .expect("a run is under way");
+        .stop("stopped by the operator", bench.now_ns, &mut bench.host);
     bench.until(Phase::Ready, 10_000);
     let m = &bench.memory;
     let outcome = m.outcome.as_ref().expect("the run ended");
@@ -390,8 +372,7 @@ fn lost_samples_are_a_gap_in_the_record_and_close_the_account() {
     assert_eq!(m.samples[gap].tick - m.samples[gap - 1].tick, 2);
     bench
         .rig
-        .stop("enough", bench.now_ns)
-        .expect("a run is under way");
+        .stop("enough", bench.now_ns, &mut bench.host);
     bench.until(Phase::Ready, 20_000);
     let m = &bench.memory;
     let outcome = m.outcome.as_ref().expect("the run ended");
