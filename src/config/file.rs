@@ -267,7 +267,10 @@ mod tests {
     fn the_limits_of_a_bench_become_counts() {
         let limits = mock().rig_config(1);
         let counts = limits.limits.in_counts(&limits.channels);
-        assert_eq!((counts.force_max_counts, counts.force_min_counts), (32_000, -2_000));
+        assert_eq!(
+            (counts.force_max_counts, counts.force_min_counts),
+            (32_000, -2_000)
+        );
         assert_eq!((counts.lease_ms, counts.velocity_max_counts_s), (50, 300_000));
     }
 }

@@ -38,7 +38,8 @@ mod watch;
 use crate::link::Link;
 use crate::protocol::frame::Frame;
 use crate::protocol::message::{
-    Cause, DecodeError, EmergencyMessage, FromRig, NmtState, RequestCode, RequestResult, RigState, StatusMessage,
+    Cause, DecodeError, EmergencyMessage, FromRig, NmtState, RequestCode, RequestResult, RigState,
+    StatusMessage,
 };
 use crate::protocol::protection::{CounterCheck, Sequence};
 use crate::protocol::tick::ticks_in_ms;
@@ -109,7 +110,9 @@ enum Activity {
         since_ns: u64,
     },
     /// No run is recorded, the rig unloads.
-    Unloading { since_ns: u64 },
+    Unloading {
+        since_ns: u64,
+    },
 }
 
 /// One rig under control.

@@ -70,7 +70,11 @@ impl PhysicalLimits {
 /// The channel whose counts cannot carry these limits, by name.
 pub(super) fn channel_beyond_its_counts(limits: &Limits) -> Option<&'static str> {
     let beyond = |counts: &[i32]| counts.iter().any(|c| c.abs() > COUNTS_MAX);
-    if beyond(&[limits.force_max_counts, limits.force_min_counts, limits.unloaded_force_counts]) {
+    if beyond(&[
+        limits.force_max_counts,
+        limits.force_min_counts,
+        limits.unloaded_force_counts,
+    ]) {
         return Some("load cell");
     }
     beyond(&[
@@ -125,17 +129,32 @@ mod tests {
         assert_eq!(tared.force_max_counts - plain.force_max_counts, 1500);
         assert_eq!(tared.force_min_counts - plain.force_min_counts, 1500);
         assert_eq!(tared.unloaded_force_counts - plain.unloaded_force_counts, 1500);
-        assert_eq!(tared.displacement_max_counts - plain.displacement_max_counts, 2000);
-        assert_eq!(tared.displacement_min_counts - plain.displacement_min_counts, 2000);
+        assert_eq!(
+            tared.displacement_max_counts - plain.displacement_max_counts,
+            2000
+        );
+        assert_eq!(
+            tared.displacement_min_counts - plain.displacement_min_counts,
+            2000
+        );
         assert_eq!(tared.retract_counts - plain.retract_counts, 2000);
-        let widths = |l: &Limits| [l.velocity_max_counts_s, l.following_error_force_counts, l.unload_velocity_counts_s];
+        let widths = |l: &Limits| {
+            [
+                l.velocity_max_counts_s,
+                l.following_error_force_counts,
+                l.unload_velocity_counts_s,
+            ]
+        };
         assert_eq!(widths(&tared), widths(&plain));
     }
 
     #[test]
     fn a_negative_sign_exchanges_the_limits() {
         let turned = PhysicalLimits::EXAMPLE.in_counts(&channels(0.0, 0.0, -1.0));
-        assert_eq!((turned.force_min_counts, turned.force_max_counts), (-40_000, 2_000));
+        assert_eq!(
+            (turned.force_min_counts, turned.force_max_counts),
+            (-40_000, 2_000)
+        );
     }
 
     #[test]

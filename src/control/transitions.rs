@@ -20,7 +20,10 @@ impl Rig {
         match (&mut self.activity, state) {
             (Activity::Running(run), RigState::Hold) => {
                 run.hold(self.ticks.newest().unwrap_or(0));
-                self.notice = format!("the rig holds ({cause:?}): resume or stop");
+                // A detector that asked for the hold has said why.
+                if cause != Cause::None || self.notice.is_empty() {
+                    self.notice = format!("the rig holds ({cause:?}): resume or stop");
+                }
             }
             (Activity::Running(run), RigState::Armed) if run.is_held() => self.resume_run(turn),
             (Activity::Running(_), RigState::Unload | RigState::Tripped | RigState::Off) => {

@@ -52,9 +52,7 @@ impl Rig {
         };
         let Some(expected) = run.expected() else { return };
         let tick = self.ticks.newest().unwrap_or(0);
-        let found = self
-            .detectors
-            .on_progress(state, self.queue_ms, tick, expected);
+        let found = self.detectors.on_progress(state, self.queue_ms, tick, expected);
         if let Some(action) = found {
             self.act(action, turn);
         }
@@ -116,7 +114,11 @@ impl Rig {
                 self.nmt_sent_ns = None;
             }
         }
-        if self.detectors.status_silence_ms().is_some_and(|ms| ms * NS_PER_MS > DEAD_STREAM_NS) {
+        if self
+            .detectors
+            .status_silence_ms()
+            .is_some_and(|ms| ms * NS_PER_MS > DEAD_STREAM_NS)
+        {
             self.state = None;
         }
     }
@@ -146,7 +148,10 @@ impl Rig {
                 }
             }
             Activity::Arming { since_ns, .. } if passed(*since_ns) > ARM_PATIENCE_NS => {
-                self.give_up("the rig was asked to arm and is not armed after 5 s: check the rig".to_owned(), turn);
+                self.give_up(
+                    "the rig was asked to arm and is not armed after 5 s: check the rig".to_owned(),
+                    turn,
+                );
             }
             _ => {}
         }

@@ -261,10 +261,11 @@ impl Firmware {
 /// Product code of the mock rig: "MOCK".
 const PRODUCT_MOCK: u32 = 0x4D4F_434B;
 
-/// Range of each limit, in the order of the sub-indices. A limit cannot be switched off.
+/// Range of each limit, in the order of the sub-indices. A limit cannot be switched off. A tare of the host moves levels of
+/// force and displacement across zero.
 const LIMIT_RANGES: [(i32, i32); LIMIT_COUNT] = [
     (1, COUNTS_MAX),
-    (-COUNTS_MAX, 0),
+    (-COUNTS_MAX, COUNTS_MAX),
     (-COUNTS_MAX, COUNTS_MAX),
     (-COUNTS_MAX, COUNTS_MAX),
     (1, 4_000_000),
@@ -274,7 +275,7 @@ const LIMIT_RANGES: [(i32, i32); LIMIT_COUNT] = [
     (100, 600_000),
     (1, 10_000),
     (5, 250),
-    (1, COUNTS_MAX),
+    (-COUNTS_MAX, COUNTS_MAX),
     (-COUNTS_MAX, COUNTS_MAX),
 ];
 

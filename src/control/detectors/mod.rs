@@ -156,7 +156,11 @@ impl Detectors {
 
     fn late(&mut self, age_ms: u64) -> Option<Action> {
         let limit_ms = self.limits.silence_ms;
-        self.late_samples = if age_ms > limit_ms { self.late_samples.saturating_add(1) } else { 0 };
+        self.late_samples = if age_ms > limit_ms {
+            self.late_samples.saturating_add(1)
+        } else {
+            0
+        };
         (self.late_samples >= LATE_SAMPLES).then(|| {
             Action::Abort(format!(
                 "samples arrive {age_ms} ms late (limit {limit_ms} ms): check the link for a bridge or an adapter that collects frames"
@@ -336,7 +340,10 @@ mod tests {
         let mut d = detectors();
         assert_eq!(d.on_damaged_frame(0), None);
         assert_eq!(d.on_damaged_frame(50 * NS_PER_MS), None);
-        assert!(matches!(d.on_damaged_frame(90 * NS_PER_MS), Some(Action::Abort(_))));
+        assert!(matches!(
+            d.on_damaged_frame(90 * NS_PER_MS),
+            Some(Action::Abort(_))
+        ));
     }
 
     fn packets(bad_packets: u64, good_packets: u64) -> LinkCounts {
@@ -350,9 +357,17 @@ mod tests {
     #[test]
     fn one_percent_of_damaged_packets_aborts_fewer_than_five_do_not() {
         let mut d = detectors();
-        assert_eq!(d.on_link(packets(4, 100), 0), None, "four of a hundred are too few");
+        assert_eq!(
+            d.on_link(packets(4, 100), 0),
+            None,
+            "four of a hundred are too few"
+        );
         assert_eq!(d.on_link(packets(4, 2000), NS_PER_S / 2), None);
-        assert_eq!(d.on_link(packets(12, 2000), NS_PER_S * 9 / 10), None, "12 of 2012");
+        assert_eq!(
+            d.on_link(packets(12, 2000), NS_PER_S * 9 / 10),
+            None,
+            "12 of 2012"
+        );
         let action = d.on_link(packets(30, 2100), NS_PER_S * 19 / 20);
         assert!(matches!(action, Some(Action::Abort(_))), "30 of 2130");
     }
@@ -367,7 +382,10 @@ mod tests {
         };
         assert!(matches!(d.on_link(counts, 0), Some(Action::Abort(_))));
         assert_eq!(d.on_link(counts, NS_PER_MS), None, "each report counts once");
-        let counts = LinkCounts { overflows: 7, ..counts };
+        let counts = LinkCounts {
+            overflows: 7,
+            ..counts
+        };
         let Some(Action::Hold(text)) = d.on_link(counts, 2 * NS_PER_MS) else {
             panic!("no hold");
         };

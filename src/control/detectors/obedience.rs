@@ -25,7 +25,13 @@ pub(super) struct ObedienceWatch {
 
 impl ObedienceWatch {
     /// Takes a status that came at `tick`. Returns what is wrong.
-    pub(super) fn take(&mut self, state: RigState, queue_ms: u8, tick: u64, expected: Expected) -> Option<String> {
+    pub(super) fn take(
+        &mut self,
+        state: RigState,
+        queue_ms: u8,
+        tick: u64,
+        expected: Expected,
+    ) -> Option<String> {
         let under_way = tick >= expected.from_tick && expected.last_tick.is_none_or(|last| tick < last);
         let idle = under_way && state != RigState::Running;
         let empty = under_way && expected.last_tick.is_none() && queue_ms == 0;

@@ -41,7 +41,9 @@ impl ValueWatch {
 }
 
 fn no_reading(sensor: &str) -> String {
-    format!("the {sensor} has had no valid reading for {SAMPLES_IN_A_ROW} ms and the rig did not unload by itself: check sensor, cable and firmware")
+    format!(
+        "the {sensor} has had no valid reading for {SAMPLES_IN_A_ROW} ms and the rig did not unload by itself: check sensor, cable and firmware"
+    )
 }
 
 fn beyond(what: &str, value: f64, low: f64, high: f64, unit: &str) -> String {
@@ -83,7 +85,10 @@ mod tests {
         assert!(found(reading(5526.0, 10.0, none)).contains("force 5526.00 N"));
         assert!(found(reading(-1634.0, 10.0, none)).contains("force -1634.00 N"));
         assert!(found(reading(0.0, 60.0, none)).contains("displacement 60.00 mm"));
-        assert!(found(reading(f64::NAN, 0.0, none)).contains("force"), "NaN is in no range");
+        assert!(
+            found(reading(f64::NAN, 0.0, none)).contains("force"),
+            "NaN is in no range"
+        );
         assert_eq!(found(reading(1000.0, 10.0, none)), "");
     }
 

@@ -84,6 +84,10 @@ mod tests {
     fn a_gap_across_the_start_of_a_piece_is_counted_once() {
         let mut rate = Rate::default();
         rate.add([6, 0], 990 * NS_PER_MS, NS_PER_S);
-        assert_eq!(rate.add([6, 0], 1010 * NS_PER_MS, NS_PER_S), [12, 0], "20 ms apart");
+        assert_eq!(
+            rate.add([6, 0], 1010 * NS_PER_MS, NS_PER_S),
+            [12, 0],
+            "20 ms apart"
+        );
     }
 }
