@@ -15,6 +15,7 @@ mod diagnose_targets;
 mod documents;
 mod end_to_end;
 mod identify;
+mod late_samples;
 mod leaf_pack;
 mod leaf_pack_duty;
 mod leaf_pack_identify;

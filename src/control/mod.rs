@@ -138,6 +138,8 @@ pub(crate) struct Rig {
     fault: Option<String>,
     /// The CAN controller reports that it is error passive.
     error_passive: bool,
+    /// The clocks of rig and host drift apart too fast.
+    clock_drifts: bool,
     boot: Option<u8>,
     queue_ms: u8,
     reading: Option<Reading>,
@@ -191,6 +193,7 @@ impl Rig {
             abort: None,
             fault: None,
             error_passive: false,
+            clock_drifts: false,
             boot: None,
             queue_ms: 0,
             reading: None,
@@ -218,6 +221,7 @@ impl Rig {
             recorder,
         };
         self.note_lateness(now_ns);
+        self.clock.begin_poll(now_ns);
         while let Some(frame) = turn.link.receive() {
             match FromRig::decode(&frame, self.config.node) {
                 Ok(message) => self.on_message(message, turn),

@@ -62,6 +62,7 @@ pub(crate) struct Run {
     cycles_completed: u32,
     samples: u64,
     lost: u64,
+    late: u64,
     held: bool,
 }
 
@@ -97,6 +98,7 @@ impl Run {
             cycles_completed: order.first_cycle.saturating_sub(1),
             samples: 0,
             lost: 0,
+            late: 0,
             held: false,
         })
     }
@@ -154,6 +156,11 @@ impl Run {
     /// True once the last tick of the profile has passed.
     pub(crate) fn is_finished(&self, tick: u64) -> bool {
         self.last_tick.is_some_and(|last| tick >= last)
+    }
+
+    /// Counts a sample that the link delivered too late.
+    pub(crate) fn count_late(&mut self) {
+        self.late += 1;
     }
 
     /// Counts the sample of `tick` and follows the cycles. Returns a cycle that ended.
@@ -268,6 +275,7 @@ impl Run {
             cause: cause.to_owned(),
             samples: self.samples,
             lost: self.lost,
+            late: self.late,
             cycles_completed: self.cycles_completed,
         }
     }

@@ -45,9 +45,11 @@ impl Rig {
     }
 
     fn on_sample(&mut self, mut sample: PlacedSample, turn: &mut Turn) {
-        let first_of_stream = self.clock.take(sample.tick, turn.now_ns);
-        if self.clock.age_ms(sample.tick, turn.now_ns) > self.config.detectors.silence_ms {
+        let first_of_stream = self.clock.take(sample.tick);
+        let age_ms = self.clock.age_ms(sample.tick);
+        if age_ms > self.config.detectors.silence_ms {
             sample.reading.flags.insert(Flags::LATE);
+            self.counters.late += 1;
         }
         self.counters.samples += 1;
         self.counters.lost += sample.lost;
@@ -58,7 +60,6 @@ impl Rig {
         }
         self.reading = Some(sample.reading);
         let lost = if first_of_stream { 0 } else { sample.lost };
-        let age_ms = self.clock.age_ms(sample.tick, turn.now_ns);
         let of_stream =
             self.detectors
                 .on_sample(turn.now_ns, lost, age_ms, &sample.reading, &self.config.limits);
@@ -93,6 +94,9 @@ impl Rig {
         let lost = if run.samples() > 0 { sample.lost } else { 0 };
         if lost > 0 {
             turn.recorder.event(&gap(&record, lost));
+        }
+        if record.flags.contains(Flags::LATE) {
+            run.count_late();
         }
         let feedback = Channels::feedback(run.mode(), &sample.reading);
         let ended = run.on_sample(sample.tick, slot.as_ref(), feedback, lost);

@@ -33,6 +33,9 @@ pub(crate) struct Counters {
     pub samples: u64,
     /// Samples missing according to the rig's ticks.
     pub lost: u64,
+    /// Samples that the link delivered too late.
+    #[serde(default)]
+    pub late: u64,
     /// Frames with a wrong CRC, shape or meaning.
     pub frames_refused: u64,
     /// Frames repeated, late or out of sequence.

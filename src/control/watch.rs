@@ -14,6 +14,8 @@ const UNLOAD_TIMEOUT_NS: u64 = 20 * NS_PER_S;
 const UNLOAD_PATIENCE_NS: u64 = NS_PER_S;
 /// A rig that was asked to arm and is not armed is unloaded after this time.
 const ARM_PATIENCE_NS: u64 = 5 * NS_PER_S;
+/// A rig clock that is further off than this is told, ppm: a quartz is off by 100 at most (fault F4).
+const DRIFT_MAX_PPM: u64 = 1000;
 /// A stopped run is recorded at least this long: a trip at once is followed by its first movements.
 const AFTER_STOP_NS: u64 = 500 * NS_PER_MS;
 
@@ -64,8 +66,22 @@ impl Rig {
         if let Some(action) = self.detectors.end_poll(turn.now_ns) {
             self.act(action, turn);
         }
+        self.watch_clock(turn);
         self.watch_silence(turn);
         self.watch_activity(turn);
+    }
+
+    fn watch_clock(&mut self, turn: &mut Turn) {
+        let ppm = self.clock.drift_ppm().unwrap_or(0);
+        let drifts = ppm.unsigned_abs() > DRIFT_MAX_PPM;
+        if drifts && !self.clock_drifts {
+            let text = format!(
+                "the rig's clock is off by {ppm} ppm against this computer (limit {DRIFT_MAX_PPM} ppm): frequencies of the profile are off by as much, check the rig's oscillator"
+            );
+            self.event(turn, EventKind::Link, text.clone());
+            self.notice = text;
+        }
+        self.clock_drifts = drifts;
     }
 
     fn watch_link(&mut self, turn: &mut Turn) {
