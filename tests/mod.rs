@@ -5,6 +5,7 @@ mod bench_configs;
 mod blind;
 mod cli;
 mod control;
+mod control_faults;
 mod daemon;
 mod diagnose;
 mod diagnose_command;
