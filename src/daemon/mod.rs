@@ -242,7 +242,9 @@ async fn unload(state: &DaemonState, signal: &str) {
     let deadline = tokio::time::Instant::now() + UNLOAD_AT_EXIT;
     let cause = format!("the daemon was ended ({signal})");
     state.starts.end(Withdrawal::DaemonEnds(cause.clone()));
-    if let Err(error) = runs::stop(state, &cause).await {
+    // A rig that is not ours is left alone: another daemon may be running a test on it.
+    let connected = state.control.status().0.phase != Phase::Connecting;
+    if connected && let Err(error) = runs::stop(state, &cause).await {
         tracing::warn!("control did not take the stop: {error}");
     }
     while tokio::time::Instant::now() < deadline {
