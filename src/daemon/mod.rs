@@ -272,7 +272,12 @@ async fn keep_link_open(state: Arc<DaemonState>) {
             reported = false;
             continue;
         }
-        match link::open(&state.settings.link_address, side) {
+        // Opening may wait for the system, and a waiting task would stop the page.
+        let address = state.settings.link_address.clone();
+        let Ok(opened) = tokio::task::spawn_blocking(move || link::open(&address, side)).await else {
+            continue;
+        };
+        match opened {
             Ok(link) => {
                 tracing::info!("link {} is open again", state.settings.link_address);
                 state.set_link_health(&link.health);
