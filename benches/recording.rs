@@ -71,6 +71,7 @@ pub fn recording(criterion: &mut Criterion) {
         cause: String::new(),
         samples: SAMPLES,
         lost: 0,
+        late: 0,
         cycles_completed: 0,
     };
     let folder = tempfile::tempdir().expect("the temporary folder can be made");

@@ -1,208 +1,14 @@
-//! Control against the mock rig in virtual time: whole runs, and what happens when something goes wrong.
+//! Control against the mock rig in virtual time: whole runs.
 
-use crate::control::channel::Channels;
-use crate::control::limits::DetectorLimits;
-use crate::control::run::RunOrder;
-use crate::control::{Phase, Refusal, Rig, RigConfig};
-use crate::link::{Link, loopback};
-use crate::mockrig::{MockRig, MockRigConfig};
-use crate::model;
-use crate::profile::{Block, CycleSegment, Level, Profile, Segment, Wave};
-use crate::protocol::message::{Limits, RigState};
-use crate::recording::memory::Memory;
-use crate::recording::{ChannelScale, Ending, EventKind, FirmwareIdentity, Flags, Header};
-use crate::units::Mode;
-
-const MS: u64 = 1_000_000;
-
-struct Bench {
-    rig: Rig,
-    mock: MockRig,
-    host: Link,
-    far: Link,
-    now_ns: u64,
-    memory: Memory,
-    /// Frames of the host that reach the rig.
-    host_alive: bool,
-}
-
-fn limits() -> Limits {
-    Limits {
-        force_max_counts: 40_000,
-        force_min_counts: -2_000,
-        displacement_max_counts: 90_000,
-        displacement_min_counts: -10_000,
-        velocity_max_counts_s: 1_000_000,
-        following_error_displacement_counts: 4_000,
-        following_error_force_counts: 5_000,
-        lease_ms: 50,
-        hold_timeout_ms: 30_000,
-        unload_velocity_counts_s: 10_000,
-        queue_low_ms: 30,
-        unloaded_force_counts: 200,
-        retract_counts: 0,
-    }
-}
-
-impl Bench {
-    fn new() -> Self {
-        Bench::with(&MockRigConfig::default())
-    }
-
-    fn with(mock: &MockRigConfig) -> Self {
-        let plain = |scale_per_count| ChannelScale {
-            scale_per_count,
-            offset: 0.0,
-            tare: 0.0,
-        };
-        let rig = Rig::new(RigConfig {
-            node: 1,
-            session: 7,
-            channels: Channels {
-                force: plain(0.1),
-                displacement: plain(0.0005),
-            },
-            limits: limits(),
-            calibration_hash: 0,
-            queue_lead_ms: 100,
-            commands_per_poll: 3,
-            ack_timeout_ms: 20,
-            detectors: DetectorLimits::default(),
-            tare_limit_n: 200.0,
-            tare_limit_mm: 5.0,
-            still_sigma_n: 3.0,
-            still_sigma_mm: 0.02,
-        });
-        let equivalent = model::find("equivalent").expect("is in the list");
-        let plant = equivalent
-            .plant(&equivalent.start_values(), &toml::Table::new())
-            .expect("starts are within bounds");
-        let mock = MockRig::new(mock, plant).expect("a possible rig");
-        let (host, far) = loopback::pair();
-        Bench {
-            rig,
-            mock,
-            host,
-            far,
-            now_ns: 0,
-            memory: Memory::default(),
-            host_alive: true,
-        }
-    }
-
-    fn tick(&mut self) {
-        self.now_ns += MS;
-        self.mock.tick(&mut self.far);
-        if self.host_alive {
-            self.rig.poll(self.now_ns, &mut self.host, &mut self.memory);
-        }
-    }
-
-    fn ticks(&mut self, ms: u64) {
-        for _ in 0..ms {
-            self.tick();
-        }
-    }
-
-    fn until(&mut self, phase: Phase, limit_ms: u64) {
-        for _ in 0..limit_ms {
-            if self.rig.phase() == phase {
-                return;
-            }
-            self.tick();
-        }
-        panic!("not {phase:?} after {limit_ms} ms: {:#?}", self.rig.status());
-    }
-
-    fn start(&mut self, profile: Profile) {
-        self.until(Phase::Ready, 2_000);
-        self.ticks(600);
-        self.rig.start(order(profile)).expect("the rig is ready");
-        self.until(Phase::Running, 1_000);
-    }
-}
-
-fn order(profile: Profile) -> RunOrder {
-    RunOrder {
-        header: Header {
-            run_id: "test".into(),
-            started_utc: "2026-01-01T00:00:00Z".into(),
-            specimen: "equivalent".into(),
-            operator: String::new(),
-            profile_name: profile.name.clone(),
-            profile_toml: String::new(),
-            bench_toml: String::new(),
-            bench_sha256: String::new(),
-            firmware: FirmwareIdentity::default(),
-            program_version: "test".into(),
-            sample_rate_hz: 1000.0,
-            force_channel: ChannelScale {
-                scale_per_count: 0.1,
-                offset: 0.0,
-                tare: 0.0,
-            },
-            displacement_channel: ChannelScale {
-                scale_per_count: 0.0005,
-                offset: 0.0,
-                tare: 0.0,
-            },
-            twin: String::new(),
-            first_cycle: 1,
-            resumes_run: String::new(),
-            cycles_planned: 0,
-            duration_planned_s: 0.0,
-            remarks: Vec::new(),
-        },
-        profile,
-        first_cycle: 1,
-    }
-}
-
-fn profile(mode: Mode, segments: Vec<Segment>) -> Profile {
-    Profile {
-        name: "test".into(),
-        description: String::new(),
-        mode,
-        blocks: vec![Block { repeat: 1, segments }],
-    }
-}
-
-fn static_ramp() -> Profile {
-    let ramp = |to| Segment::Ramp {
-        to: Level::Absolute(to),
-        duration_s: 60.0,
-    };
-    profile(Mode::Force, vec![ramp(2000.0), ramp(0.0)])
-}
-
-fn sine(amplitude: f64, frequency_hz: f64, cycles: u32) -> Profile {
-    profile(
-        Mode::Displacement,
-        vec![
-            Segment::Ramp {
-                to: Level::Absolute(18.0),
-                duration_s: 4.0,
-            },
-            Segment::Cycles(CycleSegment {
-                wave: Wave::Sine,
-                mean: Level::Absolute(18.0),
-                amplitude,
-                frequency_hz,
-                cycles,
-                taper_cycles: 3,
-                correct: true,
-            }),
-            Segment::Ramp {
-                to: Level::Absolute(0.0),
-                duration_s: 4.0,
-            },
-        ],
-    )
-}
+use super::support::virtual_rig::{VirtualRig, order, sine, static_ramp};
+use crate::control::{Phase, Refusal};
+use crate::mockrig::MockRigConfig;
+use crate::protocol::message::RigState;
+use crate::recording::{Ending, EventKind, Flags};
 
 #[test]
 fn the_static_ramp_has_a_sample_a_millisecond_and_its_exact_peak() {
-    let mut bench = Bench::new();
+    let mut bench = VirtualRig::new();
     bench.start(static_ramp());
     bench.until(Phase::Ready, 150_000);
     let m = &bench.memory;
@@ -229,7 +35,7 @@ fn the_static_ramp_has_a_sample_a_millisecond_and_its_exact_peak() {
 #[test]
 fn amplitude_and_mean_are_within_one_percent_by_the_fifth_counted_cycle() {
     for (amplitude, frequency_hz) in [(6.0, 1.0), (10.0, 1.0), (15.0, 1.0), (6.0, 2.5)] {
-        let mut bench = Bench::new();
+        let mut bench = VirtualRig::new();
         bench.start(sine(amplitude, frequency_hz, 12));
         bench.until(Phase::Ready, 60_000);
         let m = &bench.memory;
@@ -256,13 +62,17 @@ fn amplitude_and_mean_are_within_one_percent_by_the_fifth_counted_cycle() {
 
 #[test]
 fn a_dead_host_leaves_a_rig_that_unloads_within_its_lease() {
-    let mut bench = Bench::new();
+    let mut bench = VirtualRig::new();
     bench.start(static_ramp());
     bench.ticks(20_000);
     bench.host_alive = false;
     assert_eq!(bench.mock.state(), RigState::Running);
-    bench.ticks(45);
-    assert_eq!(bench.mock.state(), RigState::Running, "the lease is 50 ms");
+    bench.ticks(39);
+    assert_eq!(
+        bench.mock.state(),
+        RigState::Running,
+        "the lease is 50 ms, and the newest at most 10 ms old"
+    );
     bench.ticks(15);
     assert_eq!(bench.mock.state(), RigState::Unload);
     bench.ticks(10_000);
@@ -282,13 +92,10 @@ fn a_dead_host_leaves_a_rig_that_unloads_within_its_lease() {
 
 #[test]
 fn a_stop_unloads_and_keeps_the_data() {
-    let mut bench = Bench::new();
+    let mut bench = VirtualRig::new();
     bench.start(sine(10.0, 1.0, 50));
     bench.ticks(9_300);
-    bench
-        .rig
-        .stop("stopped by the operator", bench.now_ns)
-        .expect("a run is under way");
+    bench.stop();
     bench.until(Phase::Ready, 10_000);
     let m = &bench.memory;
     let outcome = m.outcome.as_ref().expect("the run ended");
@@ -310,7 +117,7 @@ fn a_stop_unloads_and_keeps_the_data() {
 
 #[test]
 fn hold_and_resume_finish_all_cycles() {
-    let mut bench = Bench::new();
+    let mut bench = VirtualRig::new();
     bench.start(sine(6.0, 1.0, 6));
     bench.ticks(9_700);
     bench.rig.hold().expect("a run is under way");
@@ -342,10 +149,10 @@ fn tare_takes_the_still_mean_and_is_refused_in_motion() {
     // Zero errors of 50 N and 0.2 mm.
     let mut config = MockRigConfig::default();
     (config.load_cell.zero_counts, config.lvdt.zero_counts) = (500.0, 400.0);
-    let mut bench = Bench::with(&config);
+    let mut bench = VirtualRig::with(&config);
     bench.until(Phase::Ready, 2_000);
     bench.ticks(600);
-    let read = |bench: &Bench| {
+    let read = |bench: &VirtualRig| {
         let status = bench.rig.status();
         let force_n = status.force_n.expect("samples flow");
         [force_n, status.displacement_mm.expect("samples flow")]
@@ -373,12 +180,12 @@ fn tare_takes_the_still_mean_and_is_refused_in_motion() {
 
 #[test]
 fn lost_samples_are_a_gap_in_the_record_and_close_the_account() {
-    let mut bench = Bench::new();
+    let mut bench = VirtualRig::new();
     bench.start(static_ramp());
     bench.ticks(5_000);
-    bench.mock.tick(&mut bench.far);
-    while bench.host.receive().is_some() {}
-    bench.now_ns += MS;
+    bench.to_host = Box::new(|_| None);
+    bench.tick();
+    bench.to_host = Box::new(Some);
     bench.ticks(5_000);
     let m = &bench.memory;
     assert_eq!(m.events.iter().filter(|e| e.kind == EventKind::Gap).count(), 1);
@@ -388,10 +195,7 @@ fn lost_samples_are_a_gap_in_the_record_and_close_the_account() {
         .position(|s| s.flags.contains(Flags::AFTER_GAP))
         .expect("a sample is flagged");
     assert_eq!(m.samples[gap].tick - m.samples[gap - 1].tick, 2);
-    bench
-        .rig
-        .stop("enough", bench.now_ns)
-        .expect("a run is under way");
+    bench.rig.stop("enough", bench.now_ns, &mut bench.host);
     bench.until(Phase::Ready, 20_000);
     let m = &bench.memory;
     let outcome = m.outcome.as_ref().expect("the run ended");
@@ -407,7 +211,7 @@ fn lost_samples_are_a_gap_in_the_record_and_close_the_account() {
 #[test]
 fn the_same_seed_gives_the_same_bits() {
     let run = || {
-        let mut bench = Bench::new();
+        let mut bench = VirtualRig::new();
         bench.start(sine(6.0, 2.5, 3));
         bench.until(Phase::Ready, 30_000);
         bench.memory.samples

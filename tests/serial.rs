@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+use super::support::{self, Daemon, config};
 use crate::link::{self, Link, Side};
 use crate::protocol::frame::Frame;
 use crate::protocol::message::{FromRig, LeaseMessage, NmtCommand, SampleMessage, ToRig, next_counter};
@@ -233,4 +234,46 @@ fn a_taken_port_is_refused_and_the_owner_undisturbed() {
     drop(owner);
     wait_until("the port to be free", || !health.is_open());
     open(&terminal.address, Side::Rig { node: NODE });
+}
+
+/// An adapter that is pulled out and plugged in again gets its name in /dev back, here a symbolic link.
+#[test]
+fn a_daemon_outlives_an_unplugged_adapter_and_opens_it_again() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let port = folder.path().join("ttyUSB0");
+    let plug_in = || {
+        let terminal = terminal();
+        let device = terminal.address.trim_start_matches("serial:");
+        std::os::unix::fs::symlink(device, &port).expect("a name in /dev");
+        terminal
+    };
+    let adapter = plug_in();
+    let bench = config("benches/mock-serial.toml");
+    let mut daemon = Daemon::start(
+        &folder.path().join("data"),
+        &[
+            "--bench",
+            bench.to_str().expect("UTF-8"),
+            "--link",
+            &format!("serial:{}", port.display()),
+        ],
+    );
+    let mut until_open = |open: bool| {
+        support::until(&format!("link_open = {open}"), || {
+            let ended = daemon.process.0.try_wait().expect("a process");
+            assert!(ended.is_none(), "the daemon ended: {ended:?}");
+            Some(daemon.status()).filter(|s| s["link_open"] == open)
+        });
+    };
+    until_open(true);
+    std::fs::remove_file(&port).expect("the name is gone");
+    drop(adapter);
+    until_open(false);
+    // Long enough for two attempts to open it.
+    std::thread::sleep(Duration::from_millis(2500));
+    until_open(false);
+    let again = plug_in();
+    until_open(true);
+    drop(again);
+    until_open(false);
 }

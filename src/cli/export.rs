@@ -59,6 +59,7 @@ struct Written {
     cycles_csv: Option<PathBuf>,
     rows: u64,
     lost: u64,
+    late: u64,
     damaged: u64,
 }
 
@@ -88,6 +89,7 @@ impl CliCommand for ExportArgs {
         let written = Written {
             rows: exported.rows,
             lost: exported.survey.lost,
+            late: exported.survey.late,
             damaged: exported.survey.damaged,
             csv: exported.csv,
             datapackage: exported.datapackage,
@@ -110,7 +112,13 @@ impl ExportArgs {
 
 fn text(w: &Written) -> String {
     let mut lines = vec![
-        format!("{}  ({} rows, {} samples lost)", w.csv.display(), w.rows, w.lost),
+        format!(
+            "{}  ({} rows, {} samples lost, {} late)",
+            w.csv.display(),
+            w.rows,
+            w.lost,
+            w.late
+        ),
         w.datapackage.display().to_string(),
     ];
     lines.extend(w.cycles_csv.as_ref().map(|path| path.display().to_string()));

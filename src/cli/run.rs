@@ -182,8 +182,8 @@ fn text(run: &RunProgress) -> String {
         lines.push(format!("cause    {}", run.cause));
     }
     lines.push(format!(
-        "samples  {}, {} lost; {} counted cycles",
-        run.samples, run.lost, run.cycles_completed
+        "samples  {}, {} lost, {} late; {} counted cycles",
+        run.samples, run.lost, run.late, run.cycles_completed
     ));
     if !run.disk_problem.is_empty() {
         lines.push(format!(

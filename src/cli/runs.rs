@@ -39,8 +39,8 @@ fn text(runs: &[RunSummary]) -> String {
         return "no runs yet: `leafbench run PROFILE` makes one".to_owned();
     }
     let mut lines = vec![format!(
-        "{:<22}{:<22}{:<24}{:>8}{:>10}{:>6}  {}",
-        "run", "started (UTC)", "profile", "cycles", "samples", "lost", "ended"
+        "{:<22}{:<22}{:<24}{:>8}{:>10}{:>6}{:>6}  {}",
+        "run", "started (UTC)", "profile", "cycles", "samples", "lost", "late", "ended"
     )];
     lines.extend(runs.iter().map(|r| {
         let ended = match (r.problem.as_str(), r.cause.as_str()) {
@@ -49,8 +49,8 @@ fn text(runs: &[RunSummary]) -> String {
             (problem, _) => format!("unreadable: {problem}"),
         };
         format!(
-            "{:<22}{:<22}{:<24}{:>8}{:>10}{:>6}  {ended}",
-            r.run_id, r.started_utc, r.profile, r.cycles_completed, r.samples, r.lost
+            "{:<22}{:<22}{:<24}{:>8}{:>10}{:>6}{:>6}  {ended}",
+            r.run_id, r.started_utc, r.profile, r.cycles_completed, r.samples, r.lost, r.late
         )
     }));
     lines.join("\n")

@@ -81,10 +81,11 @@ fn text(s: &Status, page: &str) -> String {
         ));
     }
     lines.push(format!(
-        "link          {}, {} samples, {} lost, {} frames refused, {} bus errors",
+        "link          {}, {} samples, {} lost, {} late, {} frames refused, {} bus errors",
         if s.link_open { "open" } else { "closed" },
         s.rig.counters.samples,
         s.rig.counters.lost,
+        s.rig.counters.late,
         s.rig.counters.frames_refused,
         s.rig.counters.bus_errors
     ));

@@ -324,17 +324,13 @@ mod tests {
     }
 
     #[test]
-    fn a_channel_of_negative_sign_swaps_upper_and_lower() {
-        let mut bench = mock();
-        let limits = |b: &Bench| b.wire_limits(&b.force_channel.scale(), &b.displacement_channel.scale());
-        let plain = limits(&bench);
-        assert_eq!((plain.force_max_counts, plain.force_min_counts), (32_000, -2_000));
-        assert_eq!((plain.lease_ms, plain.velocity_max_counts_s), (50, 300_000));
-        bench.force_channel.sign = -1;
-        let turned = limits(&bench);
+    fn the_limits_of_a_bench_become_counts() {
+        let limits = mock().rig_config(1);
+        let counts = limits.limits.in_counts(&limits.channels);
         assert_eq!(
-            (turned.force_max_counts, turned.force_min_counts),
-            (2_000, -32_000)
+            (counts.force_max_counts, counts.force_min_counts),
+            (32_000, -2_000)
         );
+        assert_eq!((counts.lease_ms, counts.velocity_max_counts_s), (50, 300_000));
     }
 }

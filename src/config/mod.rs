@@ -17,7 +17,6 @@ use sha2::{Digest, Sha256};
 use crate::effect::{self, Effect, EffectError};
 use crate::model::{self, BuildError, Plant};
 use crate::profile::ProfileLimits;
-use crate::protocol::message::Limits;
 use crate::recording::ChannelScale;
 
 /// Why a bench or specimen file cannot be used.
@@ -375,35 +374,6 @@ impl Bench {
             d.certificate,
             d.calibrated,
         )
-    }
-
-    /// The limits as the firmware holds them, for these scalings (tare included).
-    pub(crate) fn wire_limits(&self, force: &ChannelScale, displacement: &ChannelScale) -> Limits {
-        let l = &self.limits;
-        // A negative sign turns the upper limit into the lower one.
-        let range = |scale: &ChannelScale, low: f64, high: f64| {
-            let (a, b) = (scale.counts(low), scale.counts(high));
-            (a.min(b), a.max(b))
-        };
-        let (force_min_counts, force_max_counts) = range(force, l.force_min_n, l.force_max_n);
-        let (displacement_min_counts, displacement_max_counts) =
-            range(displacement, l.displacement_min_mm, l.displacement_max_mm);
-        let width = |value: f64, scale: &ChannelScale| (value / scale.scale_per_count.abs()).round() as i32;
-        Limits {
-            force_max_counts,
-            force_min_counts,
-            displacement_max_counts,
-            displacement_min_counts,
-            velocity_max_counts_s: width(l.velocity_max_mm_s, displacement),
-            following_error_displacement_counts: width(l.following_error_mm, displacement),
-            following_error_force_counts: width(l.following_error_n, force),
-            lease_ms: l.lease_ms,
-            hold_timeout_ms: l.hold_timeout_ms,
-            unload_velocity_counts_s: width(l.unload_velocity_mm_s, displacement),
-            queue_low_ms: l.queue_low_ms,
-            unloaded_force_counts: force.counts(l.unloaded_force_n),
-            retract_counts: displacement.counts(l.retract_mm),
-        }
     }
 
     /// The limits that a profile is checked against.

@@ -1,9 +1,10 @@
 //! Figures of a bench for control and twin.
 
-use super::Bench;
+use super::{Bench, BenchLimits};
 use crate::control::RigConfig;
 use crate::control::channel::Channels;
-use crate::control::limits::DetectorLimits;
+use crate::control::detectors::DetectorLimits;
+use crate::control::physical_limits::PhysicalLimits;
 use crate::twin::Noise;
 
 /// Commands sent in one cycle of the control loop: fills the queue in 50 ms and keeps the load of the bus below one half.
@@ -34,7 +35,7 @@ impl Bench {
             node: self.link.node,
             session,
             channels,
-            limits: self.wire_limits(&channels.force, &channels.displacement),
+            limits: self.limits.physical(),
             calibration_hash: self.calibration_hash(),
             queue_lead_ms: self.link.queue_lead_ms,
             commands_per_poll: COMMANDS_PER_POLL,
@@ -47,6 +48,27 @@ impl Bench {
             tare_limit_mm: self.limits.tare_max_mm,
             still_sigma_n: STILL_SIGMAS * self.force_channel.noise_n,
             still_sigma_mm: STILL_SIGMAS * self.displacement_channel.noise_mm,
+        }
+    }
+}
+
+impl BenchLimits {
+    /// The limits that the firmware enforces.
+    pub(crate) fn physical(&self) -> PhysicalLimits {
+        PhysicalLimits {
+            force_max_n: self.force_max_n,
+            force_min_n: self.force_min_n,
+            displacement_max_mm: self.displacement_max_mm,
+            displacement_min_mm: self.displacement_min_mm,
+            velocity_max_mm_s: self.velocity_max_mm_s,
+            following_error_mm: self.following_error_mm,
+            following_error_n: self.following_error_n,
+            lease_ms: self.lease_ms,
+            hold_timeout_ms: self.hold_timeout_ms,
+            unload_velocity_mm_s: self.unload_velocity_mm_s,
+            queue_low_ms: self.queue_low_ms,
+            unloaded_force_n: self.unloaded_force_n,
+            retract_mm: self.retract_mm,
         }
     }
 }

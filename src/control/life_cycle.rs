@@ -1,7 +1,6 @@
 //! Begin and end of a run: from the armed rig to the closed recording.
 
 use super::{Activity, Channels, Rig, Run, Turn};
-use crate::protocol::message::RequestCode;
 use crate::recording::{Ending, EventKind};
 use crate::units::Mode;
 
@@ -9,7 +8,7 @@ impl Rig {
     /// Begins the ordered run. Its time starts when the first command is due. It starts from the mean of the window if the rig
     /// is still, else from the newest reading.
     pub(super) fn begin_run(&mut self, tick: u64, turn: &mut Turn) {
-        let Activity::Arming(order) = std::mem::replace(&mut self.activity, Activity::Idle) else {
+        let Activity::Arming { order, .. } = std::mem::replace(&mut self.activity, Activity::Idle) else {
             return;
         };
         let mut order = *order;
@@ -24,14 +23,13 @@ impl Rig {
                     "run {} of profile {} starts",
                     run.header.run_id, run.header.profile_name
                 );
-                self.detectors.begin_run(turn.now_ns);
+                self.detectors.begin_run();
                 self.activity = Activity::Running(Box::new(run));
                 self.event(turn, EventKind::Start, text);
             }
             Err(error) => {
                 self.notice = error.to_string();
-                self.activity = Activity::Unloading;
-                self.next_request = Some(RequestCode::Unload);
+                self.unload(turn.now_ns);
             }
         }
     }
@@ -52,8 +50,7 @@ impl Rig {
         };
         if run.is_finished(tick) && !run.is_held() {
             self.close_run(Ending::Completed, "", turn);
-            self.activity = Activity::Unloading;
-            self.next_request = Some(RequestCode::Unload);
+            self.unload(turn.now_ns);
         }
     }
 

@@ -8,15 +8,21 @@
 //! |---|---|
 //! | `sampling` | one sample: its place in time, its flags, its record |
 //! | `life_cycle` | begin and end of a run |
-//! | `transitions` | reactions to states of the rig, to detectors and to a silent stream |
+//! | `transitions` | reactions to states of the rig and to its restart |
+//! | `watch` | reactions to the detectors, to the link, and to what does not end |
+//! | `detectors` | the second layer of limits behind the firmware's |
+//! | `abort` | the abort, until the rig confirms it |
+//! | `physical_limits` | the limits in N and mm, and in the counts of the firmware |
 //! | `requests` | start, stop, hold, resume, reset and tare, as people ask for them |
 //! | `sending` | requests, lease and commands to the rig |
 //! | `session` | hello, configuration and acknowledgements |
 //! | `realtime` | the control thread |
 
+mod abort;
 pub(crate) mod channel;
+pub(crate) mod detectors;
 mod life_cycle;
-pub(crate) mod limits;
+pub(crate) mod physical_limits;
 pub(crate) mod realtime;
 mod requests;
 mod rig_clock;
@@ -27,19 +33,23 @@ mod session;
 mod status;
 mod ticks;
 mod transitions;
+mod watch;
 
 use crate::link::Link;
 use crate::protocol::frame::Frame;
 use crate::protocol::message::{
-    Cause, EmergencyMessage, FromRig, Limits, RequestCode, RequestResult, RigState, StatusMessage,
+    Cause, DecodeError, EmergencyMessage, FromRig, NmtState, RequestCode, RequestResult, RigState,
+    StatusMessage,
 };
 use crate::protocol::protection::{CounterCheck, Sequence};
 use crate::protocol::tick::ticks_in_ms;
 use crate::recording::{Ending, Event, EventKind, Recorder};
 use crate::units::NS_PER_MS;
 
+use abort::Abort;
 use channel::{Channels, Reading, Stillness};
-use limits::{DetectorLimits, Detectors};
+use detectors::{DetectorLimits, Detectors};
+use physical_limits::PhysicalLimits;
 pub(crate) use requests::{Refusal, TareReport};
 use rig_clock::RigClock;
 use run::{Run, RunOrder};
@@ -61,8 +71,8 @@ pub(crate) struct RigConfig {
     pub session: u8,
     /// Scaling of both channels.
     pub channels: Channels,
-    /// Limits that the firmware enforces.
-    pub limits: Limits,
+    /// Limits that the firmware enforces, and the host behind it.
+    pub limits: PhysicalLimits,
     /// First four bytes of the hash of the calibration.
     pub calibration_hash: u32,
     /// Commands are sent this far ahead, ms.
@@ -87,7 +97,10 @@ pub(crate) struct RigConfig {
 enum Activity {
     Idle,
     /// The rig is asked to arm; the run begins once it is armed.
-    Arming(Box<RunOrder>),
+    Arming {
+        order: Box<RunOrder>,
+        since_ns: u64,
+    },
     Running(Box<Run>),
     /// The rig unloads; samples are still recorded.
     Stopping {
@@ -96,8 +109,10 @@ enum Activity {
         cause: String,
         since_ns: u64,
     },
-    /// The run is closed, the rig unloads.
-    Unloading,
+    /// No run is recorded, the rig unloads.
+    Unloading {
+        since_ns: u64,
+    },
 }
 
 /// One rig under control.
@@ -112,8 +127,19 @@ pub(crate) struct Rig {
     detectors: Detectors,
     stillness: Stillness,
     activity: Activity,
+    /// State in the newest status; `None` while none is known.
     state: Option<RigState>,
     cause: Cause,
+    /// NMT state in the newest heartbeat.
+    nmt: Option<NmtState>,
+    /// An abort that is not over.
+    abort: Option<Abort>,
+    /// A fault that the host found. A person clears it by a reset, as the rig's own.
+    fault: Option<String>,
+    /// The CAN controller reports that it is error passive.
+    error_passive: bool,
+    /// The clocks of rig and host drift apart too fast.
+    clock_drifts: bool,
     boot: Option<u8>,
     queue_ms: u8,
     reading: Option<Reading>,
@@ -150,7 +176,7 @@ impl Rig {
             session: Session::new(
                 config.node,
                 config.session,
-                config.limits,
+                config.limits.in_counts(&config.channels),
                 config.calibration_hash,
                 config.ack_timeout_ms,
             ),
@@ -163,6 +189,11 @@ impl Rig {
             activity: Activity::Idle,
             state: None,
             cause: Cause::None,
+            nmt: None,
+            abort: None,
+            fault: None,
+            error_passive: false,
+            clock_drifts: false,
             boot: None,
             queue_ms: 0,
             reading: None,
@@ -190,10 +221,17 @@ impl Rig {
             recorder,
         };
         self.note_lateness(now_ns);
+        self.clock.begin_poll(now_ns);
         while let Some(frame) = turn.link.receive() {
             match FromRig::decode(&frame, self.config.node) {
                 Ok(message) => self.on_message(message, turn),
-                Err(_) => self.counters.frames_refused += 1,
+                Err(error) => {
+                    self.counters.frames_refused += 1;
+                    let damaged = !matches!(error, DecodeError::ForeignId(_) | DecodeError::Length { .. });
+                    if damaged {
+                        self.on_damaged_frame(turn);
+                    }
+                }
             }
         }
         self.watch(turn);
@@ -214,7 +252,7 @@ impl Rig {
             FromRig::Sample(sample) => self.on_sample_message(sample, turn),
             FromRig::Status(status) => self.on_status(status, turn),
             FromRig::Emergency(emergency) => self.on_emergency(emergency, turn),
-            FromRig::Heartbeat { .. } => {}
+            FromRig::Heartbeat { state } => self.on_heartbeat(state, turn),
             FromRig::ConfigValue { index, sub, value } => {
                 self.session.on_value(index, sub, value, turn.now_ns);
             }
@@ -226,10 +264,12 @@ impl Rig {
     }
 
     fn on_status(&mut self, status: StatusMessage, turn: &mut Turn) {
-        if self.status_counter.check(status.counter) != Sequence::Usable {
-            self.counters.frames_out_of_sequence += 1;
+        let sequence = self.status_counter.check(status.counter);
+        if sequence != Sequence::Usable {
+            self.on_out_of_sequence(sequence, turn);
             return;
         }
+        self.detectors.on_status();
         self.queue_ms = status.queue_ms;
         if self
             .boot
@@ -247,8 +287,18 @@ impl Rig {
             self.give_up(why, turn);
         }
         self.on_state(status.state, status.cause, turn);
+        self.check_progress(turn);
     }
 
+    /// Counts a frame whose counter does not fit. A repeated one is harmless, any other may be damaged or foreign.
+    fn on_out_of_sequence(&mut self, sequence: Sequence, turn: &mut Turn) {
+        self.counters.frames_out_of_sequence += 1;
+        if sequence == Sequence::Wrong {
+            self.on_damaged_frame(turn);
+        }
+    }
+
+    /// An emergency tells at once what the next status repeats. Code 0 only says that the cause is gone.
     fn on_emergency(&mut self, emergency: EmergencyMessage, turn: &mut Turn) {
         let EmergencyMessage {
             code, cause, state, ..
@@ -256,6 +306,9 @@ impl Rig {
         self.counters.emergencies += 1;
         let text = format!("emergency {code:#06x}: {cause:?}, the rig went to {state:?}");
         self.event(turn, EventKind::Limit, text);
+        if code != 0 {
+            self.on_state(state, cause, turn);
+        }
     }
 
     /// Records an event of the run under way.
@@ -263,7 +316,8 @@ impl Rig {
         let (Activity::Running(run) | Activity::Stopping { run, .. }) = &self.activity else {
             return;
         };
-        let tick = self.ticks.newest().unwrap_or(0);
+        // After a restart of the rig no tick is known until its first sample.
+        let tick = self.ticks.newest().unwrap_or(run.newest_tick());
         turn.recorder.event(&Event {
             tick,
             time_s: run.time_s(tick),
@@ -271,6 +325,11 @@ impl Rig {
             text,
         });
     }
+}
+
+/// True if `period_ns` has passed since `sent_ns`, or nothing was sent yet.
+fn is_due(sent_ns: Option<u64>, now_ns: u64, period_ns: u64) -> bool {
+    sent_ns.is_none_or(|at| now_ns.saturating_sub(at) >= period_ns)
 }
 
 /// What to do after a refused request.

@@ -215,7 +215,10 @@ impl ControlLoop {
                     .start(*order)
                     .inspect(|()| self.recorder = Some(recorder)),
             ),
-            Request::Stop(cause) => accepted(self.rig.stop(&cause, now_ns)),
+            Request::Stop(cause) => {
+                self.rig.stop(&cause, now_ns, &mut self.link);
+                Ok(Reply::Accepted)
+            }
             Request::Hold => accepted(self.rig.hold()),
             Request::Resume => accepted(self.rig.resume()),
             Request::Reset => accepted(self.rig.reset()),

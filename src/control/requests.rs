@@ -1,7 +1,9 @@
 //! What people ask of control: start, stop, hold, resume, reset, tare.
 
-use super::{Activity, Phase, Rig, RunOrder};
-use crate::protocol::message::{Cause, RequestCode, RigState};
+use super::physical_limits::channel_beyond_its_counts;
+use super::{Activity, Channels, Phase, Rig, RunOrder};
+use crate::link::Link;
+use crate::protocol::message::{RequestCode, RigState};
 use crate::recording::{Ending, Flags};
 
 /// Why a request is refused. Nothing has moved.
@@ -13,9 +15,12 @@ pub(crate) enum Refusal {
     /// A run is under way.
     #[error("run {0} is under way: stop it or wait for its end")]
     Busy(String),
-    /// The rig is latched.
-    #[error("the rig is interlocked ({0:?}): remove the cause, then reset")]
-    Interlocked(Cause),
+    /// Rig or host are latched by a fault.
+    #[error("the rig is interlocked ({0}): remove the cause, then reset")]
+    Interlocked(String),
+    /// The CAN controller is error passive.
+    #[error("the CAN controller is error passive: check bit rate, termination and wiring, then start again")]
+    ErrorPassive,
     /// The request is not possible in this phase.
     #[error("{what} is not possible while the bench is {phase:?}: check the bench with `leafbench status`")]
     Phase {
@@ -55,6 +60,18 @@ pub(crate) enum Refusal {
         /// Unit of the channel.
         unit: &'static str,
     },
+    /// With this tare the limits exceed what the counts of a channel can carry.
+    #[error(
+        "with a tare of {force_n:.1} N and {displacement_mm:.3} mm the limits of the {channel} exceed the range of its counts: unload the rig, or narrow the limits in the bench file"
+    )]
+    LimitsBeyondCounts {
+        /// Name of the channel.
+        channel: &'static str,
+        /// New tare of the load cell, N.
+        force_n: f64,
+        /// New tare of the LVDT, mm.
+        displacement_mm: f64,
+    },
     /// The window of samples is not full yet.
     #[error("a tare needs half a second of valid samples without a gap: wait and try again")]
     TooEarly,
@@ -83,10 +100,13 @@ impl Rig {
         match self.phase() {
             Phase::Ready => {}
             Phase::Connecting => return Err(self.not_connected()),
-            Phase::Interlocked => return Err(Refusal::Interlocked(self.cause)),
+            Phase::Interlocked => return Err(Refusal::Interlocked(self.status().interlock())),
             _ => return Err(Refusal::Busy(self.status().run_id.unwrap_or_default())),
         }
         let reading = self.reading.ok_or_else(|| self.not_connected())?;
+        if self.error_passive {
+            return Err(Refusal::ErrorPassive);
+        }
         if reading.flags.contains(Flags::FORCE_INVALID) {
             return Err(Refusal::Sensor("the load cell"));
         }
@@ -95,7 +115,10 @@ impl Rig {
         }
         self.notice.clear();
         self.next_request = Some(RequestCode::Arm);
-        self.activity = Activity::Arming(Box::new(order));
+        self.activity = Activity::Arming {
+            order: Box::new(order),
+            since_ns: self.last_poll_ns.unwrap_or(0),
+        };
         Ok(())
     }
 
@@ -108,25 +131,27 @@ impl Rig {
         )
     }
 
-    /// Ends the run under way: the rig unloads, the data are kept. Without a run the rig unloads too.
-    pub(crate) fn stop(&mut self, cause: &str, now_ns: u64) -> Result<(), Refusal> {
-        self.next_request = Some(RequestCode::Unload);
+    /// Unloads the rig, in every phase. A run under way ends and its data are kept; one that is still arming never begins.
+    pub(crate) fn stop(&mut self, cause: &str, now_ns: u64, link: &mut Link) {
         match &self.activity {
-            Activity::Running(_) => self.stop_run(Ending::Stopped, cause.to_owned(), now_ns),
-            Activity::Arming(_) => self.activity = Activity::Unloading,
-            _ if matches!(
-                self.state,
-                Some(RigState::Armed | RigState::Running | RigState::Hold)
-            ) => {}
-            _ => {
-                self.next_request = None;
-                return Err(Refusal::Phase {
-                    what: "stop",
-                    phase: self.phase(),
-                });
+            Activity::Running(_) => {
+                self.session.forget_request();
+                self.next_request = Some(RequestCode::Unload);
+                self.stop_run(Ending::Stopped, cause.to_owned(), now_ns);
             }
+            Activity::Arming { .. } => {
+                cause.clone_into(&mut self.notice);
+                self.unload(now_ns);
+            }
+            // Under way already.
+            Activity::Stopping { .. } | Activity::Unloading { .. } => {}
+            Activity::Idle => match self.state {
+                Some(RigState::Off | RigState::Tripped | RigState::Unload) => {}
+                Some(_) if self.session.is_owned() => self.unload(now_ns),
+                // Nobody knows what the rig does, or it belongs to another program: NMT stop needs neither.
+                _ => self.abort(now_ns, link),
+            },
         }
-        Ok(())
     }
 
     /// Keeps the position. The firmware unloads by itself after the hold time-out.
@@ -154,19 +179,22 @@ impl Rig {
         }
     }
 
-    /// Clears the latch. Never resumes motion.
+    /// Clears the latches of host and rig. Never resumes motion.
     pub(crate) fn reset(&mut self) -> Result<(), Refusal> {
         match self.phase() {
             Phase::Interlocked => {
                 self.notice.clear();
-                self.next_request = Some(RequestCode::Reset);
+                self.fault = None;
+                if self.state == Some(RigState::Tripped) {
+                    self.next_request = Some(RequestCode::Reset);
+                }
                 Ok(())
             }
             phase => Err(Refusal::Phase { what: "reset", phase }),
         }
     }
 
-    /// Takes the mean of the last half second as zero on both channels. Refused during a run, while the rig moves, and if
+    /// Takes the mean of the last half second as zero on both channels, and moves the firmware's limits with it. Refused during a run, while the rig moves, and if
     /// the tare exceeds the limit of the bench.
     pub(crate) fn tare(&mut self) -> Result<TareReport, Refusal> {
         match self.phase() {
@@ -182,6 +210,15 @@ impl Rig {
         let displacement_new_mm = self.channels.displacement.tare + still.displacement_mm;
         check_tare("load cell", force_new_n, c.tare_limit_n, "N")?;
         check_tare("LVDT", displacement_new_mm, c.tare_limit_mm, "mm")?;
+        let channels = tared(self.channels, force_new_n, displacement_new_mm);
+        let limits = c.limits.in_counts(&channels);
+        if let Some(channel) = channel_beyond_its_counts(&limits) {
+            return Err(Refusal::LimitsBeyondCounts {
+                channel,
+                force_n: force_new_n,
+                displacement_mm: displacement_new_mm,
+            });
+        }
         let report = TareReport {
             force_old_n: self.channels.force.tare,
             force_new_n,
@@ -190,11 +227,19 @@ impl Rig {
             displacement_new_mm,
             displacement_sigma_mm: still.displacement_sigma_mm,
         };
-        self.channels.force.tare = force_new_n;
-        self.channels.displacement.tare = displacement_new_mm;
+        self.channels = channels;
+        // The rig holds its limits in counts without tare, so a tare moves them there.
+        self.session.set_limits(limits);
         self.stillness.clear();
         Ok(report)
     }
+}
+
+fn tared(channels: Channels, force_n: f64, displacement_mm: f64) -> Channels {
+    let mut channels = channels;
+    channels.force.tare = force_n;
+    channels.displacement.tare = displacement_mm;
+    channels
 }
 
 fn check_still(what: &'static str, sigma: f64, limit: f64, unit: &'static str) -> Result<(), Refusal> {

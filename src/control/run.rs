@@ -3,6 +3,7 @@
 
 use std::collections::VecDeque;
 
+use super::detectors::Expected;
 use crate::profile::{
     Correction, CycleController, CycleMeasurement, CycleTarget, Player, Profile, ProfileError, Slot,
 };
@@ -48,6 +49,9 @@ pub(crate) struct Run {
     /// Segment that is corrected, and its controller.
     controller: Option<(u32, CycleController)>,
     first_tick: u64,
+    /// First tick since the start or the last resume.
+    from_tick: u64,
+    newest_tick: u64,
     /// Tick that the next command is for.
     next_tick: u64,
     /// Tick of the last command, once the player has ended.
@@ -58,6 +62,7 @@ pub(crate) struct Run {
     cycles_completed: u32,
     samples: u64,
     lost: u64,
+    late: u64,
     held: bool,
 }
 
@@ -84,6 +89,8 @@ impl Run {
             replay: VecDeque::from([start]),
             controller: None,
             first_tick,
+            from_tick: first_tick,
+            newest_tick: first_tick,
             next_tick: first_tick,
             last_tick: None,
             planned: vec![None; KEPT_SLOTS],
@@ -91,6 +98,7 @@ impl Run {
             cycles_completed: order.first_cycle.saturating_sub(1),
             samples: 0,
             lost: 0,
+            late: 0,
             held: false,
         })
     }
@@ -103,6 +111,19 @@ impl Run {
     /// Tick of the run's first sample.
     pub(crate) fn first_tick(&self) -> u64 {
         self.first_tick
+    }
+
+    /// Tick of the newest sample of the run.
+    pub(crate) fn newest_tick(&self) -> u64 {
+        self.newest_tick
+    }
+
+    /// What the rig must be doing; nothing while it holds.
+    pub(crate) fn expected(&self) -> Option<Expected> {
+        (!self.held).then_some(Expected {
+            from_tick: self.from_tick,
+            last_tick: self.last_tick,
+        })
     }
 
     /// Time of a tick in the run in s; negative before its start.
@@ -137,8 +158,20 @@ impl Run {
         self.last_tick.is_some_and(|last| tick >= last)
     }
 
-    /// Counts one sample of this run and follows the cycles. Returns a cycle that ended.
-    pub(crate) fn on_sample(&mut self, slot: Option<&Slot>, feedback: f64, lost: u64) -> Option<EndedCycle> {
+    /// Counts a sample that the link delivered too late.
+    pub(crate) fn count_late(&mut self) {
+        self.late += 1;
+    }
+
+    /// Counts the sample of `tick` and follows the cycles. Returns a cycle that ended.
+    pub(crate) fn on_sample(
+        &mut self,
+        tick: u64,
+        slot: Option<&Slot>,
+        feedback: f64,
+        lost: u64,
+    ) -> Option<EndedCycle> {
+        self.newest_tick = tick;
         self.samples += 1;
         self.lost += lost;
         let target = slot.and_then(|s| self.player.target_of(s.segment));
@@ -204,6 +237,7 @@ impl Run {
             self.controller = None;
         }
         self.tracker = CycleTracker::default();
+        self.from_tick = tick;
         self.next_tick = tick;
         self.held = false;
         Ok(())
@@ -241,6 +275,7 @@ impl Run {
             cause: cause.to_owned(),
             samples: self.samples,
             lost: self.lost,
+            late: self.late,
             cycles_completed: self.cycles_completed,
         }
     }

@@ -1,6 +1,6 @@
 //! One sample of the rig: its place in time, its flags, the detectors on it, and its record in the run under way.
 
-use super::limits::Action;
+use super::detectors::Action;
 use super::run::EndedCycle;
 use super::ticks::TickOrder;
 use super::{Activity, Channels, Reading, Rig, Turn};
@@ -22,9 +22,12 @@ struct PlacedSample {
 
 impl Rig {
     pub(super) fn on_sample_message(&mut self, message: SampleMessage, turn: &mut Turn) {
-        let in_sequence = self.sample_counter.check(message.counter) == Sequence::Usable;
-        let place = in_sequence.then(|| self.ticks.place(message.tick));
-        let Some(TickOrder::Next { tick, lost }) = place else {
+        let sequence = self.sample_counter.check(message.counter);
+        if sequence != Sequence::Usable {
+            self.on_out_of_sequence(sequence, turn);
+            return;
+        }
+        let TickOrder::Next { tick, lost } = self.ticks.place(message.tick) else {
             self.counters.frames_out_of_sequence += 1;
             return;
         };
@@ -42,9 +45,11 @@ impl Rig {
     }
 
     fn on_sample(&mut self, mut sample: PlacedSample, turn: &mut Turn) {
-        let first_of_stream = self.clock.take(sample.tick, turn.now_ns);
-        if self.clock.age_ms(sample.tick, turn.now_ns) > self.config.detectors.silence_ms {
+        let first_of_stream = self.clock.take(sample.tick);
+        let age_ms = self.clock.age_ms(sample.tick);
+        if age_ms > self.config.detectors.silence_ms {
             sample.reading.flags.insert(Flags::LATE);
+            self.counters.late += 1;
         }
         self.counters.samples += 1;
         self.counters.lost += sample.lost;
@@ -55,8 +60,10 @@ impl Rig {
         }
         self.reading = Some(sample.reading);
         let lost = if first_of_stream { 0 } else { sample.lost };
-        let of_stream = self.detectors.on_sample(turn.now_ns, lost);
-        if let Activity::Arming(_) = self.activity
+        let of_stream =
+            self.detectors
+                .on_sample(turn.now_ns, lost, age_ms, &sample.reading, &self.config.limits);
+        if let Activity::Arming { .. } = self.activity
             && self.state == Some(RigState::Armed)
         {
             self.begin_run(sample.tick, turn);
@@ -88,8 +95,11 @@ impl Rig {
         if lost > 0 {
             turn.recorder.event(&gap(&record, lost));
         }
+        if record.flags.contains(Flags::LATE) {
+            run.count_late();
+        }
         let feedback = Channels::feedback(run.mode(), &sample.reading);
-        let ended = run.on_sample(slot.as_ref(), feedback, lost);
+        let ended = run.on_sample(sample.tick, slot.as_ref(), feedback, lost);
         turn.recorder.sample(&record);
         let ended = ended?;
         if let Some(next) = run.correct(&ended) {

@@ -1,11 +1,11 @@
 //! What a poll sends: requests, NMT start, the lease, and commands ahead of their ticks.
 
-use super::limits::Action;
-use super::{Activity, DEAD_STREAM_NS, Rig, Turn};
+use super::detectors::Action;
+use super::{Activity, DEAD_STREAM_NS, Rig, Turn, is_due};
 use crate::link::Link;
 use crate::protocol::frame::Frame;
 use crate::protocol::message::{
-    CommandMessage, LeaseMessage, NmtCommand, RequestCode, ToRig, WireMode, next_counter,
+    CommandMessage, LeaseMessage, NmtCommand, NmtState, RequestCode, RigState, ToRig, WireMode, next_counter,
 };
 use crate::units::{Mode, NS_PER_MS};
 
@@ -16,27 +16,22 @@ const NMT_START_PERIOD_NS: u64 = 500 * NS_PER_MS;
 
 impl Rig {
     pub(super) fn send_due(&mut self, turn: &mut Turn) {
+        if self.continue_abort(turn) {
+            return;
+        }
         if let Some(unanswered) = self.session.poll(turn.now_ns, turn.link) {
             self.on_unanswered(unanswered, turn);
         }
-        let silent = self
-            .detectors
-            .age_ms(turn.now_ns)
-            .is_none_or(|age| age * NS_PER_MS > DEAD_STREAM_NS);
-        if is_due(self.nmt_sent_ns, turn.now_ns, NMT_START_PERIOD_NS) && silent {
-            let start = ToRig::Nmt {
-                command: NmtCommand::Start,
-                node: self.config.node,
-            };
-            turn.link.send(start.encode(self.config.node));
-            self.nmt_sent_ns = Some(turn.now_ns);
-        }
-        if !self.session.is_open() {
+        self.start_node(turn);
+        if !self.session.is_owned() {
             return;
         }
         if is_due(self.lease_sent_ns, turn.now_ns, LEASE_PERIOD_NS) {
             self.send_lease(turn.link);
             self.lease_sent_ns = Some(turn.now_ns);
+        }
+        if !self.session.is_open() {
+            return;
         }
         if !self.session.awaits_answer()
             && let Some(code) = self.next_request.take()
@@ -51,15 +46,35 @@ impl Rig {
         self.send_commands(turn.link);
     }
 
+    /// NMT start: until samples flow, and again after an abort or a restart, before the next run.
+    fn start_node(&mut self, turn: &mut Turn) {
+        let silent = self
+            .detectors
+            .age_ms(turn.now_ns)
+            .is_none_or(|age| age * NS_PER_MS > DEAD_STREAM_NS);
+        let at_rest = matches!(self.activity, Activity::Idle)
+            && matches!(self.state, None | Some(RigState::Off | RigState::Tripped));
+        let not_started = matches!(self.nmt, Some(NmtState::Stopped | NmtState::PreOperational));
+        let needed = silent || (not_started && at_rest);
+        if needed && is_due(self.nmt_sent_ns, turn.now_ns, NMT_START_PERIOD_NS) {
+            let start = ToRig::Nmt {
+                command: NmtCommand::Start,
+                node: self.config.node,
+            };
+            turn.link.send(start.encode(self.config.node));
+            self.nmt_sent_ns = Some(turn.now_ns);
+        }
+    }
+
     fn on_unanswered(&mut self, code: RequestCode, turn: &mut Turn) {
         let why = format!("the rig did not answer {code:?}, asked twice: check the link");
         if matches!(self.activity, Activity::Running(_)) {
             self.act(Action::Abort(why), turn);
         } else {
-            if code == RequestCode::Unload {
-                self.abort(turn.link);
-            }
             self.give_up(why, turn);
+            if code == RequestCode::Unload {
+                self.abort(turn.now_ns, turn.link);
+            }
         }
     }
 
@@ -71,15 +86,6 @@ impl Rig {
             control_tick: self.ticks.newest().unwrap_or(0) as u16,
         });
         link.send(lease.encode(self.config.node));
-    }
-
-    /// Stops the rig with NMT stop: the firmware unloads.
-    pub(super) fn abort(&mut self, link: &mut Link) {
-        let stop = ToRig::Nmt {
-            command: NmtCommand::Stop,
-            node: self.config.node,
-        };
-        link.send_urgent(stop.encode(self.config.node));
     }
 
     fn send_commands(&mut self, link: &mut Link) {
@@ -130,9 +136,4 @@ impl Rig {
         });
         Some(command.encode(self.config.node))
     }
-}
-
-/// True if `period_ns` has passed since `sent_ns`, or nothing was sent yet.
-fn is_due(sent_ns: Option<u64>, now_ns: u64, period_ns: u64) -> bool {
-    sent_ns.is_none_or(|at| now_ns.saturating_sub(at) >= period_ns)
 }

@@ -106,6 +106,8 @@ pub(crate) struct Session {
     calibration_hash: u32,
     ack_timeout_ns: u64,
     stage: SessionStage,
+    /// The rig belongs to this session, also while its limits are written again after a tare.
+    owned: bool,
     identity: FirmwareIdentity,
     sent_ns: Option<u64>,
     tries: u32,
@@ -125,6 +127,7 @@ impl Session {
             calibration_hash,
             ack_timeout_ns: ack_timeout_ms * NS_PER_MS,
             stage: SessionStage::Reading(0),
+            owned: false,
             identity: FirmwareIdentity::default(),
             sent_ns: None,
             tries: 0,
@@ -140,9 +143,14 @@ impl Session {
         self.id
     }
 
-    /// True once the hello is complete and the rig belongs to this session.
+    /// True once the hello is complete, the rig belongs to this session and holds its limits.
     pub(crate) fn is_open(&self) -> bool {
         self.stage == SessionStage::Open
+    }
+
+    /// True while the rig belongs to this session, also while its limits are written again.
+    pub(crate) fn is_owned(&self) -> bool {
+        self.owned
     }
 
     /// Why the hello fails.
@@ -160,9 +168,24 @@ impl Session {
         self.limits.crc32()
     }
 
+    /// Other limits than at the hello, because a tare moved them: they are written and verified before the next request.
+    pub(crate) fn set_limits(&mut self, limits: Limits) {
+        self.limits = limits;
+        // A hello that has not come to the limits yet writes the new ones anyway.
+        if !matches!(self.stage, SessionStage::Reading(_)) {
+            self.advance(SessionStage::Writing(0));
+        }
+    }
+
+    /// Drops the request that waits for its answer, so that it is not repeated.
+    pub(crate) fn forget_request(&mut self) {
+        self.pending = None;
+    }
+
     /// Starts over: link lost, or the firmware rebooted.
     pub(crate) fn restart(&mut self, now_ns: u64) {
         self.stage = SessionStage::Reading(0);
+        self.owned = false;
         self.sent_ns = None;
         self.tries = 0;
         self.pending = None;
@@ -193,9 +216,12 @@ impl Session {
 
     /// Takes the session that owns the rig. If the lease lapsed, the session is opened again and nothing else is repeated.
     pub(crate) fn on_owner(&mut self, owner: u8) {
-        if self.stage == SessionStage::Open && owner != self.id {
-            self.stage = SessionStage::Opening;
+        if self.owned && owner != self.id {
+            self.owned = false;
             self.pending = None;
+            if self.stage == SessionStage::Open {
+                self.stage = SessionStage::Opening;
+            }
         }
     }
 
@@ -214,6 +240,7 @@ impl Session {
         if code == RequestCode::OpenSession && self.stage == SessionStage::Opening {
             if result == RequestResult::Done {
                 self.stage = SessionStage::Open;
+                self.owned = true;
                 self.error = None;
             } else {
                 self.fail(HelloError::Busy, now_ns);
@@ -316,7 +343,10 @@ impl Session {
             SessionStage::Verifying if (index, sub) == object::CONFIGURATION_CRC => {
                 let bench = self.limits.crc32();
                 if value == bench {
-                    self.advance(SessionStage::Opening);
+                    self.advance(match self.owned {
+                        true => SessionStage::Open,
+                        false => SessionStage::Opening,
+                    });
                 } else {
                     self.fail(HelloError::Limits { rig: value, bench }, now_ns);
                 }

@@ -1,7 +1,7 @@
 //! The state of the bench as people and scripts see it.
 
 use super::{Activity, Rig};
-use crate::protocol::message::{Cause, RigState};
+use crate::protocol::message::{Cause, NmtState, RigState};
 use crate::recording::FirmwareIdentity;
 
 /// What the bench is doing, for people and scripts.
@@ -33,12 +33,18 @@ pub(crate) struct Counters {
     pub samples: u64,
     /// Samples missing according to the rig's ticks.
     pub lost: u64,
+    /// Samples that the link delivered too late.
+    #[serde(default)]
+    pub late: u64,
     /// Frames with a wrong CRC, shape or meaning.
     pub frames_refused: u64,
     /// Frames repeated, late or out of sequence.
     pub frames_out_of_sequence: u64,
     /// CAN error frames or broken serial packets.
     pub bus_errors: u64,
+    /// Frames lost in this computer's receive queue.
+    #[serde(default)]
+    pub receive_overflows: u64,
     /// Commands that the link refused at first; they are sent again.
     pub send_failures: u64,
     /// Emergency frames received.
@@ -60,6 +66,9 @@ pub(crate) struct RigStatus {
     /// First cause of a latched state.
     #[schema(value_type = String)]
     pub cause: Cause,
+    /// Fault that the host found and latched until a reset; empty if there is none.
+    #[serde(default)]
+    pub fault: String,
     /// Newest notice: why something was refused or ended; empty if all is well.
     pub notice: String,
     /// Newest force in N.
@@ -92,12 +101,22 @@ pub(crate) struct RigStatus {
 }
 
 impl RigStatus {
+    /// What the bench is latched by: the rig's cause, the host's fault, or both.
+    pub(crate) fn interlock(&self) -> String {
+        match (self.rig_state, self.fault.is_empty()) {
+            (Some(RigState::Tripped), true) => format!("{:?}", self.cause),
+            (Some(RigState::Tripped), false) => format!("{:?}; {}", self.cause, self.fault),
+            _ => self.fault.clone(),
+        }
+    }
+
     /// The status before anything is received.
     pub(crate) fn unknown() -> Self {
         RigStatus {
             phase: Phase::Connecting,
             rig_state: None,
             cause: Cause::None,
+            fault: String::new(),
             notice: String::new(),
             force_n: None,
             displacement_mm: None,
@@ -120,15 +139,17 @@ impl Rig {
     /// What the bench is doing.
     pub(crate) fn phase(&self) -> Phase {
         match &self.activity {
-            Activity::Arming(_) => Phase::Arming,
+            Activity::Arming { .. } => Phase::Arming,
             Activity::Running(run) if run.is_held() => Phase::Held,
             Activity::Running(_) => Phase::Running,
-            Activity::Stopping { .. } | Activity::Unloading => Phase::Unloading,
-            Activity::Idle if !self.session.is_open() => Phase::Connecting,
+            Activity::Stopping { .. } | Activity::Unloading { .. } => Phase::Unloading,
+            Activity::Idle if !self.session.is_owned() => Phase::Connecting,
             Activity::Idle => match self.state {
-                Some(RigState::Tripped) => Phase::Interlocked,
-                Some(RigState::Off) => Phase::Ready,
                 None => Phase::Connecting,
+                Some(RigState::Tripped) => Phase::Interlocked,
+                Some(RigState::Off) if self.fault.is_some() => Phase::Interlocked,
+                Some(RigState::Off) if self.nmt == Some(NmtState::Operational) => Phase::Ready,
+                Some(RigState::Off) => Phase::Connecting,
                 Some(_) => Phase::Unloading,
             },
         }
@@ -151,6 +172,8 @@ impl Rig {
         status.phase = self.phase();
         status.rig_state = self.state;
         status.cause = self.cause;
+        status.fault.clear();
+        status.fault.push_str(self.fault.as_deref().unwrap_or_default());
         match self.session.error() {
             Some(error) => status.notice = error.to_string(),
             None => status.notice.clone_from(&self.notice),

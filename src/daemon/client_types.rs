@@ -86,6 +86,9 @@ pub(crate) struct RunProgress {
     pub samples: u64,
     /// Number of missing samples, once it is over.
     pub lost: u64,
+    /// Number of samples that the link delivered too late, once it is over.
+    #[serde(default)]
+    pub late: u64,
     /// Number of completed counted cycles, once it is over.
     pub cycles_completed: u32,
     /// Why the run file could not be written; empty if it was written.
@@ -106,6 +109,7 @@ impl RunProgress {
             cause: String::new(),
             samples: 0,
             lost: 0,
+            late: 0,
             cycles_completed: 0,
             disk_problem: String::new(),
             model_mismatch: String::new(),
@@ -193,6 +197,9 @@ pub(crate) struct RunSummary {
     pub samples: u64,
     /// Number of missing samples.
     pub lost: u64,
+    /// Number of samples that the link delivered too late.
+    #[serde(default)]
+    pub late: u64,
     /// Number of completed counted cycles.
     pub cycles_completed: u32,
     /// `completed`, `stopped`, `aborted`, or `open` while the run lasts.
@@ -218,6 +225,7 @@ impl From<RunListing> for RunSummary {
             specimen: run.specimen,
             samples: run.samples,
             lost: run.lost,
+            late: run.late,
             cycles_completed: run.cycles_completed,
             problem: run.problem,
         }

@@ -69,6 +69,7 @@ impl Recorder for ProgressRecorder {
             p.cause.clone_from(&outcome.cause);
             p.samples = outcome.samples;
             p.lost = outcome.lost;
+            p.late = outcome.late;
             p.cycles_completed = outcome.cycles_completed;
         });
     }

@@ -93,7 +93,7 @@ fn busy(status: &RigStatus) -> Option<ApiError> {
             "the rig is not connected: check the link and the rig's power".to_owned()
         }
         Phase::Connecting => format!("the rig is not connected: {}", status.notice),
-        Phase::Interlocked => Refusal::Interlocked(status.cause).to_string(),
+        Phase::Interlocked => Refusal::Interlocked(status.interlock()).to_string(),
         _ => match &status.run_id {
             Some(run) => format!("run {run} is under way: stop it or wait for its end"),
             None => "the rig is busy: wait until it is unloaded".to_owned(),

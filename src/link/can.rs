@@ -196,15 +196,15 @@ fn data_frame(word: u32, data: &[u8], health: &LinkHealth) -> Option<Frame> {
     None
 }
 
-/// Counts an error frame (linux/can/error.h): the class is in the identifier, the controller's state in byte 1.
+/// Counts an error frame (linux/can/error.h): the class is in the identifier, the controller's state in byte 1, its error
+/// counters in bytes 6 and 7.
 fn count_error(class: u32, data: &[u8], health: &LinkHealth) {
     const LOST_ARBITRATION: u32 = 0x02;
     const CONTROLLER: u32 = 0x04;
     const BUS_OFF: u32 = 0x40;
     const RESTARTED: u32 = 0x100;
     const COUNTERS: u32 = 0x200;
-    const PASSIVE: u8 = 0x30;
-    const ACTIVE: u8 = 0x40;
+    const RECEIVE_OVERFLOW: u8 = 0x01;
     // Lost arbitration is normal on a busy bus; a restart and the error counters are reports, not faults.
     if class & !(ERROR_FLAG | LOST_ARBITRATION | RESTARTED | COUNTERS) != 0 {
         health.bus_errors.fetch_add(1, Ordering::Relaxed);
@@ -212,12 +212,29 @@ fn count_error(class: u32, data: &[u8], health: &LinkHealth) {
     if class & BUS_OFF != 0 {
         health.bus_off.fetch_add(1, Ordering::Relaxed);
     }
-    let state = data.get(1).copied().unwrap_or(0);
-    if class & CONTROLLER != 0 && state & PASSIVE != 0 {
-        health.error_passive.store(true, Ordering::Relaxed);
-    } else if class & CONTROLLER != 0 && state & ACTIVE != 0 || class & RESTARTED != 0 {
-        health.error_passive.store(false, Ordering::Relaxed);
+    let byte = |at: usize| data.get(at).copied().unwrap_or(0);
+    let report = if class & CONTROLLER != 0 { byte(1) } else { 0 };
+    if report & RECEIVE_OVERFLOW != 0 {
+        health.overflows.fetch_add(1, Ordering::Relaxed);
     }
+    let counters = (class & COUNTERS != 0).then(|| (byte(6), byte(7)));
+    if class & RESTARTED != 0 {
+        health.error_passive.store(false, Ordering::Relaxed);
+    } else if let Some(passive) = is_passive(report, counters) {
+        health.error_passive.store(passive, Ordering::Relaxed);
+    }
+}
+
+/// Whether a controller is error passive by its report of a state (warning, passive or active), else by its error counters
+/// of sending and receiving; `None` if the frame tells neither.
+fn is_passive(report: u8, counters: Option<(u8, u8)>) -> Option<bool> {
+    const PASSIVE: u8 = 0x30;
+    const ANY_STATE: u8 = 0x7C;
+    const PASSIVE_FROM: u8 = 128;
+    if report & ANY_STATE != 0 {
+        return Some(report & PASSIVE != 0);
+    }
+    counters.map(|(sending, receiving)| sending.max(receiving) >= PASSIVE_FROM)
 }
 
 #[cfg(test)]
@@ -252,6 +269,31 @@ mod tests {
             3,
             "lost arbitration is no error"
         );
+    }
+
+    /// linux/can/error.h, `can_change_state`: a controller that recovers reports "warning" before "active".
+    #[test]
+    fn error_passive_ends_with_the_report_of_any_better_state() {
+        let health = LinkHealth::opened();
+        let passive = || health.error_passive.load(Ordering::Relaxed);
+        data_frame(ERROR_FLAG | 0x04, &[0, 0x10, 0, 0, 0, 0, 0, 0], &health);
+        assert!(passive());
+        data_frame(ERROR_FLAG | 0x04, &[0, 0x01, 0, 0, 0, 0, 0, 0], &health);
+        assert!(passive(), "an overflow says nothing about the state");
+        assert_eq!(health.overflows.load(Ordering::Relaxed), 1);
+        data_frame(ERROR_FLAG | 0x04, &[0, 0x08, 0, 0, 0, 0, 0, 0], &health);
+        assert!(!passive(), "warning is better than passive");
+    }
+
+    /// Some drivers report only the error counters (bytes 6 and 7: of sending, of receiving); passive is 128 and more.
+    #[test]
+    fn error_counters_tell_passive_where_the_driver_names_no_state() {
+        let health = LinkHealth::opened();
+        let passive = || health.error_passive.load(Ordering::Relaxed);
+        data_frame(ERROR_FLAG | 0x208, &[0, 0, 0, 0, 0, 0, 128, 3], &health);
+        assert!(passive());
+        data_frame(ERROR_FLAG | 0x208, &[0, 0, 0, 0, 0, 0, 120, 3], &health);
+        assert!(!passive());
     }
 
     #[test]

@@ -53,12 +53,16 @@ pub(crate) struct LinkHealth {
     pub send_failures: AtomicU64,
     /// Frames lost because the ring, or the kernel's queue before it, was full.
     pub overflows: AtomicU64,
-    /// A CAN controller reports that it is error passive.
+    /// The CAN controller's newest report says error passive; false again once it reports a better state.
     pub error_passive: AtomicBool,
     /// CAN error frames, or serial packets with a wrong CRC or framing.
     pub bus_errors: AtomicU64,
     /// CAN bus-off reports.
     pub bus_off: AtomicU64,
+    /// Serial packets dropped because COBS, CRC-16, length or identifier was wrong; 0 on other links.
+    pub bad_packets: AtomicU64,
+    /// Serial packets that were whole, of any identifier; 0 on other links.
+    pub good_packets: AtomicU64,
 }
 
 impl LinkHealth {

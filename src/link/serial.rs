@@ -97,15 +97,18 @@ async fn receive(mut port: impl AsyncRead + Unpin, mut inlet: Inlet, side: Side)
             Err(_) => return,
         };
         let errors_before = decoder.errors();
+        let mut good = 0;
         for &byte in bytes.iter().take(count) {
-            if let Some(frame) = decoder.push(byte).filter(|frame| own.contains(&frame.id)) {
+            let Some(frame) = decoder.push(byte) else { continue };
+            good += 1;
+            if own.contains(&frame.id) {
                 inlet.deliver(frame);
             }
         }
-        inlet
-            .health
-            .bus_errors
-            .fetch_add(decoder.errors() - errors_before, Ordering::Relaxed);
+        let bad = decoder.errors() - errors_before;
+        inlet.health.good_packets.fetch_add(good, Ordering::Relaxed);
+        inlet.health.bad_packets.fetch_add(bad, Ordering::Relaxed);
+        inlet.health.bus_errors.fetch_add(bad, Ordering::Relaxed);
     }
 }
 
@@ -159,6 +162,17 @@ mod tests {
                 "{wrong}"
             );
         }
+    }
+
+    /// The daemon opens a lost link again from a task.
+    #[test]
+    fn a_missing_port_is_named_inside_a_runtime_too() {
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .build()
+            .expect("a runtime");
+        runtime.block_on(async {
+            assert!(open("/dev/no-such-port", Side::Rig { node: 1 }).is_err());
+        });
     }
 
     #[test]

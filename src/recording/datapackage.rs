@@ -91,6 +91,7 @@ fn details(header: &Header, survey: &Survey, events: &[Event], run: &RunFile, re
         "rows": resource.rows,
         "samples": survey.samples,
         "lost": survey.lost,
+        "late": survey.late,
         "damaged": survey.damaged,
         "flagged": survey.flagged,
         "gaps": survey.gaps.iter().map(|gap| gap_json(gap, survey, header)).collect::<Vec<_>>(),

@@ -20,7 +20,8 @@ bitflags::bitflags! {
     pub(crate) struct Flags: u16 {
         /// One or more samples before this one did not arrive.
         const AFTER_GAP = 1 << 0;
-        /// The sample was older than the link's `silence_ms` when the controller saw it.
+        /// The link delivered the sample later than the fastest ones by more than its `silence_ms`. Time that it waited in this
+        /// computer does not count.
         const LATE = 1 << 1;
         /// The load cell is at its rail or open.
         const FORCE_INVALID = 1 << 2;
@@ -217,6 +218,9 @@ pub(crate) struct Outcome {
     pub samples: u64,
     /// Number of ticks without a sample.
     pub lost: u64,
+    /// Samples that the link delivered too late; 0 in files of earlier programs, which did not count them.
+    #[serde(default)]
+    pub late: u64,
     /// Counted cycles completed in this run.
     pub cycles_completed: u32,
 }

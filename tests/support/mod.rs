@@ -2,6 +2,7 @@
 
 pub mod bench;
 pub mod http;
+pub mod virtual_rig;
 pub mod wire;
 
 use std::io::{BufRead, BufReader};

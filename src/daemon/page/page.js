@@ -148,7 +148,7 @@ function show() {
   if (status) $("footer").textContent = [
     `leafbench ${status.version}, bench ${status.bench}, link ${status.link}${status.link_open ? "" : " (closed)"}, ` +
     `runs in ${status.data_folder}`,
-    `${rig.counters.samples} samples, ${rig.counters.lost} lost, ${rig.counters.frames_refused} frames refused, ` +
+    `${rig.counters.samples} samples, ${rig.counters.lost} lost, ${rig.counters.late} late, ${rig.counters.frames_refused} frames refused, ` +
     `largest delay of the control loop ${(status.control_loop.worst_lateness_us / 1000).toFixed(1)} ms`,
     ...status.degraded].join(" \u00b7 ");
 }
@@ -163,7 +163,7 @@ function showRun(rig) {
     $("progress").value = total > 0 ? rig.elapsed_s / total : 0;
   } else if (run && run.ending) {
     $("run-name").textContent = `${run.profile}: ${run.ending}`;
-    $("run-cycles").textContent = `${run.samples} samples, ${run.lost} lost`;
+    $("run-cycles").textContent = `${run.samples} samples, ${run.lost} lost, ${run.late} late`;
     $("run-remaining").textContent = run.cause;
     $("progress").value = run.ending === "completed" ? 1 : $("progress").value;
   }
@@ -199,6 +199,7 @@ function row(run) {
   cell(run.cycles_completed || "", "number");
   cell(run.samples, "number");
   cell(run.lost, "number");
+  cell(run.late, "number");
   const links = cell("");
   if (!run.problem && run.ending !== "open") {
     const link = (text, query) => links.append(

@@ -19,6 +19,8 @@ pub(crate) struct RunListing {
     pub samples: u64,
     /// Number of ticks without a sample.
     pub lost: u64,
+    /// Samples that the link delivered too late.
+    pub late: u64,
     /// Counted cycles that ran to their end.
     pub cycles_completed: u32,
     /// How it ended; `None` while the run is live, or if its daemon was killed.
@@ -61,6 +63,7 @@ fn listing(path: PathBuf) -> RunListing {
                 specimen: String::new(),
                 samples: 0,
                 lost: 0,
+                late: 0,
                 cycles_completed: 0,
                 outcome: None,
                 problem: error.to_string(),
@@ -68,13 +71,19 @@ fn listing(path: PathBuf) -> RunListing {
         }
     };
     let header = run.header();
-    let (samples, lost, cycles_completed) = match run.outcome() {
-        Some(outcome) => (outcome.samples, outcome.lost, outcome.cycles_completed),
+    let (samples, lost, late, cycles_completed) = match run.outcome() {
+        Some(outcome) => (
+            outcome.samples,
+            outcome.lost,
+            outcome.late,
+            outcome.cycles_completed,
+        ),
         None => {
             let survey = run.survey();
             (
                 survey.samples,
                 survey.lost + survey.damaged,
+                survey.late,
                 survey.cycles_completed(),
             )
         }
@@ -86,6 +95,7 @@ fn listing(path: PathBuf) -> RunListing {
         specimen: header.specimen.clone(),
         samples,
         lost,
+        late,
         cycles_completed,
         outcome: run.outcome().cloned(),
         problem: String::new(),

@@ -216,6 +216,7 @@ pub(crate) mod test_support {
             cause: String::new(),
             samples,
             lost: 0,
+            late: 0,
             cycles_completed: (samples / 1000) as u32,
         }
     }

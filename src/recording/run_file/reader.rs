@@ -73,6 +73,8 @@ pub(crate) struct Survey {
     pub samples: u64,
     /// Number of ticks whose sample did not arrive.
     pub lost: u64,
+    /// Number of samples that the link delivered too late.
+    pub late: u64,
     /// Number of ticks in damaged blocks.
     pub damaged: u64,
     /// Number of samples with any flag except [`Flags::AFTER_GAP`].
@@ -97,6 +99,7 @@ impl Survey {
         self.samples += 1;
         let other_bits = sample.flags.difference(Flags::AFTER_GAP);
         self.flagged += u64::from(!other_bits.is_empty());
+        self.late += u64::from(sample.flags.contains(Flags::LATE));
         if let Some(mode) = sample.command.map(Command::mode)
             && !self.modes.contains(&mode)
         {
@@ -280,6 +283,7 @@ impl RunFile {
             cause: cause.to_owned(),
             samples: survey.samples,
             lost: survey.lost + survey.damaged,
+            late: survey.late,
             cycles_completed: survey.cycles_completed(),
         };
         let RunFile { path, database, .. } = self;
