@@ -349,4 +349,75 @@ mod tests {
             assert!(text.contains(&format!("\"{schema}\":{{")), "{schema}");
         }
     }
+
+    /// Longest wait on a busy machine.
+    const PATIENCE: Duration = Duration::from_secs(60);
+
+    /// A check that would take minutes.
+    fn long_check(state: &Arc<DaemonState>) -> impl Future<Output = Result<Json<Plan>>> + use<> {
+        let profile = "name = \"long\"\ncontrol = \"displacement\"\n[[block]]\n[[block.segment]]\nkind = \"hold\"\n\
+                       duration_s = 3.6e6\n";
+        let request = PlanRequest {
+            profile: profile.to_owned(),
+        };
+        plan_profile(State(Arc::clone(state)), JsonBody(request))
+    }
+
+    #[test]
+    fn one_profile_at_a_time_is_checked_and_an_abandoned_check_ends() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let state = DaemonState::without_rig(folder.path());
+        let runtime = tokio::runtime::Runtime::new().expect("a runtime");
+        runtime.block_on(async {
+            let first = tokio::spawn(long_check(&state));
+            while state.planning.available_permits() > 0 {
+                tokio::task::yield_now().await;
+            }
+            let second = long_check(&state).await.expect_err("the first one is at work");
+            assert_eq!(second.status(), StatusCode::SERVICE_UNAVAILABLE);
+            // As the handler of a client that leaves.
+            first.abort();
+            let turn = tokio::time::timeout(PATIENCE, state.planning.acquire()).await;
+            assert!(turn.is_ok(), "the abandoned check goes on");
+        });
+    }
+
+    #[test]
+    fn a_start_breaks_off_the_check_for_the_page() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let state = DaemonState::without_rig(folder.path());
+        let runtime = tokio::runtime::Runtime::new().expect("a runtime");
+        runtime.block_on(async {
+            let check = tokio::spawn(long_check(&state));
+            while state.planning.available_permits() > 0 {
+                tokio::task::yield_now().await;
+            }
+            let _start = state.starts.claim().ok().expect("free");
+            let checked = tokio::time::timeout(PATIENCE, check).await;
+            let refusal = checked
+                .expect("in time")
+                .expect("no panic")
+                .expect_err("broken off");
+            assert_eq!(refusal.status(), StatusCode::SERVICE_UNAVAILABLE);
+        });
+    }
+
+    #[test]
+    fn a_stop_is_answered_with_success_in_any_phase_and_without_a_body() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let state = DaemonState::without_rig(folder.path());
+        let runtime = tokio::runtime::Runtime::new().expect("a runtime");
+        runtime.block_on(async {
+            let claim = state.starts.claim().ok().expect("free");
+            let request = extract::Request::new(axum::body::Body::from("not JSON"));
+            let answer = stop(State(Arc::clone(&state)), request).await.expect("accepted");
+            assert_eq!(answer.0.message, "the run that was being prepared does not start");
+            assert!(claim.wanted().withdrawn().is_some());
+            // A body that never arrives.
+            let body =
+                axum::body::Body::from_stream(futures_util::stream::pending::<std::io::Result<String>>());
+            let answer = stop(State(Arc::clone(&state)), extract::Request::new(body)).await;
+            assert!(answer.is_ok());
+        });
+    }
 }

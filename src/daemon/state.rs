@@ -99,3 +99,31 @@ impl DaemonState {
         }
     }
 }
+
+#[cfg(test)]
+impl DaemonState {
+    /// The state of a daemon with the shipped bench, its data in `folder`, and a link at whose other end is no rig.
+    pub(super) fn without_rig(folder: &std::path::Path) -> Arc<DaemonState> {
+        let bench = Arc::new(Bench::shipped().expect("built in"));
+        let (link, _) = crate::link::loopback::pair();
+        let health = Arc::clone(&link.health);
+        let rig = crate::control::Rig::new(bench.rig_config(1));
+        // The thread ends with the last handle.
+        let (control, _) = ControlHandle::spawn(rig, link).expect("a thread");
+        let settings = DaemonSettings {
+            link_address: "mock:".to_owned(),
+            data_folder: folder.to_owned(),
+            profiles_folder: folder.to_owned(),
+            listen: ([127, 0, 0, 1], 0).into(),
+            bench,
+        };
+        let library = Library::open(folder).expect("a folder");
+        Arc::new(DaemonState::new(
+            settings,
+            control,
+            Store::new(folder),
+            library,
+            health,
+        ))
+    }
+}
