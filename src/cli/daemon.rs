@@ -15,8 +15,7 @@ use super::shared::local::{self, BenchArg, ProfilesArg};
 use super::{CliCommand, CliError, Done, Output};
 use crate::config::Bench;
 use crate::daemon::client_types::Endpoint;
-use crate::daemon::lock::DaemonLock;
-use crate::daemon::{self, DaemonSettings};
+use crate::daemon::{Daemon, DaemonSettings};
 use crate::link::{self, Link, Side, loopback};
 
 /// Control the rig: connect, serve the technician's page and the other commands, record runs
@@ -61,9 +60,11 @@ impl CliCommand for DaemonArgs {
             listen: self.listen.unwrap_or(bench.daemon.listen),
             bench: Arc::clone(&bench),
         };
-        let lock = DaemonLock::take(&settings.data_folder, &settings.link_address)?;
-        let link = open_link(&settings.link_address, &bench)?;
-        daemon::serve(settings, lock, link, |endpoint| announce(endpoint, output))?;
+        let link_address = settings.link_address.clone();
+        // The rig comes last: a daemon that cannot serve must not touch it.
+        let daemon = Daemon::prepare(settings)?;
+        let link = open_link(&link_address, &bench)?;
+        daemon.serve(link, |endpoint| announce(endpoint, output))?;
         Ok(Done::Success)
     }
 }

@@ -65,10 +65,7 @@ impl NewestRun {
         if run.progress.state == RunState::Arming {
             run.progress.state = RunState::NeverStarted;
             run.progress.cause = notice();
-            for ending in ["", "-wal", "-shm"] {
-                // A file that stays behind is closed as aborted at the next start of the daemon.
-                let _ = std::fs::remove_file(format!("{}{ending}", path.display()));
-            }
+            remove_run_file(path);
         } else if run.progress.state == RunState::Running {
             tracing::error!(
                 "the recording of run {} ended before the run",
@@ -85,5 +82,14 @@ impl NewestRun {
             .as_ref()
             .filter(|run| run.progress.state == RunState::Running || !run.closed);
         open.map(|run| store::close_as_aborted(&run.path, &run.progress.run_id, cause))
+    }
+}
+
+/// Removes the file of a run that never began. A file that stays behind is closed as aborted at the next start of the daemon.
+pub(super) fn remove_run_file(path: &Path) {
+    for ending in ["", "-wal", "-shm"] {
+        let mut name = path.as_os_str().to_owned();
+        name.push(ending);
+        let _ = std::fs::remove_file(name);
     }
 }
