@@ -25,6 +25,7 @@ mod model_mismatch;
 mod paper_benches;
 mod profiles;
 mod protocol;
+mod rig_check;
 mod run_next;
 mod serial;
 mod support;
