@@ -24,7 +24,7 @@ use super::state::{App, DaemonState};
 use super::{page, runs as run_life, socket};
 use crate::control::TareReport;
 use crate::control::realtime::{Reply, Request};
-use crate::recording::run_file::RunFile;
+use crate::recording::run_file::{RunFile, RunListing};
 
 /// Largest body of a request in bytes: more than any profile file.
 const BODY_LIMIT: usize = 1 << 20;
@@ -219,6 +219,8 @@ async fn run_detail(State(state): App, Path(run_id): Path<String>) -> Result<Jso
         let listing = listing.ok_or_else(|| ApiError::no_run(&run_id))?;
         let file = RunFile::open(&listing.path).map_err(ApiError::disk)?;
         let value = |v: serde_json::Result<_>| v.map_err(|e| ApiError::internal(&e.to_string()));
+        let problem = file.survey().damage.join("; ");
+        let listing = RunListing { problem, ..listing };
         let events = file
             .events()
             .iter()
@@ -235,9 +237,11 @@ async fn run_detail(State(state): App, Path(run_id): Path<String>) -> Result<Jso
 }
 
 /// The run as CSV: whole, one cycle (`?cycle=3`), the mean loop (`?mean_loop=true`) or every n-th sample (`?every=10`).
+/// A damaged or incomplete run is refused, unless `?partial=1` asks for what is left of it.
 #[utoipa::path(get, path = "/api/runs/{run_id}/csv",
     params(("run_id" = String, Path), CsvPart),
-    responses((status = 200, content_type = "text/csv", body = String), (status = 404, body = Failure)))]
+    responses((status = 200, content_type = "text/csv", body = String), (status = 404, body = Failure),
+        (status = 409, body = Failure)))]
 async fn run_csv(
     State(state): App,
     Path(run_id): Path<String>,

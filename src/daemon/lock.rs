@@ -3,10 +3,12 @@
 
 use std::fs::{File, TryLockError};
 use std::io::{Read, Seek, Write};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 use super::error::DaemonError;
 use crate::link;
+use crate::recording::atomic_file;
 
 /// The locks of the data folder and of the link. Dropping it releases both.
 #[derive(Debug)]
@@ -19,7 +21,7 @@ impl DaemonLock {
     /// Locks the data folder, which is created if it does not exist, and the link. Call it before the link is opened: a
     /// second daemon must not send a single frame.
     pub(crate) fn take(data_folder: &Path, link_address: &str) -> Result<DaemonLock, DaemonError> {
-        std::fs::create_dir_all(data_folder).map_err(|source| DaemonError::Folder {
+        atomic_file::create_private_folder(data_folder).map_err(|source| DaemonError::Folder {
             path: data_folder.to_owned(),
             source,
         })?;
@@ -57,6 +59,7 @@ fn lock(path: &Path, what: &str) -> Result<File, DaemonError> {
         .write(true)
         .create(true)
         .truncate(false)
+        .mode(0o600)
         .open(path)
         .map_err(failed)?;
     match file.try_lock() {

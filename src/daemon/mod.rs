@@ -8,7 +8,7 @@
 //! |---|---|
 //! | `client_types` | requests and answers |
 //! | `library`, `store`, `header` | profiles, run files, header of a recording |
-//! | `live`, `backlog` | samples for the live view, samples that wait for the recording thread |
+//! | `live`, `backlog`, `disk_watch` | samples for the live view, samples that wait for the recording thread or for the disk |
 //! | `error` | why the daemon or a request fails |
 //! | `lock`, `plan`, `csv_download`, `guard` | one daemon per rig, check of a profile, export, protection from other web pages |
 //! | `newest_run`, `state` | what the handlers and the runs share |
@@ -19,6 +19,7 @@ mod api;
 mod backlog;
 pub(crate) mod client_types;
 mod csv_download;
+mod disk_watch;
 mod error;
 mod guard;
 pub(crate) mod header;
@@ -33,6 +34,7 @@ mod socket;
 mod state;
 pub(crate) mod store;
 
+use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -43,6 +45,7 @@ use tokio::signal::unix::{SignalKind, signal};
 use crate::control::realtime::{ControlHandle, Request};
 use crate::control::{Phase, Rig};
 use crate::link::{self, Link, Side};
+use crate::recording::atomic_file;
 use client_types::Endpoint;
 use library::Library;
 use lock::DaemonLock;
@@ -138,6 +141,8 @@ async fn serve_until_signal(
 async fn unload(state: &DaemonState, signal: &str) {
     let deadline = tokio::time::Instant::now() + UNLOAD_AT_EXIT;
     let cause = format!("the daemon was ended ({signal})");
+    // A disk that cannot be written does not keep the daemon: what is missing is in the outcome.
+    state.newest_run.give_up_waiting();
     // Control refuses it if no run is under way.
     let _ = state.control.ask(Request::Stop(cause)).await;
     while tokio::time::Instant::now() < deadline {
@@ -189,7 +194,10 @@ fn publish(path: &Path, endpoint: &Endpoint) -> Result<(), DaemonError> {
     };
     let text = serde_json::to_string(endpoint).map_err(|e| failed(e.into()))?;
     let draft = path.with_extension("json.new");
-    std::fs::write(&draft, text + "\n").map_err(failed)?;
+    // What a killed daemon left there.
+    let _ = std::fs::remove_file(&draft);
+    let mut file = atomic_file::create_private(&draft).map_err(failed)?;
+    file.write_all((text + "\n").as_bytes()).map_err(failed)?;
     std::fs::rename(&draft, path).map_err(failed)
 }
 

@@ -8,6 +8,7 @@ use axum::http::StatusCode;
 
 use super::backlog::{Backlog, Counted};
 use super::client_types::{RunState, StartRun, Started, ending_word};
+use super::disk_watch::{DiskWatch, LOOK_PERIOD};
 use super::error::ApiError;
 use super::newest_run::NewestRun;
 use super::state::DaemonState;
@@ -39,15 +40,17 @@ pub(super) async fn start(state: &Arc<DaemonState>, request: StartRun) -> Result
         run_id.clone(),
         prepared.order.profile.name.clone(),
         prepared.path.clone(),
-        prepared.disk,
+        Arc::clone(&prepared.disk),
     );
+    let watch = DiskWatch::new(prepared.backlog, Arc::clone(&prepared.disk));
     let input = Box::new(prepared.input);
     let asked = state
         .control
         .ask(Request::Start(Box::new(prepared.order), input))
         .await;
-    follow(state, prepared.thread, prepared.path);
+    follow(state, prepared.thread, prepared.path, prepared.disk);
     asked?;
+    watch_disk(state, watch);
     tracing::info!("run {run_id} starts");
     Ok(Started { run_id })
 }
@@ -76,6 +79,7 @@ struct PreparedRun {
     disk: Arc<RunFileStatus>,
     input: Counted<RecorderInput>,
     thread: RunRecording,
+    backlog: Backlog,
 }
 
 /// The recording thread of a run. Its chain is: count of recorded samples, twin, then run file, live view and progress
@@ -96,7 +100,8 @@ fn prepare(state: &Arc<DaemonState>, request: StartRun) -> Result<PreparedRun, A
     let path = state.store.path_for_new(&header.run_id);
     let writer = RunFileWriter::create(&path, &header).map_err(ApiError::disk)?;
     let disk = writer.status();
-    let (input, thread) = recording_chain(state, writer)?;
+    let backlog = Backlog::default();
+    let (input, thread) = recording_chain(state, writer, &backlog)?;
     Ok(PreparedRun {
         order: RunOrder {
             header,
@@ -107,6 +112,7 @@ fn prepare(state: &Arc<DaemonState>, request: StartRun) -> Result<PreparedRun, A
         disk,
         input,
         thread,
+        backlog,
     })
 }
 
@@ -140,6 +146,7 @@ fn run_header(
 fn recording_chain(
     state: &DaemonState,
     writer: RunFileWriter,
+    backlog: &Backlog,
 ) -> Result<(Counted<RecorderInput>, RunRecording), ApiError> {
     let bench = &state.settings.bench;
     let progress = ProgressRecorder {
@@ -154,7 +161,6 @@ fn recording_chain(
         Box::new(progress),
     ]);
     let plant = bench.model.plant().map_err(|e| ApiError::invalid(&e))?;
-    let backlog = Backlog::default();
     let waiting = backlog.clone();
     let twin = Twin::new(
         plant,
@@ -228,12 +234,45 @@ fn chosen_profile(state: &DaemonState, request: &StartRun) -> Result<ChosenProfi
 }
 
 /// Waits for the end of the recording thread, then closes the run.
-fn follow(state: &Arc<DaemonState>, thread: RunRecording, path: PathBuf) {
+fn follow(state: &Arc<DaemonState>, thread: RunRecording, path: PathBuf, disk: Arc<RunFileStatus>) {
     let state = Arc::clone(state);
     tokio::task::spawn_blocking(move || {
         // Dropping the chain closes the handles of the file.
         drop(thread.join());
+        close_failed_files(&disk.paths());
         state.newest_run.close(&path, || state.control.status().0.notice);
+    });
+}
+
+/// Closes the files of a run that had an error of the disk; each but the last one was left as it was.
+fn close_failed_files(paths: &[PathBuf]) {
+    for pair in paths.windows(2) {
+        let [failed, next] = pair else { return };
+        let name = |path: &PathBuf| {
+            path.file_stem()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned()
+        };
+        tracing::warn!(
+            "{}",
+            store::close_as_aborted(failed, &name(failed), &store::continued_in(&name(next)))
+        );
+    }
+}
+
+/// Holds the rig and then stops the run if its samples do not get to the disk, until its file is closed.
+fn watch_disk(state: &Arc<DaemonState>, mut watch: DiskWatch) {
+    let state = Arc::clone(state);
+    tokio::spawn(async move {
+        while !state.newest_run.is_closed() {
+            if let Some(request) = watch.look()
+                && let Err(error) = state.control.ask(request).await
+            {
+                tracing::warn!("the disk: control did not act on it: {error}");
+            }
+            tokio::time::sleep(LOOK_PERIOD).await;
+        }
     });
 }
 
