@@ -32,11 +32,11 @@ impl Clock for TestClock {
 }
 
 /// What a call of the disk does, from its number, from 1, and the time in ms.
-type Fault = fn(u64, u64, Plan) -> Option<WriteError>;
+type Fault = fn(u64, u64, FaultTime) -> Option<WriteError>;
 
 /// Which calls fail.
 #[derive(Debug, Clone, Copy, Default)]
-struct Plan {
+struct FaultTime {
     first: u64,
     last: u64,
 }
@@ -45,7 +45,7 @@ struct Plan {
 #[derive(Clone)]
 struct FaultyDisk {
     fault: Fault,
-    plan: Plan,
+    plan: FaultTime,
     clock: TestClock,
     calls: Arc<Mutex<u64>>,
 }
@@ -116,7 +116,7 @@ impl Part for FaultyPart {
 }
 
 /// A run on a disk with faults.
-struct Bench {
+struct FaultyRun {
     folder: tempfile::TempDir,
     clock: TestClock,
     calls: Arc<Mutex<u64>>,
@@ -125,8 +125,8 @@ struct Bench {
     tick: u64,
 }
 
-impl Bench {
-    fn new(fault: Fault, plan: Plan, room: usize) -> Bench {
+impl FaultyRun {
+    fn new(fault: Fault, plan: FaultTime, room: usize) -> FaultyRun {
         let folder = tempfile::tempdir().unwrap();
         let (clock, calls) = (TestClock::default(), Arc::default());
         let disk = FaultyDisk {
@@ -139,7 +139,7 @@ impl Bench {
         let writer =
             RunFileWriter::create_on(Box::new(disk), Box::new(clock.clone()), &path, &header(), room)
                 .unwrap();
-        Bench {
+        FaultyRun {
             status: writer.status(),
             writer: Some(writer),
             folder,
@@ -209,17 +209,17 @@ fn broken() -> WriteError {
 }
 
 /// K1. Times are in ms. `first` to `last` is the time without space.
-fn full_for_a_time(_: u64, now_ms: u64, plan: Plan) -> Option<WriteError> {
+fn full_for_a_time(_: u64, now_ms: u64, plan: FaultTime) -> Option<WriteError> {
     (plan.first..plan.last).contains(&now_ms).then(full)
 }
 
 #[test]
 fn a_full_disk_alarms_at_once_and_loses_nothing_if_space_is_freed() {
-    let plan = Plan {
+    let plan = FaultTime {
         first: 2000,
         last: 42_000,
     };
-    let mut bench = Bench::new(full_for_a_time, plan, ROOM_SAMPLES);
+    let mut bench = FaultyRun::new(full_for_a_time, plan, ROOM_SAMPLES);
     bench.run_ms(1990);
     assert_eq!(bench.status.problem(), None);
     bench.run_ms(30);
@@ -234,7 +234,7 @@ fn a_full_disk_alarms_at_once_and_loses_nothing_if_space_is_freed() {
     bench.run_ms(3000);
     assert_eq!(bench.status.problem(), None, "tried again within a second");
     let files = bench.end();
-    assert_eq!(Bench::ticks(&files), (0..bench.tick).collect::<Vec<_>>());
+    assert_eq!(FaultyRun::ticks(&files), (0..bench.tick).collect::<Vec<_>>());
     let [file] = files.as_slice() else {
         panic!("one file")
     };
@@ -249,31 +249,31 @@ fn a_full_disk_alarms_at_once_and_loses_nothing_if_space_is_freed() {
 
 #[test]
 fn a_disk_that_stays_full_is_waited_for_and_the_rest_is_told() {
-    let plan = Plan {
+    let plan = FaultTime {
         first: 2000,
         last: 70_000,
     };
-    let mut bench = Bench::new(full_for_a_time, plan, ROOM_SAMPLES);
+    let mut bench = FaultyRun::new(full_for_a_time, plan, ROOM_SAMPLES);
     bench.run_ms(12_000);
     // The run ends at 12 s, the wait at 72 s, and space is free at 70 s.
     let files = bench.end();
-    assert_eq!(Bench::ticks(&files).len(), 12_000);
+    assert_eq!(FaultyRun::ticks(&files).len(), 12_000);
     assert_eq!((bench.status.problem(), bench.status.not_saved()), (None, 0));
 }
 
 /// The samples are refused for good, but the outcome finds the space that was kept for it.
-fn full_except_for_the_end(_: u64, now_ms: u64, plan: Plan) -> Option<WriteError> {
+fn full_except_for_the_end(_: u64, now_ms: u64, plan: FaultTime) -> Option<WriteError> {
     (now_ms >= plan.first && now_ms < plan.last).then(full)
 }
 
 #[test]
 fn what_is_not_on_the_disk_at_the_end_is_in_the_outcome() {
-    let plan = Plan {
+    let plan = FaultTime {
         first: 5625,
         last: u64::MAX,
     };
     // The disk of this test refuses everything, so the file stays open and only the status tells.
-    let mut bench = Bench::new(full_except_for_the_end, plan, ROOM_SAMPLES);
+    let mut bench = FaultyRun::new(full_except_for_the_end, plan, ROOM_SAMPLES);
     bench.run_ms(12_000);
     bench.status.give_up();
     let files = bench.end();
@@ -292,11 +292,11 @@ fn what_is_not_on_the_disk_at_the_end_is_in_the_outcome() {
 
 #[test]
 fn samples_beyond_the_room_are_a_told_gap() {
-    let plan = Plan {
+    let plan = FaultTime {
         first: 2000,
         last: 10_000,
     };
-    let mut bench = Bench::new(full_for_a_time, plan, 5000);
+    let mut bench = FaultyRun::new(full_for_a_time, plan, 5000);
     bench.run_ms(12_000);
     let files = bench.end();
     let survey = files[0].survey();
@@ -323,13 +323,13 @@ fn samples_beyond_the_room_are_a_told_gap() {
 }
 
 /// K2. Call `first` to `last` fails with an I/O error.
-fn broken_calls(call: u64, _: u64, plan: Plan) -> Option<WriteError> {
+fn broken_calls(call: u64, _: u64, plan: FaultTime) -> Option<WriteError> {
     (plan.first..=plan.last).contains(&call).then(broken)
 }
 
 /// Number of calls of a run of 300 ms without faults.
 fn calls_of_a_short_run() -> u64 {
-    let mut bench = Bench::new(broken_calls, Plan::default(), ROOM_SAMPLES);
+    let mut bench = FaultyRun::new(broken_calls, FaultTime::default(), ROOM_SAMPLES);
     bench.run_ms(300);
     bench.end();
     let calls = *bench.calls.lock().unwrap();
@@ -341,14 +341,18 @@ fn an_error_at_any_call_moves_the_run_to_a_second_file_and_loses_nothing() {
     let calls = calls_of_a_short_run();
     assert!(calls > 60, "{calls}");
     for call in 2..=calls {
-        let plan = Plan {
+        let plan = FaultTime {
             first: call,
             last: call,
         };
-        let mut bench = Bench::new(broken_calls, plan, ROOM_SAMPLES);
+        let mut bench = FaultyRun::new(broken_calls, plan, ROOM_SAMPLES);
         bench.run_ms(300);
         let files = bench.end();
-        assert_eq!(Bench::ticks(&files), (0..300).collect::<Vec<_>>(), "call {call}");
+        assert_eq!(
+            FaultyRun::ticks(&files),
+            (0..300).collect::<Vec<_>>(),
+            "call {call}"
+        );
         assert_eq!(bench.names(), ["a.leafrun", "a-2.leafrun"], "call {call}");
         let second = &files[1];
         assert_eq!(second.header().continues, files[0].header().run_id);
@@ -371,24 +375,24 @@ fn an_error_at_any_call_moves_the_run_to_a_second_file_and_loses_nothing() {
 #[test]
 fn while_no_file_can_be_made_the_samples_wait_and_are_never_called_saved() {
     for call in [3, 20, 41] {
-        let plan = Plan {
+        let plan = FaultTime {
             first: call,
             last: call + 5,
         };
-        let mut bench = Bench::new(broken_calls, plan, ROOM_SAMPLES);
+        let mut bench = FaultyRun::new(broken_calls, plan, ROOM_SAMPLES);
         bench.run_ms(10_000);
         let files = bench.end();
         assert_eq!(
-            Bench::ticks(&files),
+            FaultyRun::ticks(&files),
             (0..10_000).collect::<Vec<_>>(),
             "from call {call}"
         );
     }
-    let plan = Plan {
+    let plan = FaultTime {
         first: 41,
         last: u64::MAX,
     };
-    let mut bench = Bench::new(broken_calls, plan, ROOM_SAMPLES);
+    let mut bench = FaultyRun::new(broken_calls, plan, ROOM_SAMPLES);
     bench.run_ms(10_000);
     let settled = bench.status.settled();
     assert!(settled < 400, "{settled} of 10000 samples are called saved");
@@ -450,7 +454,7 @@ fn a_file_without_room_is_as_before_and_takes_the_same_commit_later() {
 /// Defect 17: after a restart the ticks of the rig begin again.
 #[test]
 fn events_stay_in_order_when_the_rig_restarts() {
-    let mut bench = Bench::new(broken_calls, Plan::default(), ROOM_SAMPLES);
+    let mut bench = FaultyRun::new(broken_calls, FaultTime::default(), ROOM_SAMPLES);
     bench.run_ms(2000);
     let after_restart = Event {
         tick: 3,
