@@ -1,10 +1,10 @@
 //! Tests the daemon as a process: kills, signals, forged requests, the live view.
 
-use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use super::support::http::request;
 use super::support::{Daemon, PATIENCE, json, until};
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use nix::sys::signal::Signal;
@@ -12,28 +12,6 @@ use nix::sys::signal::Signal;
 /// A profile that lasts long enough to be interrupted.
 const LONG: &str = "name = \"long\"\ncontrol = \"displacement\"\n[[block]]\n[[block.segment]]\nkind = \"ramp\"\n\
                     to_mm = 6.0\nduration_s = 1.0\n[[block.segment]]\nkind = \"hold\"\nduration_s = 60.0\n";
-
-/// Sends a request with any headers, also forged ones. Returns status and body.
-fn request(daemon: &Daemon, head: &str, body: &str) -> (u16, String) {
-    let mut stream = TcpStream::connect(daemon.authority()).expect("the daemon listens");
-    stream.set_read_timeout(Some(PATIENCE)).expect("set");
-    let length = body.len();
-    write!(
-        stream,
-        "{head}Content-Length: {length}\r\nConnection: close\r\n\r\n{body}"
-    )
-    .expect("sent");
-    let mut answer = Vec::new();
-    // The daemon may close the connection before it has read a body that it refuses.
-    let _ = stream.read_to_end(&mut answer);
-    let answer = String::from_utf8_lossy(&answer).into_owned();
-    let status = answer.split(' ').nth(1).and_then(|s| s.parse().ok()).unwrap_or(0);
-    let body = answer
-        .split_once("\r\n\r\n")
-        .map(|(_, body)| body.to_owned())
-        .unwrap_or_default();
-    (status, body)
-}
 
 /// Starts a run over HTTP and waits until the rig moves.
 fn start(daemon: &Daemon, profile: &str) -> String {

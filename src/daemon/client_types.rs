@@ -44,6 +44,9 @@ pub(crate) struct Status {
     pub twin: String,
     /// What makes the timing of the control loop worse than specified, one sentence each.
     pub degraded: Vec<String>,
+    /// A run was asked for and has not begun: its profile is being checked. A stop withdraws it.
+    #[serde(default)]
+    pub preparing: bool,
     /// State of the rig and of the run under way.
     pub rig: RigStatus,
     /// Timing of the control loop.
@@ -136,15 +139,21 @@ pub(crate) struct StartRun {
     /// Name of a profile, or the text of a profile file. May be left out if a run is resumed.
     #[serde(default)]
     pub profile: Option<String>,
-    /// Name of the specimen. Without it, the specimen of the bench config.
+    /// Name of the specimen: that of the bench config, or one that begins with it (`NAME 7`). Without it, the specimen of the
+    /// bench config, or that of the run to resume.
     #[serde(default)]
     pub specimen: Option<String>,
     /// Name of the operator, for the header of the recording.
     #[serde(default)]
     pub operator: Option<String>,
-    /// Id of a run to resume. The new run begins at the cycle after the last complete one.
+    /// Id of a run to resume. The new run begins at the cycle after the last complete one. Bench, rig, specimen and profile
+    /// must be the same, and a run is resumed once.
     #[serde(default)]
     pub resume_run: Option<String>,
+    /// Name of the person who answers for a start with an overdue calibration or another specimen than that of the bench. The
+    /// name goes into the remarks of the recording.
+    #[serde(default)]
+    pub override_by: Option<String>,
 }
 
 /// What to check.

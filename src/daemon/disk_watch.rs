@@ -5,7 +5,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::backlog::Backlog;
-use crate::control::realtime::Request;
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::recording::run_file::RunFileStatus;
 
@@ -16,6 +15,15 @@ const HOLD_AFTER_S: u64 = 45;
 /// The run is stopped when this much is not on the disk. Writer and ring have room for as much again, so unloading is
 /// recorded too.
 const STOP_AFTER_S: u64 = 60;
+
+/// What to ask of control.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum DiskAction {
+    /// Keep the position.
+    Hold,
+    /// End the run, with this cause.
+    Stop(String),
+}
 
 /// The watch over the disk of one run.
 #[derive(Debug)]
@@ -38,7 +46,7 @@ impl DiskWatch {
     }
 
     /// What to ask of control now: each request once, and hold once more if the disk recovered in between.
-    pub(super) fn look(&mut self) -> Option<Request> {
+    pub(super) fn look(&mut self) -> Option<DiskAction> {
         let unsaved_s =
             self.backlog.recorded().saturating_sub(self.disk.settled()) / u64::from(SAMPLE_RATE_HZ);
         let problem = self.disk.problem();
@@ -49,12 +57,12 @@ impl DiskWatch {
             self.stopped = true;
             let text = format!("{unsaved_s} s of samples are not on the disk: {cause}");
             tracing::error!("the run is stopped: {text}");
-            return Some(Request::Stop(text));
+            return Some(DiskAction::Stop(text));
         }
         if unsaved_s >= HOLD_AFTER_S && !self.held {
             self.held = true;
             tracing::error!("the rig is held: {unsaved_s} s of samples are not on the disk: {cause}");
-            return Some(Request::Hold);
+            return Some(DiskAction::Hold);
         }
         if unsaved_s == 0 {
             self.held = false;
@@ -86,8 +94,8 @@ mod tests {
                 writer.sample(&sample(0));
             }
             match watch.look() {
-                Some(Request::Hold) => asked.push((tick / 1000, "hold")),
-                Some(Request::Stop(cause)) => {
+                Some(DiskAction::Hold) => asked.push((tick / 1000, "hold")),
+                Some(DiskAction::Stop(cause)) => {
                     assert!(cause.contains("60 s of samples are not on the disk"), "{cause}");
                     asked.push((tick / 1000, "stop"));
                 }

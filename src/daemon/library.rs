@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use super::client_types::ProfileSummary;
 use crate::profile::{Player, Profile, ProfileError};
 use crate::protocol::message::SAMPLE_RATE_HZ;
+use crate::regular_file::{self, WRITTEN_MAX_BYTES};
 
 /// Why a profile cannot be read.
 #[derive(Debug, thiserror::Error)]
@@ -91,7 +92,7 @@ fn name_of(path: &Path) -> &str {
 
 /// Reads one profile file. Returns the profile and the text of the file.
 pub(crate) fn read(path: &Path) -> Result<(Profile, String), LibraryError> {
-    let text = std::fs::read_to_string(path).map_err(|source| LibraryError::File {
+    let text = regular_file::read_text(path, WRITTEN_MAX_BYTES).map_err(|source| LibraryError::File {
         path: path.to_owned(),
         source,
     })?;

@@ -129,7 +129,7 @@ impl Firmware {
         });
         Firmware {
             identity,
-            limits: DEFAULT_LIMITS,
+            limits: Limits::defaults(),
             nmt: NmtState::PreOperational,
             tick: 0,
             state: RigState::Off,
@@ -424,7 +424,7 @@ impl Firmware {
 
     /// Sends the sample of each tick, the status and the heartbeat in their periods, and the status at once on a change.
     fn report(&mut self, reading: &SensorReading) {
-        if matches!(self.nmt, NmtState::Operational | NmtState::Stopped) {
+        if self.has_process_data() {
             self.outbox.push(FromRig::Sample(SampleMessage {
                 counter: self.sample_counter,
                 tick: self.tick as u16,
@@ -458,25 +458,11 @@ impl Firmware {
         self.status_counter = next_counter(self.status_counter);
     }
 
-    /// True while a sensor has no reading or the emergency stop is pressed.
+    /// True while a sensor has no reading, the emergency stop is pressed, or the displacement is beyond its limits.
     pub(super) fn cause_stands(&self) -> bool {
-        self.guard.sensors_bad() || self.last_reading.is_some_and(|reading| reading.emergency_stop)
+        let travel = self.limits.displacement_min_counts..=self.limits.displacement_max_counts;
+        self.guard.sensors_bad()
+            || !travel.contains(&self.guard.displacement_counts())
+            || self.last_reading.is_some_and(|reading| reading.emergency_stop)
     }
 }
-
-/// Limits after boot in nominal counts: 10 kN, 49 mm, 300 mm/s. The host writes those of its bench before arming.
-pub(crate) const DEFAULT_LIMITS: Limits = Limits {
-    force_max_counts: 100_000,
-    force_min_counts: -5_000,
-    displacement_max_counts: 98_000,
-    displacement_min_counts: -98_000,
-    velocity_max_counts_s: 600_000,
-    following_error_displacement_counts: 2_000,
-    following_error_force_counts: 5_000,
-    lease_ms: 50,
-    hold_timeout_ms: 30_000,
-    unload_velocity_counts_s: 10_000,
-    queue_low_ms: 30,
-    unloaded_force_counts: 100,
-    retract_counts: -10_000,
-};

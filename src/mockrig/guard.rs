@@ -187,10 +187,12 @@ impl SafetyGuard {
     }
 
     fn stuck(&mut self, following: &Following) -> Option<(Cause, Reaction)> {
+        // The speed was asked for in the tick before: it belongs to the step that this sample ends.
         if self.stuck == 0 {
             self.stuck_travel_mm = 0.0;
+        } else {
+            self.stuck_travel_mm += following.speed_mm_s * TICK_S;
         }
-        self.stuck_travel_mm += following.speed_mm_s * TICK_S;
         let is_stuck = self.stuck >= STUCK_TICKS && self.stuck_travel_mm.abs() > STUCK_TRAVEL_MM;
         is_stuck.then_some((Cause::SensorStuck, Reaction::Off))
     }

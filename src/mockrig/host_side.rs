@@ -19,6 +19,18 @@ pub(crate) struct HostSide {
     pub commands: CounterCheck,
     pub corrupt: Burst<3>,
     pub foreign: Burst<6>,
+    pub dropped: Dropped,
+}
+
+/// Frames that were not used since boot, as the host reads them.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Dropped {
+    /// Wrong CRC-8, reserved bit, unknown value, wrong sequence.
+    pub refused: u32,
+    /// Commands that were late, too far ahead, or came in a wrong state.
+    pub commands: u32,
+    /// LEASE and COMMAND of another session.
+    pub foreign: u32,
 }
 
 /// Detects `N` events within [`BURST_TICKS`].

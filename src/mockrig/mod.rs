@@ -255,7 +255,9 @@ impl MockRig {
                 Ok(message) => self.firmware.handle(message),
                 // A frame of another length is foreign, not corrupt.
                 Err(DecodeError::ForeignId(_) | DecodeError::Length { .. }) => continue,
-                Err(_) => self.firmware.note_corrupt(),
+                Err(DecodeError::RequestCode { counter, .. }) => self.firmware.refuse_request(counter),
+                Err(DecodeError::Config { index, sub, .. }) => self.firmware.refuse_access(index, sub),
+                Err(DecodeError::Crc { .. } | DecodeError::Field { .. }) => self.firmware.note_corrupt(),
             }
             self.send(link);
         }

@@ -2,9 +2,12 @@
 //! Whether a command is allowed, and what follows from an empty queue, is decided in `requests` and `firmware`.
 
 use crate::protocol::message::WireMode;
+use crate::protocol::tick::ticks_in_ms;
 
-/// Number of slots: how far ahead commands may be sent, in ticks.
-const QUEUE_SLOTS: u64 = 512;
+/// How far ahead a command may be due: 250 ms.
+const AHEAD_MAX_TICKS: u64 = ticks_in_ms(250);
+/// Slots of the ring: the commands ahead, and the one of this tick.
+const QUEUE_SLOTS: u64 = AHEAD_MAX_TICKS + 1;
 
 /// A set point for one tick, in the counts of its mode's channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,7 +53,7 @@ impl CommandQueue {
     /// first. Returns false, and drops the command, if its tick is due, has passed, or is beyond the queue.
     pub(crate) fn push(&mut self, tick_low: u16, now: u64, point: SetPoint) -> bool {
         let ahead = tick_low.wrapping_sub(now as u16) as i16;
-        if ahead <= 0 || ahead as u64 >= QUEUE_SLOTS {
+        if ahead <= 0 || ahead as u64 > AHEAD_MAX_TICKS {
             return false;
         }
         let tick = now + ahead as u64;
@@ -117,12 +120,12 @@ mod tests {
             (0xFFF0, false),
             (0xFF00, false),
             (0x0010, true),
-            (0x01EF, true),
-            (0x01F0, false),
+            (0x00EA, true),
+            (0x00EB, false),
         ] {
             assert_eq!(queue.push(tick_low, now, point(1.0)), taken, "{tick_low:#06x}");
         }
-        assert_eq!(queue.level(now), 511);
+        assert_eq!(queue.level(now), 250);
         assert_eq!(queue.set_point(0x0002_0010, None), Some(point(1.0)));
     }
 

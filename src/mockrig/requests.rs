@@ -5,7 +5,7 @@ use super::firmware::Firmware;
 use super::guard::Reaction;
 use super::queue::SetPoint;
 use crate::protocol::message::{
-    COUNTS_MAX, Cause, CommandMessage, ConfigAbort, FromRig, LIMIT_COUNT, LeaseMessage, Limits, NmtCommand,
+    Cause, CommandMessage, ConfigAbort, FromRig, LIMIT_COUNT, LIMITS, LeaseMessage, Limits, NmtCommand,
     NmtState, PROTOCOL_VERSION, RequestCode, RequestMessage, RequestResult, RigState, SAMPLE_RATE_HZ, ToRig,
     WireMode, object,
 };
@@ -15,7 +15,7 @@ use crate::protocol::tick::ticks_in_ms;
 impl Firmware {
     /// Handles a decoded message.
     pub(crate) fn handle(&mut self, message: ToRig) {
-        let process_data = matches!(self.nmt, NmtState::Operational | NmtState::Stopped);
+        let process_data = self.has_process_data();
         match message {
             ToRig::Nmt { command, node } if node == 0 || node == self.identity.node => self.network(command),
             ToRig::ConfigRead { index, sub } => {
@@ -39,8 +39,29 @@ impl Firmware {
         }
     }
 
+    /// Answers a request whose code the firmware does not know.
+    pub(crate) fn refuse_request(&mut self, counter: u8) {
+        if self.has_process_data() {
+            self.host.last_request = None;
+            self.host.ack = Some((counter, RequestResult::Unknown));
+            self.status_due = true;
+        }
+    }
+
+    /// Answers a malformed configuration request.
+    pub(crate) fn refuse_access(&mut self, index: u16, sub: u8) {
+        let abort = ConfigAbort::Command;
+        self.outbox.push(FromRig::ConfigRefused { index, sub, abort });
+    }
+
+    /// True if samples and status are sent, and requests, leases and commands taken.
+    pub(super) fn has_process_data(&self) -> bool {
+        matches!(self.nmt, NmtState::Operational | NmtState::Stopped)
+    }
+
     /// Counts a corrupt frame (CRC or field) or one out of sequence.
     pub(crate) fn note_corrupt(&mut self) {
+        self.host.dropped.refused = self.host.dropped.refused.wrapping_add(1);
         if self.host.corrupt.hit(self.tick) {
             self.trip(Cause::CorruptFrames, Reaction::Unload);
         }
@@ -62,8 +83,11 @@ impl Firmware {
     /// True if `session` owns the rig. Frames of other sessions are counted, and too many trip.
     fn owns(&mut self, session: u8) -> bool {
         let own = session != 0 && session == self.host.session;
-        if !own && self.host.session != 0 && self.host.foreign.hit(self.tick) {
-            self.trip(Cause::ForeignSession, Reaction::Unload);
+        if !own && self.host.session != 0 {
+            self.host.dropped.foreign = self.host.dropped.foreign.wrapping_add(1);
+            if self.host.foreign.hit(self.tick) {
+                self.trip(Cause::ForeignSession, Reaction::Unload);
+            }
         }
         own
     }
@@ -91,8 +115,11 @@ impl Firmware {
 
     fn command(&mut self, command: CommandMessage) {
         let sequence = self.host.commands.check(command.counter);
-        if !self.in_order(sequence) || !matches!(self.state, RigState::Armed | RigState::Running) {
+        if !self.in_order(sequence) {
             return;
+        }
+        if !matches!(self.state, RigState::Armed | RigState::Running) {
+            return self.drop_command();
         }
         let point = SetPoint {
             mode: command.mode,
@@ -114,7 +141,13 @@ impl Firmware {
         // A command that is too late or too far ahead is dropped; its slot is then missing in the queue.
         if self.queue.push(command.tick, self.tick, point) {
             self.queue_mode = Some(point.mode);
+        } else {
+            self.drop_command();
         }
+    }
+
+    fn drop_command(&mut self) {
+        self.host.dropped.commands = self.host.dropped.commands.wrapping_add(1);
     }
 
     fn request(&mut self, request: RequestMessage) {
@@ -141,8 +174,10 @@ impl Firmware {
             return RequestResult::Busy;
         }
         match (code, self.state) {
+            // Whoever stopped the rig must start it before it can move again.
+            (RequestCode::Arm, _) if self.nmt == NmtState::Stopped => return RequestResult::WrongState,
             (RequestCode::Arm, RigState::Off) => {
-                if argument != self.limits.crc32() {
+                if argument != self.limits.crc32() || !self.limits.is_consistent() {
                     return RequestResult::WrongConfiguration;
                 }
                 if self.cause_stands() {
@@ -219,6 +254,9 @@ impl Firmware {
             object::SAMPLE_RATE => Ok(SAMPLE_RATE_HZ),
             object::CALIBRATION_HASH => Ok(self.identity.calibration_hash),
             object::CONFIGURATION_CRC => Ok(self.limits.crc32()),
+            object::FRAMES_REFUSED => Ok(self.host.dropped.refused),
+            object::COMMANDS_DROPPED => Ok(self.host.dropped.commands),
+            object::FRAMES_FOREIGN => Ok(self.host.dropped.foreign),
             (object::LIMITS, 0) => Ok(LIMIT_COUNT as u32),
             (object::LIMITS, n) => {
                 let at = usize::from(n - 1);
@@ -240,9 +278,9 @@ impl Firmware {
             (object::LIMITS, n) if n > 0 && !self.pressure_on() => {
                 let mut limits = self.limits.to_array();
                 let at = usize::from(n - 1);
-                let (low, high) = LIMIT_RANGES.get(at).copied().ok_or(ConfigAbort::NoSubIndex)?;
+                let entry = LIMITS.get(at).ok_or(ConfigAbort::NoSubIndex)?;
                 let value = value as i32;
-                if value < low || value > high {
+                if !(entry.lowest..=entry.highest).contains(&value) {
                     return Err(ConfigAbort::Range);
                 }
                 if let Some(slot) = limits.get_mut(at) {
@@ -261,24 +299,6 @@ impl Firmware {
 /// Product code of the mock rig: "MOCK".
 const PRODUCT_MOCK: u32 = 0x4D4F_434B;
 
-/// Range of each limit, in the order of the sub-indices. A limit cannot be switched off. A tare of the host moves levels of
-/// force and displacement across zero.
-const LIMIT_RANGES: [(i32, i32); LIMIT_COUNT] = [
-    (1, COUNTS_MAX),
-    (-COUNTS_MAX, COUNTS_MAX),
-    (-COUNTS_MAX, COUNTS_MAX),
-    (-COUNTS_MAX, COUNTS_MAX),
-    (1, 4_000_000),
-    (1, COUNTS_MAX),
-    (1, COUNTS_MAX),
-    (20, 500),
-    (100, 600_000),
-    (1, 10_000),
-    (5, 250),
-    (-COUNTS_MAX, COUNTS_MAX),
-    (-COUNTS_MAX, COUNTS_MAX),
-];
-
 fn is_index(index: u16) -> bool {
     [
         object::DEVICE_TYPE.0,
@@ -288,6 +308,7 @@ fn is_index(index: u16) -> bool {
         object::SAMPLE_RATE.0,
         object::CALIBRATION_HASH.0,
         object::CONFIGURATION_CRC.0,
+        object::FRAMES_REFUSED.0,
     ]
     .contains(&index)
 }

@@ -41,6 +41,24 @@ pub(crate) enum DecodeError {
         /// Value of the field.
         value: u32,
     },
+    /// A request whose code this version does not know. It is answered, not counted as corrupt.
+    #[error("request {counter} has the unknown code {code}")]
+    RequestCode {
+        /// Counter of the request, for the answer.
+        counter: u8,
+        /// The code in the frame.
+        code: u8,
+    },
+    /// A configuration request that is neither a read nor a write of 4 bytes. It is refused, not counted as corrupt.
+    #[error("configuration request of object {index:#06x}:{sub} is malformed (command {command:#04x})")]
+    Config {
+        /// Index of the object.
+        index: u16,
+        /// Sub-index of the object.
+        sub: u8,
+        /// Command byte in the frame.
+        command: u8,
+    },
 }
 
 /// A field of a frame in Intel bit numbering: bit 0 is the lowest bit of byte 0.

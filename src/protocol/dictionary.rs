@@ -42,9 +42,57 @@ pub(crate) mod object {
     pub(crate) const CALIBRATION_HASH: (u16, u8) = (0x2003, 0);
     /// CRC-32 (ISO-HDLC) over the limits 0x2100:1 to 13 as little-endian i32 in order (ro).
     pub(crate) const CONFIGURATION_CRC: (u16, u8) = (0x2004, 0);
+    /// Frames refused since boot: wrong CRC-8, reserved bit, unknown value, wrong sequence (ro).
+    pub(crate) const FRAMES_REFUSED: (u16, u8) = (0x2005, 1);
+    /// Commands of the own session dropped since boot: late, too far ahead, wrong state (ro).
+    pub(crate) const COMMANDS_DROPPED: (u16, u8) = (0x2005, 2);
+    /// LEASE and COMMAND frames of another session since boot (ro).
+    pub(crate) const FRAMES_FOREIGN: (u16, u8) = (0x2005, 3);
     /// Index of the limits; sub-index n is `LIMITS[n - 1]` (rw in Off and Tripped).
     pub(crate) const LIMITS: u16 = 0x2100;
 }
+
+/// Range and default of one limit, in its own unit on the wire.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct LimitEntry {
+    /// Name in `firmware-protocol.md`.
+    pub name: &'static str,
+    /// Lowest value that the firmware takes.
+    pub lowest: i32,
+    /// Highest value that the firmware takes.
+    pub highest: i32,
+    /// Value after a boot.
+    pub default: i32,
+}
+
+const fn limit(name: &'static str, lowest: i32, highest: i32, default: i32) -> LimitEntry {
+    LimitEntry {
+        name,
+        lowest,
+        highest,
+        default,
+    }
+}
+
+/// Full scale of both channels. A tare moves the limits of a level, so their range is the whole channel.
+const FULL: i32 = 131_071;
+
+/// All limits in the order of sub-indices 1 to 13. The defaults are 10 kN, 49 mm, 300 mm/s. No limit can be switched off.
+pub(crate) const LIMITS: [LimitEntry; LIMIT_COUNT] = [
+    limit("force_max", -FULL, FULL, 100_000),
+    limit("force_min", -FULL, FULL, -5_000),
+    limit("displacement_max", -FULL, FULL, 98_000),
+    limit("displacement_min", -FULL, FULL, -98_000),
+    limit("velocity_max", 1_000, 2_500_000, 600_000),
+    limit("following_error_displacement", 1, 40_000, 2_000),
+    limit("following_error_force", 1, 40_000, 5_000),
+    limit("lease", 20, 500, 50),
+    limit("hold_timeout", 100, 600_000, 30_000),
+    limit("unload_velocity", 100, 50_000, 10_000),
+    limit("queue_low", 5, 200, 30),
+    limit("unloaded_force", -FULL, FULL, 100),
+    limit("retract", -FULL, FULL, -10_000),
+];
 
 /// The limits that the firmware holds, in the order of their sub-indices at 0x2100. All are i32 on the wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -98,6 +146,18 @@ impl Limits {
             self.unloaded_force_counts,
             self.retract_counts,
         ]
+    }
+
+    /// The limits after a boot.
+    pub(crate) fn defaults() -> Self {
+        Limits::from_array(LIMITS.map(|limit| limit.default))
+    }
+
+    /// True if the limits do not contradict each other: each range is open, and an unload ends within both.
+    pub(crate) fn is_consistent(&self) -> bool {
+        let force = self.force_min_counts..self.force_max_counts;
+        let travel = self.displacement_min_counts..self.displacement_max_counts;
+        force.contains(&self.unloaded_force_counts) && travel.contains(&self.retract_counts)
     }
 
     /// Limits from the values of sub-indices 1 to 13.

@@ -179,6 +179,27 @@ mod tests {
         }
     }
 
+    /// Only ticks can tell long gaps: n lost frames look like (n + 1) mod 15 steps.
+    #[test]
+    fn a_loss_of_fifteen_frames_looks_like_none() {
+        for (lost, expected) in [
+            (13, Sequence::Wrong),
+            (14, Sequence::Repeated),
+            (15, Sequence::Usable),
+            (18, Sequence::Usable),
+            (19, Sequence::Wrong),
+            (30, Sequence::Usable),
+        ] {
+            let mut check = CounterCheck::default();
+            check.check(4);
+            assert_eq!(
+                check.check((4 + lost + 1) % COUNTER_MODULO),
+                expected,
+                "{lost} lost"
+            );
+        }
+    }
+
     #[test]
     fn a_late_frame_does_not_disturb_the_stream() {
         let mut check = CounterCheck::default();

@@ -1,12 +1,14 @@
 //! `firmware-protocol.dbc` says what the codec does: every bit of every message is packed from the DBC alone, by other
 //! code, and compared.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use crate::protocol::cob;
 use crate::protocol::message::*;
+use crate::protocol::protection::crc8;
 use can_dbc::{
-    ByteOrder, Dbc, MessageId, MultiplexIndicator, NumericValue, Signal, ValueDescription, ValueType,
+    AttributeValue, ByteOrder, Dbc, MessageId, MultiplexIndicator, NumericValue, Signal, ValueDescription,
+    ValueType,
 };
 use proptest::prelude::*;
 use proptest::strategy::ValueTree;
@@ -118,6 +120,38 @@ fn scales_and_ranges_are_those_of_the_code() {
         assert!((number(signal.min) - f64::from(COUNTS_INVALID) * scale).abs() < 1e-9);
         assert!((number(signal.max) - f64::from(COUNTS_MAX) * scale).abs() < 1e-9);
     }
+}
+
+/// The attribute "DataId" of each message with a CRC-8 gives that CRC.
+#[test]
+fn data_ids_of_the_dbc_are_those_of_the_codec() {
+    let dbc = dbc();
+    let mut runner = TestRunner::deterministic();
+    let mut seen = BTreeSet::new();
+    for _ in 0..2_000 {
+        let message = any::message(NODE)
+            .new_tree(&mut runner)
+            .expect("a message")
+            .current();
+        let frame = message.encode(NODE);
+        let attribute = dbc.attribute_values_message.iter().find(|attribute| {
+            attribute.name == "DataId" && attribute.message_id == MessageId::Standard(frame.id)
+        });
+        assert_eq!(attribute.is_some(), message.is_protected(), "{}", message.name());
+        let Some(attribute) = attribute else { continue };
+        let data_id = match attribute.value {
+            AttributeValue::Uint(value) => value as u16,
+            AttributeValue::Int(value) => value as u16,
+            ref other => panic!("{}: {other:?}", message.name()),
+        };
+        let (found, rest) = match message.name() {
+            "EMERGENCY" => (frame.data[7], &frame.data[..7]),
+            _ => (frame.data[0], &frame.data[1..]),
+        };
+        assert_eq!(crc8(data_id, rest), found, "{}", message.name());
+        seen.insert(message.name());
+    }
+    assert_eq!(seen.len(), 6, "{seen:?}");
 }
 
 /// Enumerations of the DBC by signal: value and name.

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use crate::config::Bench;
 use crate::protocol::frame::Frame;
 use crate::protocol::message::*;
 use crate::protocol::serial_framing::{PACKET_MAX, encode};
@@ -10,10 +11,14 @@ use super::fields::{Fields, Message};
 
 const NODE: u8 = 1;
 
+fn document() -> String {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/firmware-protocol.md");
+    std::fs::read_to_string(path).expect("firmware-protocol.md")
+}
+
 /// Cells of the rows of every table whose header starts with `header`, without backticks.
 fn table(header: &[&str]) -> Vec<Vec<String>> {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/firmware-protocol.md");
-    let text = std::fs::read_to_string(path).expect("firmware-protocol.md");
+    let text = document();
     let mut rows = vec![];
     let mut inside = false;
     for line in text.lines() {
@@ -111,7 +116,11 @@ fn abort_codes_of_the_document() {
 fn objects_of_the_document() {
     let shown: BTreeSet<(i64, i64)> = table(&["Index", "Sub", "Object"])
         .iter()
-        .map(|row| (number(&row[0]), number(&row[1])))
+        .flat_map(|row| {
+            // The limits share one row: "1-13".
+            let (first, last) = row[1].split_once('-').unwrap_or((&row[1], &row[1]));
+            (number(first)..=number(last)).map(move |sub| (number(&row[0]), sub))
+        })
         .collect();
     let single = [
         object::DEVICE_TYPE,
@@ -124,8 +133,11 @@ fn objects_of_the_document() {
         object::SAMPLE_RATE,
         object::CALIBRATION_HASH,
         object::CONFIGURATION_CRC,
+        object::FRAMES_REFUSED,
+        object::COMMANDS_DROPPED,
+        object::FRAMES_FOREIGN,
     ];
-    let limits = (1..=LIMIT_COUNT as u8).map(|sub| (object::LIMITS, sub));
+    let limits = (0..=LIMIT_COUNT as u8).map(|sub| (object::LIMITS, sub));
     let known = single
         .into_iter()
         .chain(limits)
@@ -134,11 +146,56 @@ fn objects_of_the_document() {
     assert_eq!(shown, known);
 }
 
-/// The worked CRC-32 in the document: these limits in sub-index order.
+/// Names, ranges and defaults of the limits.
+#[test]
+fn limits_of_the_document() {
+    let rows = table(&["Sub", "Limit", "Unit", "Lowest", "Highest", "Default"]);
+    assert_eq!(rows.len(), LIMIT_COUNT);
+    for (i, (row, entry)) in rows.iter().zip(LIMITS).enumerate() {
+        let shown = (
+            number(&row[0]),
+            row[1].as_str(),
+            number(&row[3]),
+            number(&row[4]),
+            number(&row[5]),
+        );
+        let known = (
+            i as i64 + 1,
+            entry.name,
+            entry.lowest.into(),
+            entry.highest.into(),
+            entry.default.into(),
+        );
+        assert_eq!(shown, known);
+    }
+}
+
+/// The calibration record of the shipped mock bench, its hash, and the frame that stores it.
+#[test]
+fn worked_calibration_hash_of_the_document() {
+    let hash = Bench::shipped().expect("shipped").calibration_hash();
+    assert_eq!(
+        i64::from(hash),
+        number(&table(&["Calibration record", "Hash"])[0][1])
+    );
+    let (index, sub) = object::CALIBRATION_HASH;
+    let frame = ToRig::ConfigWrite {
+        index,
+        sub,
+        value: hash,
+    }
+    .encode(NODE);
+    let typed: String = frame.data.iter().map(|byte| format!("{byte:02X}")).collect();
+    let line = format!("cansend can0 {:03X}#{typed}", frame.id);
+    assert!(document().contains(&line), "{line}");
+}
+
+/// The worked CRC-32 in the document: these limits in sub-index order. They are the defaults.
 #[test]
 fn worked_crc_32_of_the_document() {
     let row = &table(&["Limits, sub-index 1 to 13", "CRC-32"])[0];
     let values: Vec<i32> = row[0].split(", ").map(|value| number(value) as i32).collect();
     let limits = Limits::from_array(values.try_into().expect("13 limits"));
     assert_eq!(i64::from(limits.crc32()), number(&row[1]));
+    assert_eq!(limits, Limits::defaults());
 }

@@ -16,7 +16,7 @@ use crate::cli::virtual_bench::record_run;
 use crate::cli::{CliError, Done, Output, export, run};
 use crate::config::Bench;
 use crate::control::Phase;
-use crate::daemon::client_types::{StartRun, Started, Status};
+use crate::daemon::client_types::{StartRun, Status};
 use crate::daemon::plan;
 use crate::diagnose::Verdict;
 use crate::diagnose::diagnosis::{Diagnosis, NextTest};
@@ -91,8 +91,11 @@ impl Tester for LiveRig {
             ..StartRun::default()
         };
         // The daemon checks the plan against its own limits before anything moves.
-        let started: Started = match self.client.post("/api/run", &order) {
+        let started = match run::start(&self.client, order, &self.interrupts) {
             Ok(started) => started,
+            Err(CliError::Refused(_)) if self.interrupts() > 0 => {
+                return Ok(Tested::CutShort(STOPPED.to_owned()));
+            }
             Err(CliError::Refused(why)) => return Ok(Tested::NotAdmissible(why)),
             Err(other) => return Err(other),
         };

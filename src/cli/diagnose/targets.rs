@@ -1,6 +1,5 @@
 //! `leafbench diagnose --targets`: tests of which only peak force and loop energy are known, or the points of one loop.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use super::{DiagnoseJob, files, improved_bench, verdict_text};
@@ -11,15 +10,16 @@ use crate::diagnose::Baseline;
 use crate::diagnose::aggregates::{AggregateDiagnosis, TableReader, TableRow, diagnose_table};
 use crate::identify::targets::{Aggregate, LoopTarget, TargetProblem};
 use crate::identify::{FitControl, FitOptions, IdentifyError, fit};
+use crate::regular_file::{self, TABLE_MAX_BYTES};
 use crate::report::aggregates::page;
 
 /// Reads the tables, diagnoses them, writes the files and prints the result.
 pub(super) fn run(paths: &[PathBuf], job: &DiagnoseJob<'_>) -> Result<Done, CliError> {
     let mut reader = TableReader::default();
     for path in paths {
-        let file = File::open(path).map_err(CliError::file(path, "reading"))?;
+        let table = regular_file::read(path, TABLE_MAX_BYTES).map_err(CliError::file(path, "reading"))?;
         reader
-            .read(file, &path.display().to_string())
+            .read(table.as_slice(), &path.display().to_string())
             .map_err(|e| CliError::Aggregates(e.into()))?;
     }
     let mut bar = Progress::new("diagnose", job.output.json);

@@ -12,6 +12,7 @@ const PHASES = {
   unloading: ["Unloading", "The rig unloads by itself. Keep clear."],
   interlocked: ["Interlocked", "Remove the cause, then press Reset. Reset does not move the rig."],
 };
+const PREPARING = ["Preparing", "The profile is being checked. Then the rig moves. Stop withdraws the run."];
 let status = null;
 
 // ---- requests
@@ -61,7 +62,10 @@ press("run", () => start({ profile: $("profile").value }));
 async function start(request) {
   $("run").disabled = true;
   try {
-    await ask("api/run", { ...request, specimen: $("specimen").value || null, operator: $("operator").value || null });
+    await ask("api/run", { ...request, specimen: request.resume_run ? null : $("specimen").value || null,
+      operator: $("operator").value || null, override_by: $("override").value || null });
+    // The next start needs the name again.
+    $("override").value = "";
   } finally {
     show();
   }
@@ -124,7 +128,8 @@ let everConnected = false;
 function show() {
   const rig = status && status.rig, phase = rig ? rig.phase : "offline";
   $("lamp").dataset.phase = phase;
-  const [state, detail] = PHASES[phase] || (everConnected
+  const preparing = !!(status && status.preparing);
+  const [state, detail] = preparing && phase === "ready" ? PREPARING : PHASES[phase] || (everConnected
     ? ["No daemon", "The connection to the daemon is lost. If the daemon has ended, the rig unloads by itself."]
     : ["Connecting", "Waiting for the daemon."]);
   $("state").textContent = state;
@@ -132,12 +137,13 @@ function show() {
   $("force").textContent = number(rig && rig.force_n, 1);
   $("displacement").textContent = number(rig && rig.displacement_mm, 3);
   const allow = (id, ...phases) => { $(id).disabled = !phases.includes(phase); };
-  allow("stop", "running", "held", "arming");
+  // A stop is taken at any time, also while a run is being prepared.
+  $("stop").disabled = !status;
   allow("hold", "running");
   allow("resume", "held");
   allow("reset", "interlocked");
   allow("tare", "ready", "interlocked");
-  allow("run", "ready");
+  allow("run", ...(preparing ? [] : ["ready"]));
   showRun(rig);
   if (status) $("footer").textContent = [
     `leafbench ${status.version}, bench ${status.bench}, link ${status.link}${status.link_open ? "" : " (closed)"}, ` +

@@ -11,6 +11,8 @@ use crate::protocol::message::{
 };
 use crate::protocol::tick::TICK_S;
 
+mod answers;
+mod criteria;
 mod faults;
 mod lifecycle;
 mod tracking;

@@ -12,7 +12,7 @@ mod sdo;
 mod status;
 
 pub(crate) use super::bits::DecodeError;
-pub(crate) use super::dictionary::{ConfigAbort, LIMIT_COUNT, Limits, object};
+pub(crate) use super::dictionary::{ConfigAbort, LIMIT_COUNT, LIMITS, Limits, object};
 pub(crate) use super::protection::{COUNTER_MODULO, next_counter};
 pub(crate) use super::state::{Cause, RigState};
 pub(crate) use super::tick::SAMPLE_RATE_HZ;
@@ -273,7 +273,10 @@ mod tests {
         assert_eq!(command(0, 1 << 15), "reserved");
         assert_eq!(command(0, 1 << 47), "reserved");
         assert_eq!(command(0, 0x2_0000 << 24), "counts");
-        assert_eq!(field(seal(FrameKind::Request, NODE, 0, 1 << 16)), "code");
+        assert_eq!(
+            ToRig::decode(&seal(FrameKind::Request, NODE, 3, 1 << 16), NODE),
+            Err(DecodeError::RequestCode { counter: 3, code: 0 })
+        );
         assert_eq!(
             field(seal(FrameKind::Lease, NODE, 0, 1 << 16 | 1 << 30)),
             "reserved"

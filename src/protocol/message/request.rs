@@ -72,10 +72,11 @@ impl RequestMessage {
     pub(super) fn decode(frame: &Frame, node: u8) -> Result<Self, DecodeError> {
         let bits = Bits::unseal(frame, FrameKind::Request, node)?;
         bits.expect_zero(&RESERVED)?;
+        let (counter, session, code) = (bits.counter()?, bits.session()?, bits.u8(&CODE));
         Ok(RequestMessage {
-            counter: bits.counter()?,
-            session: bits.session()?,
-            code: bits.known(&CODE, RequestCode::from_wire)?,
+            counter,
+            session,
+            code: RequestCode::from_wire(code).ok_or(DecodeError::RequestCode { counter, code })?,
             argument: bits.u32(&ARGUMENT),
         })
     }

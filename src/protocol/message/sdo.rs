@@ -38,18 +38,17 @@ pub(super) fn encode_write(node: u8, index: u16, sub: u8, value: u32) -> Frame {
 
 pub(super) fn decode_request(frame: &Frame) -> Result<ToRig, DecodeError> {
     let bits = Bits::of(frame)?;
-    let (index, sub) = (bits.u16(&INDEX), bits.u8(&SUB));
-    match bits.u8(&COMMAND) {
-        READ => {
-            bits.expect_zero(&NO_DATA)?;
-            Ok(ToRig::ConfigRead { index, sub })
-        }
+    let (index, sub, command) = (bits.u16(&INDEX), bits.u8(&SUB), bits.u8(&COMMAND));
+    match command {
+        READ if bits.expect_zero(&NO_DATA).is_ok() => Ok(ToRig::ConfigRead { index, sub }),
         WRITE => Ok(ToRig::ConfigWrite {
             index,
             sub,
             value: bits.u32(&DATA),
         }),
-        _ => Err(bits.refused(&COMMAND)),
+        // The host gives up a transfer; one of 4 bytes has nothing to give up.
+        ABORT => Err(DecodeError::ForeignId(frame.id)),
+        _ => Err(DecodeError::Config { index, sub, command }),
     }
 }
 
@@ -89,10 +88,10 @@ mod tests {
     #[test]
     fn an_unknown_command_byte_is_refused() {
         let block_write = encode(cob::CONFIG_REQUEST, 5, 0x2F, 0x2000, 0, 0);
-        let refused = DecodeError::Field {
-            id: 0x605,
-            field: "command",
-            value: 0x2F,
+        let refused = DecodeError::Config {
+            index: 0x2000,
+            sub: 0,
+            command: 0x2F,
         };
         assert_eq!(decode_request(&block_write), Err(refused));
     }
