@@ -212,8 +212,8 @@ pub(crate) struct RunSummary {
     pub late: u64,
     /// Number of completed counted cycles.
     pub cycles_completed: u32,
-    /// `completed`, `stopped`, `aborted`, `open` while the run lasts, `incomplete` if samples are not on the disk, or
-    /// `damaged` if the file is not what was written.
+    /// `completed`, `stopped`, `aborted`, `open` while the run lasts, `incomplete` if samples are not on the disk, `damaged`
+    /// if the file is not what was written, or `unreadable` if it cannot be opened.
     pub ending: String,
     /// Why the run ended; empty if it completed. For an incomplete or damaged run also how it ended.
     pub cause: String,
@@ -238,7 +238,14 @@ impl From<RunListing> for RunSummary {
                 .filter(|s| !s.is_empty())
                 .collect::<Vec<_>>()
                 .join(": ");
-            ending = ["damaged", "incomplete"][at];
+            ending = match (at, run.started_utc.as_str()) {
+                (0, "") => "unreadable",
+                (0, _) => "damaged",
+                _ => "incomplete",
+            };
+            if ending == "unreadable" {
+                cause.clear();
+            }
         }
         RunSummary {
             ending: ending.to_owned(),

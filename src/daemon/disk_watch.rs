@@ -45,6 +45,11 @@ impl DiskWatch {
         }
     }
 
+    /// The writer has ended: there is nothing left to watch.
+    pub(super) fn is_over(&self) -> bool {
+        self.disk.is_over()
+    }
+
     /// What to ask of control now: each request once, and hold once more if the disk recovered in between.
     pub(super) fn look(&mut self) -> Option<DiskAction> {
         let unsaved_s =

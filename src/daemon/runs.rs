@@ -66,7 +66,7 @@ async fn begin(state: &Arc<DaemonState>, prepared: PreparedRun) -> Result<Starte
         .await;
     follow(state, prepared.thread, path, prepared.disk);
     asked?;
-    watch_disk(state, watch);
+    watch_disk(state, watch, run_id.clone());
     tracing::info!("run {run_id} starts");
     Ok(Started { run_id })
 }
@@ -130,12 +130,14 @@ fn close_failed_files(paths: &[PathBuf]) {
     }
 }
 
-/// Holds the rig and then stops the run if its samples do not get to the disk, until its file is closed.
-fn watch_disk(state: &Arc<DaemonState>, mut watch: DiskWatch) {
+/// Holds the rig and then stops the run if its samples do not get to the disk. Its file may be closed long after the run.
+fn watch_disk(state: &Arc<DaemonState>, mut watch: DiskWatch, run_id: String) {
     let state = Arc::clone(state);
     tokio::spawn(async move {
-        while !state.newest_run.is_closed() {
-            let asked = match watch.look() {
+        while !watch.is_over() {
+            let action = watch.look();
+            let under_way = state.control.status().0.run_id.as_ref() == Some(&run_id);
+            let asked = match action.filter(|_| under_way) {
                 None => Ok(()),
                 Some(DiskAction::Hold) => orders::insist(&state.control, || Request::Hold).await.map(drop),
                 Some(DiskAction::Stop(cause)) => stop(&state, &cause).await.map(drop),

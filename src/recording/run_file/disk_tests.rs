@@ -251,11 +251,11 @@ fn a_full_disk_alarms_at_once_and_loses_nothing_if_space_is_freed() {
 fn a_disk_that_stays_full_is_waited_for_and_the_rest_is_told() {
     let plan = FaultTime {
         first: 2000,
-        last: 70_000,
+        last: 40_000,
     };
     let mut bench = FaultyRun::new(full_for_a_time, plan, ROOM_SAMPLES);
     bench.run_ms(12_000);
-    // The run ends at 12 s, the wait at 72 s, and space is free at 70 s.
+    // The run ends at 12 s, the wait at 42 s, and space is free at 40 s.
     let files = bench.end();
     assert_eq!(FaultyRun::ticks(&files).len(), 12_000);
     assert_eq!((bench.status.problem(), bench.status.not_saved()), (None, 0));

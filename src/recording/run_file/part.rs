@@ -1,7 +1,7 @@
 //! One file that takes the samples of a run. A run has one, unless the disk reports an error: then the next one continues it.
 //!
-//! The error of a full disk leaves the file sound, and the same commit may be tried again. Any other error is final for the
-//! file: after it nobody knows which of the bytes that were not synced are on the disk.
+//! A full disk or a locked file leaves the file sound, and the same commit may be tried again. Any other error is final for
+//! the file: after it nobody knows which of the bytes that were not synced are on the disk.
 
 use std::fs::File;
 use std::io::Write;
@@ -24,6 +24,8 @@ const RESERVE_BYTES: usize = 256 << 10;
 pub(super) enum WriteError {
     /// The disk is full. The file is as before, and the commit can be tried again. With the words of the error.
     Full(String),
+    /// Another program has locked the file, for example to recover its log. As for a full disk.
+    Busy(String),
     /// Any other error, which is final for the file.
     Failed(String),
 }
@@ -32,6 +34,7 @@ impl From<rusqlite::Error> for WriteError {
     fn from(error: rusqlite::Error) -> Self {
         match error.sqlite_error_code() {
             Some(ErrorCode::DiskFull) => WriteError::Full(error.to_string()),
+            Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => WriteError::Busy(error.to_string()),
             _ => WriteError::Failed(error.to_string()),
         }
     }

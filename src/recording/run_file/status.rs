@@ -12,6 +12,7 @@ pub(crate) struct RunFileStatus {
     /// Samples that are not on the disk and never will be.
     not_saved: AtomicU64,
     give_up: AtomicBool,
+    over: AtomicBool,
     words: Mutex<Words>,
 }
 
@@ -50,6 +51,15 @@ impl RunFileStatus {
     /// Asks the writer not to wait for a disk that cannot be written after the end of the run.
     pub(crate) fn give_up(&self) {
         self.give_up.store(true, Ordering::Relaxed);
+    }
+
+    /// The writer has ended: nothing more gets to the disk.
+    pub(crate) fn is_over(&self) -> bool {
+        self.over.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn set_over(&self) {
+        self.over.store(true, Ordering::Relaxed);
     }
 
     /// The writer was asked not to wait.

@@ -23,7 +23,7 @@ const SAMPLES_PER_CLOCK_LOOK: usize = 8;
 /// Time between two attempts to write to a disk that reported an error.
 const RETRY_PERIOD: Duration = Duration::from_secs(1);
 /// Time that an ended run waits for its disk. The operator has been warned since the first error.
-const WAIT_AT_END: Duration = Duration::from_secs(60);
+const WAIT_AT_END: Duration = Duration::from_secs(30);
 /// Attempts to close the file when there is no more time to wait: an error needs a new file, which may fail too.
 const ATTEMPTS_TO_CLOSE: u32 = 3;
 /// Step of that wait.
@@ -231,6 +231,7 @@ impl RunFileWriter {
         let (path, mut next) = (path.display(), None);
         self.trouble.cause = match error {
             WriteError::Full(_) => format!("the disk of {path} is full"),
+            WriteError::Busy(_) => format!("another program has locked {path}"),
             WriteError::Failed(cause) if self.part.is_some() => {
                 next = Some(self.part_path(self.parts + 1));
                 format!("writing {path} failed ({cause})")
@@ -381,7 +382,7 @@ impl RunFileWriter {
         self.tell_end();
     }
 
-    /// The problem in words after the end: what is missing for good.
+    /// Ends the watch over the disk, and puts into words what is missing for good.
     fn tell_end(&self) {
         let unsaved = self.waiting.unsaved(&self.trouble.last_cause);
         self.status
@@ -395,6 +396,7 @@ impl RunFileWriter {
             .filter(|s| !s.is_empty())
             .collect();
         self.status.set_problem(sentences.join("; "));
+        self.status.set_over();
     }
 }
 
@@ -406,7 +408,7 @@ impl Recorder for RunFileWriter {
             && let Err(error) = part.rewrite_header(header)
         {
             // A full disk here would leave the header before the tare, so the next file has the right one.
-            let (WriteError::Failed(cause) | WriteError::Full(cause)) = error;
+            let (WriteError::Failed(cause) | WriteError::Full(cause) | WriteError::Busy(cause)) = error;
             self.note_error(WriteError::Failed(cause));
         }
     }
@@ -446,5 +448,6 @@ impl Drop for RunFileWriter {
         if self.part.is_some() {
             self.commit();
         }
+        self.status.set_over();
     }
 }
