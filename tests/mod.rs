@@ -22,6 +22,7 @@ mod leaf_pack_duty;
 mod leaf_pack_identify;
 mod leaf_pack_losses;
 mod leaf_pack_robust;
+mod mock_in_memory;
 mod model_mismatch;
 mod paper_benches;
 mod profiles;

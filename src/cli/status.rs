@@ -90,10 +90,16 @@ fn text(s: &Status, page: &str) -> String {
         s.rig.counters.bus_errors
     ));
     lines.push(format!(
-        "control loop  {} of {} turns late, worst {:.1} ms",
+        "control loop  {} of {} turns late, worst {:.1} ms{}",
         s.control_loop.late_turns,
         s.control_loop.turns,
-        s.control_loop.worst_lateness_us as f64 / 1000.0
+        s.control_loop.worst_lateness_us as f64 / 1000.0,
+        match s.control_loop.skipped_ms {
+            0 => String::new(),
+            skipped_ms => format!(
+                "; this computer was too slow for the mock rig, which stood still for {skipped_ms} ms"
+            ),
+        }
     ));
     if !s.rig.notice.is_empty() {
         lines.push(format!("notice        {}", s.rig.notice));

@@ -242,7 +242,9 @@ async fn unload(state: &DaemonState, signal: &str) {
     let deadline = tokio::time::Instant::now() + UNLOAD_AT_EXIT;
     let cause = format!("the daemon was ended ({signal})");
     state.starts.end(Withdrawal::DaemonEnds(cause.clone()));
-    if let Err(error) = runs::stop(state, &cause).await {
+    // A rig that is not ours is left alone: another daemon may be running a test on it.
+    let connected = state.control.status().0.phase != Phase::Connecting;
+    if connected && let Err(error) = runs::stop(state, &cause).await {
         tracing::warn!("control did not take the stop: {error}");
     }
     while tokio::time::Instant::now() < deadline {
@@ -270,7 +272,12 @@ async fn keep_link_open(state: Arc<DaemonState>) {
             reported = false;
             continue;
         }
-        match link::open(&state.settings.link_address, side) {
+        // Opening may wait for the system, and a waiting task would stop the page.
+        let address = state.settings.link_address.clone();
+        let Ok(opened) = tokio::task::spawn_blocking(move || link::open(&address, side)).await else {
+            continue;
+        };
+        match opened {
             Ok(link) => {
                 tracing::info!("link {} is open again", state.settings.link_address);
                 state.set_link_health(&link.health);

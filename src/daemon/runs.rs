@@ -87,7 +87,7 @@ pub(super) async fn stop(state: &DaemonState, cause: &str) -> Result<&'static st
         Phase::Arming | Phase::Running | Phase::Held | Phase::Unloading => "the rig unloads",
         _ if withdrawn => "the run that was being prepared does not start",
         Phase::Ready | Phase::Interlocked => "no run is under way and the rig is unloaded",
-        Phase::Connecting => "no rig answers: a rig without its host unloads by itself",
+        Phase::Connecting => "no rig answers: the stop is repeated until one does",
     })
 }
 

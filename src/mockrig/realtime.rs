@@ -53,6 +53,7 @@ impl MockRig {
                 due_ns += late_ns;
             }
             self.tick(&mut link);
+            link.flush(now_ns()? as u64);
         }
         Ok(punctuality)
     }
