@@ -10,12 +10,12 @@ use super::wanted::{Wanted, Withdrawal};
 /// The run that is being prepared, if there is one. Clones share it.
 #[derive(Clone, Default)]
 pub(super) struct Starts {
-    pending: Arc<Mutex<Pending>>,
+    pending: Arc<Mutex<PendingStart>>,
     turn: Arc<tokio::sync::Mutex<()>>,
 }
 
 #[derive(Default)]
-struct Pending {
+struct PendingStart {
     start: Option<Wanted>,
     /// Set when the daemon ends: no further start is taken.
     ends: Option<Withdrawal>,
@@ -28,7 +28,7 @@ pub(super) struct StartClaim {
 }
 
 impl Starts {
-    fn lock(&self) -> MutexGuard<'_, Pending> {
+    fn lock(&self) -> MutexGuard<'_, PendingStart> {
         self.pending.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
