@@ -73,7 +73,7 @@
 //!
 //! | rank | modules |
 //! |---|---|
-//! | 0 | units |
+//! | 0 | units, regular_file |
 //! | 1 | recording, profile, protocol |
 //! | 2 | model, link, truth |
 //! | 3 | effect, control, conformance |
@@ -106,6 +106,7 @@ mod papers;
 mod profile;
 mod protocol;
 mod recording;
+mod regular_file;
 mod report;
 mod truth;
 mod twin;

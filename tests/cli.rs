@@ -146,7 +146,14 @@ fn a_technicians_day_tare_run_status_runs_export() {
     let profile = short_profile(folder.path());
     let (ended, code) = json(
         &data,
-        &["run", &profile, "--operator", "test", "--specimen", "leaf 7"],
+        &[
+            "run",
+            &profile,
+            "--operator",
+            "test",
+            "--specimen",
+            "samurai-front 7",
+        ],
     );
     assert_eq!(
         (code, &ended["ending"]),
@@ -158,7 +165,7 @@ fn a_technicians_day_tare_run_status_runs_export() {
 
     let (runs, _) = json(&data, &["runs"]);
     assert_eq!(runs[0]["run_id"], run_id);
-    assert_eq!(runs[0]["specimen"], "leaf 7");
+    assert_eq!(runs[0]["specimen"], "samurai-front 7");
     let out = folder.path().join("out");
     let (written, code) = json(
         &data,

@@ -1,13 +1,11 @@
 //! The serial link over real pseudo-terminals: exchange, an unplugged port, a peer that stops reading, a taken port,
 //! noise. What frames mean is tested in `protocol`.
 
-use std::fs::File;
 use std::io::{Read, Write};
-use std::os::fd::{AsFd, OwnedFd};
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+use super::support::wire::Terminal;
 use super::support::{self, Daemon, config};
 use crate::link::{self, Link, Side};
 use crate::protocol::frame::Frame;
@@ -16,27 +14,10 @@ use crate::protocol::serial_framing::{Decoder, PACKET_MAX, encode};
 
 const NODE: u8 = 5;
 /// Far beyond what a loaded machine needs; only a lost frame waits this long.
-const PATIENCE: Duration = Duration::from_secs(20);
+const PATIENCE: Duration = Duration::from_secs(120);
 
-/// A pseudo-terminal: our end, the other end held open, and its path for a link.
-struct Terminal {
-    master: File,
-    slave: OwnedFd,
-    address: String,
-}
-
-fn terminal() -> Terminal {
-    let pty = nix::pty::openpty(None, None).expect("a pseudo-terminal");
-    // As a link will set it; before that, bytes would be echoed and translated.
-    let mut raw = nix::sys::termios::tcgetattr(&pty.slave).expect("terminal settings");
-    nix::sys::termios::cfmakeraw(&mut raw);
-    nix::sys::termios::tcsetattr(&pty.slave, nix::sys::termios::SetArg::TCSANOW, &raw).expect("raw mode");
-    let path = nix::unistd::ttyname(pty.slave.as_fd()).expect("its name");
-    Terminal {
-        master: File::from(pty.master),
-        slave: pty.slave,
-        address: format!("serial:{}", path.display()),
-    }
+fn address(terminal: &Terminal) -> String {
+    format!("serial:{}", terminal.port)
 }
 
 fn open(address: &str, side: Side) -> Link {
@@ -44,7 +25,7 @@ fn open(address: &str, side: Side) -> Link {
 }
 
 fn host(terminal: &Terminal) -> Link {
-    open(&terminal.address, Side::Host { rig_node: NODE })
+    open(&address(terminal), Side::Host { rig_node: NODE })
 }
 
 fn wait_until(what: &str, mut done: impl FnMut() -> bool) {
@@ -90,11 +71,11 @@ fn cable(one: &Terminal, other: &Terminal) {
 
 #[test]
 fn two_links_over_a_cable() {
-    let (here, there) = (terminal(), terminal());
+    let (here, there) = (Terminal::new(), Terminal::new());
     cable(&here, &there);
     let mut host = host(&here);
     let mut rig = open(
-        &format!("{}?baud=460800", there.address),
+        &format!("{}?baud=460800", address(&there)),
         Side::Rig { node: NODE },
     );
     for tick in 0..2000 {
@@ -105,6 +86,8 @@ fn two_links_over_a_cable() {
             control_tick: tick,
         });
         assert!(host.send(lease.encode(NODE)));
+        rig.flush(link::now_ns());
+        host.flush(link::now_ns());
         assert_eq!(FromRig::decode(&next(&mut host), NODE), Ok(sample(tick)));
         assert_eq!(ToRig::decode(&next(&mut rig), NODE), Ok(lease));
     }
@@ -113,6 +96,7 @@ fn two_links_over_a_cable() {
         node: 0,
     };
     assert!(host.send_urgent(stop.encode(NODE)));
+    host.flush(link::now_ns());
     assert_eq!(ToRig::decode(&next(&mut rig), NODE), Ok(stop));
     for health in [&host.health, &rig.health] {
         assert_eq!(health.bus_errors.load(Ordering::Relaxed), 0);
@@ -122,7 +106,7 @@ fn two_links_over_a_cable() {
 
 #[test]
 fn noise_is_counted_and_the_frames_after_it_arrive() {
-    let mut terminal = terminal();
+    let mut terminal = Terminal::new();
     let mut host = host(&terminal);
     // The tail of a packet that began before us is no error.
     terminal
@@ -140,25 +124,44 @@ fn noise_is_counted_and_the_frames_after_it_arrive() {
     });
 }
 
+/// A thread that read the port would have to be awake for this; here the kernel keeps the bytes.
+#[test]
+fn half_a_second_without_a_reader_loses_nothing() {
+    let mut terminal = Terminal::new();
+    let mut host = host(&terminal);
+    for tick in 0..500 {
+        terminal.master.write_all(&packet(sample(tick))).expect("room");
+    }
+    for tick in 0..500 {
+        assert_eq!(FromRig::decode(&next(&mut host), NODE), Ok(sample(tick)));
+    }
+    assert_eq!(host.health.good_packets.load(Ordering::Relaxed), 500);
+    assert_eq!(host.health.bad_packets.load(Ordering::Relaxed), 0);
+}
+
 #[test]
 fn an_unplugged_port_closes_the_link() {
-    let terminal = terminal();
+    let terminal = Terminal::new();
     let mut host = host(&terminal);
     assert!(host.health.is_open());
     drop(terminal.master);
-    wait_until("the link to close", || !host.health.is_open());
-    assert_eq!(host.receive(), None);
+    wait_until("the link to close", || {
+        host.receive().is_none() && !host.health.is_open()
+    });
     let lease = ToRig::Lease(LeaseMessage {
         counter: 0,
         session: 1,
         control_tick: 0,
     });
-    wait_until("sending to be refused", || !host.send(lease.encode(NODE)));
+    assert!(!host.send(lease.encode(NODE)));
+    let refused = host.health.send_failures.load(Ordering::Relaxed);
+    host.flush(link::now_ns());
+    assert_eq!((host.receive(), refused), (None, 1));
 }
 
 #[test]
 fn a_peer_that_stops_reading_fails_the_sends_and_not_the_caller() {
-    let mut terminal = terminal();
+    let mut terminal = Terminal::new();
     let mut host = host(&terminal);
     let mut counter = 0;
     let mut tick = 0_u16;
@@ -176,6 +179,7 @@ fn a_peer_that_stops_reading_fails_the_sends_and_not_the_caller() {
             counter = next_counter(counter);
             tick = tick.wrapping_add(1);
         }
+        host.flush(link::now_ns());
         host.health.send_failures.load(Ordering::Relaxed) > 0
     });
     assert!(host.health.is_open());
@@ -206,6 +210,7 @@ fn a_peer_that_stops_reading_fails_the_sends_and_not_the_caller() {
     });
     let urgent_until_found = || {
         host.send_urgent(last.encode(NODE));
+        host.flush(link::now_ns());
         found.is_finished()
     };
     wait_until("the frames after the stall", urgent_until_found);
@@ -217,23 +222,21 @@ fn a_peer_that_stops_reading_fails_the_sends_and_not_the_caller() {
 
 #[test]
 fn a_taken_port_is_refused_and_the_owner_undisturbed() {
-    let mut terminal = terminal();
+    let mut terminal = Terminal::new();
     let mut owner = host(&terminal);
-    let error = link::open(&terminal.address, Side::Rig { node: NODE })
+    let error = link::open(&address(&terminal), Side::Rig { node: NODE })
         .err()
         .expect("the port is taken")
         .to_string();
     assert!(
-        error.contains(&terminal.address) && error.contains("taken"),
+        error.contains(&address(&terminal)) && error.contains("taken"),
         "{error}"
     );
     terminal.master.write_all(&packet(sample(3))).expect("written");
     assert_eq!(FromRig::decode(&next(&mut owner), NODE), Ok(sample(3)));
     // Closed, it is free again.
-    let health = Arc::clone(&owner.health);
     drop(owner);
-    wait_until("the port to be free", || !health.is_open());
-    open(&terminal.address, Side::Rig { node: NODE });
+    open(&address(&terminal), Side::Rig { node: NODE });
 }
 
 /// An adapter that is pulled out and plugged in again gets its name in /dev back, here a symbolic link.
@@ -242,9 +245,8 @@ fn a_daemon_outlives_an_unplugged_adapter_and_opens_it_again() {
     let folder = tempfile::tempdir().expect("a folder");
     let port = folder.path().join("ttyUSB0");
     let plug_in = || {
-        let terminal = terminal();
-        let device = terminal.address.trim_start_matches("serial:");
-        std::os::unix::fs::symlink(device, &port).expect("a name in /dev");
+        let terminal = Terminal::new();
+        std::os::unix::fs::symlink(&terminal.port, &port).expect("a name in /dev");
         terminal
     };
     let adapter = plug_in();

@@ -3,7 +3,6 @@
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use clap::Args;
 use tracing_subscriber::Layer;
@@ -16,9 +15,7 @@ use super::shared::local::{self, BenchArg, ProfilesArg};
 use super::{CliCommand, CliError, Done, Output};
 use crate::config::Bench;
 use crate::daemon::client_types::Endpoint;
-use crate::daemon::lock::DaemonLock;
-use crate::daemon::{self, DaemonSettings};
-use crate::link::priority::raise_this_thread;
+use crate::daemon::{Daemon, DaemonSettings};
 use crate::link::{self, Link, Side, loopback};
 
 /// Control the rig: connect, serve the technician's page and the other commands, record runs
@@ -63,9 +60,11 @@ impl CliCommand for DaemonArgs {
             listen: self.listen.unwrap_or(bench.daemon.listen),
             bench: Arc::clone(&bench),
         };
-        let lock = DaemonLock::take(&settings.data_folder, &settings.link_address)?;
-        let link = open_link(&settings.link_address, &bench)?;
-        daemon::serve(settings, lock, link, |endpoint| announce(endpoint, output))?;
+        let link_address = settings.link_address.clone();
+        // The rig comes last: a daemon that cannot serve must not touch it.
+        let daemon = Daemon::prepare(settings)?;
+        let link = open_link(&link_address, &bench)?;
+        daemon.serve(link, |endpoint| announce(endpoint, output))?;
         Ok(Done::Success)
     }
 }
@@ -78,7 +77,8 @@ fn announce(endpoint: &Endpoint, output: &Output) {
     });
 }
 
-/// Opens the link to the rig, or to a mock rig in a thread of this process; the daemon itself does not know which.
+/// Opens the link to the rig, or to a mock rig in this process that the control loop steps; the daemon itself does not know
+/// which.
 fn open_link(address: &str, bench: &Bench) -> Result<Link, CliError> {
     if !link::is_in_process(address) {
         return Ok(link::open(
@@ -88,20 +88,8 @@ fn open_link(address: &str, bench: &Bench) -> Result<Link, CliError> {
             },
         )?);
     }
-    let rig = local::mock_rig(bench, None)?;
-    let (host_end, rig_end) = loopback::pair();
-    std::thread::Builder::new()
-        .name("mock-rig".to_owned())
-        .spawn(move || {
-            // A firmware has its own processor, so its thread gets real-time priority. Control reports where that is not allowed.
-            let _ = raise_this_thread();
-            static NEVER: AtomicBool = AtomicBool::new(false);
-            if let Err(error) = rig.run_realtime(rig_end, &NEVER) {
-                tracing::error!("the mock rig ended: {error}");
-            }
-        })
-        .map_err(CliError::file(&PathBuf::from("mock rig"), "starting its thread"))?;
-    Ok(host_end)
+    let mut rig = local::mock_rig(bench, None)?;
+    Ok(loopback::stepped(move |rig_end| rig.tick(rig_end)))
 }
 
 /// Logs to stderr. The environment variable LEAFBENCH_LOG sets the level, for all or by module: `debug`,

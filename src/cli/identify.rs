@@ -20,6 +20,7 @@ use crate::identify::{
 };
 use crate::model::{self, Model};
 use crate::recording::csv;
+use crate::regular_file::{self, TABLE_MAX_BYTES};
 
 /// Fit a model's parameters to recordings, or to a table of peak forces and loop energies
 #[derive(Debug, Args)]
@@ -236,8 +237,8 @@ fn table_problem<'a>(
     model: &'static Model,
     structure: &'a toml::Table,
 ) -> Result<Box<dyn Residuals + 'a>, CliError> {
-    let file = std::fs::File::open(path).map_err(CliError::file(path, "opening"))?;
-    let targets = read_targets(file)?;
+    let table = regular_file::read(path, TABLE_MAX_BYTES).map_err(CliError::file(path, "reading"))?;
+    let targets = read_targets(table.as_slice())?;
     if targets.is_empty() {
         return Err(CliError::Input(format!(
             "{} has no row below its header: add one row for each test",

@@ -106,7 +106,7 @@ static COMMANDS: &[CommandEntry] = &[
 pub(crate) enum Done {
     /// The result is as wanted: exit code 0.
     Success,
-    /// The run did not complete, a trip is predicted, or data are damaged: exit code 1.
+    /// The run did not complete, a trip is predicted, a fit did not converge, or data are damaged: exit code 1.
     Negative,
 }
 
@@ -116,7 +116,8 @@ impl Done {
     }
 }
 
-const EXIT_CODES: &str = "Exit codes: 0 done; 1 the run ended without completing, a trip is predicted or data are damaged; \
+const EXIT_CODES: &str = "Exit codes: 0 done; 1 the run ended without completing, a trip is predicted, a \
+                          fit did not converge or data are damaged; \
                           2 unusable input or usage; 3 no daemon; 4 the daemon refused";
 
 /// Where results go: text for people, one JSON value for scripts. Progress and errors go to stderr.

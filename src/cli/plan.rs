@@ -29,6 +29,7 @@ impl CliCommand for PlanArgs {
         let plan = plan::check(&bench, &profile).map_err(|e| match e {
             PlanError::Model(e) => CliError::Model(e),
             PlanError::Profile(e) => CliError::Profile(e),
+            PlanError::BrokenOff => CliError::Internal(e.to_string()),
         })?;
         output.result(&plan, || text(&plan))?;
         Ok(Done::success_if(plan.trips.is_empty()))

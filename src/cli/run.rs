@@ -1,6 +1,8 @@
 //! `leafbench run`.
 
+use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
 use clap::Args;
@@ -10,10 +12,13 @@ use super::shared::ctrl_c::ctrl_c_count;
 use super::shared::local::profile_help;
 use super::shared::progress::Progress;
 use super::{CliCommand, CliError, Done, Output};
-use crate::daemon::client_types::{Accepted, RunProgress, RunState, StartRun, Started, Status, StopRequest};
+use crate::daemon::client_types::{RunProgress, RunState, StartRun, Started, Status};
+use crate::regular_file::{self, WRITTEN_MAX_BYTES};
 
 /// Pause between two questions to the daemon.
 const POLL_PERIOD: Duration = Duration::from_millis(150);
+/// Cause of a run's end by Ctrl-C.
+const STOP_REASON: &str = "stopped by Ctrl-C in leafbench run";
 
 /// Run a profile on the rig and wait for its end; Ctrl-C stops the run and unloads the rig
 #[derive(Debug, Args)]
@@ -23,12 +28,15 @@ pub(super) struct RunArgs {
     /// Continue this interrupted run at the cycle after its last complete one; RUN is a run id
     #[arg(long, value_name = "RUN")]
     resume: Option<String>,
-    /// Name of the specimen [default: from the bench file]
+    /// Name of the specimen: that of the bench file, or one that begins with it [default: from the bench file]
     #[arg(long, value_name = "TEXT")]
     specimen: Option<String>,
     /// Name of the person who runs the test
     #[arg(long, value_name = "TEXT")]
     operator: Option<String>,
+    /// Start despite an overdue calibration or another specimen; NAME answers for it and is recorded
+    #[arg(long = "override", value_name = "NAME")]
+    override_by: Option<String>,
     #[command(flatten)]
     data: DataArg,
 }
@@ -37,20 +45,20 @@ impl CliCommand for RunArgs {
     const NAME: &'static str = "run";
     const EXAMPLES: &'static [&'static str] = &[
         "leafbench run static-ramp-12s --operator Technician",
-        "leafbench run sine-6mm-2.5hz-10 --specimen leaf-7",
+        "leafbench run sine-6mm-2.5hz-10 --specimen samurai-front-7",
     ];
 
     fn run(self, output: &Output) -> Result<Done, CliError> {
         let client = self.data.client()?;
         let order = self.order()?;
         let interrupts = ctrl_c_count();
-        let started: Started = client.post("/api/run", &order)?;
+        let started = start(&client, order, &interrupts)?;
         if !output.json {
             eprintln!("run {} started; page: {}", started.run_id, client.page());
         }
         let ended = wait(&client, &started.run_id, &interrupts, output)?;
         output.result(&ended, || text(&ended))?;
-        Ok(Done::success_if(ended.ending.as_deref() == Some("completed")))
+        Ok(Done::success_if(ended.is_whole()))
     }
 }
 
@@ -59,7 +67,9 @@ impl RunArgs {
         let profile = match self.profile {
             // The daemon may run in another folder, so it gets the text of the file.
             Some(path) if path.ends_with(".toml") => {
-                Some(std::fs::read_to_string(&path).map_err(CliError::file(path.as_ref(), "reading"))?)
+                let path = Path::new(&path);
+                let text = regular_file::read_text(path, WRITTEN_MAX_BYTES);
+                Some(text.map_err(CliError::file(path, "reading"))?)
             }
             name => name,
         };
@@ -68,7 +78,48 @@ impl RunArgs {
             specimen: self.specimen,
             operator: self.operator,
             resume_run: self.resume,
+            override_by: self.override_by,
         })
+    }
+}
+
+/// Asks for a run and waits until it begins. Ctrl-C in the meantime stops it.
+pub(super) fn start(client: &Client, order: StartRun, interrupts: &AtomicU32) -> Result<Started, CliError> {
+    let (answered, answer) = mpsc::channel();
+    let asking = client.clone();
+    std::thread::Builder::new()
+        .name("start".to_owned())
+        .spawn(move || {
+            // Nobody receives it after a second Ctrl-C.
+            let _ = answered.send(asking.start(&order));
+        })
+        .map_err(|e| CliError::Internal(e.to_string()))?;
+    let mut told = false;
+    loop {
+        match answer.recv_timeout(POLL_PERIOD) {
+            Ok(answer) => return answer,
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => {
+                return Err(CliError::Internal("the start was not answered".to_owned()));
+            }
+        }
+        match interrupts.load(Ordering::Relaxed) {
+            0 => {}
+            1 => {
+                if !std::mem::replace(&mut told, true) {
+                    eprintln!(
+                        "\nCtrl-C: stopping the run before it begins (press Ctrl-C again to leave without waiting)"
+                    );
+                }
+                // Sent again until the start is answered: the first one may be there before the start.
+                let _ = client.stop(Some(STOP_REASON.to_owned()));
+            }
+            _ => {
+                return Err(CliError::Refused(
+                    "leafbench no longer waits, and without it the run does not begin: see `leafbench status`".to_owned(),
+                ));
+            }
+        }
     }
 }
 
@@ -81,6 +132,7 @@ pub(super) fn wait(
 ) -> Result<RunProgress, CliError> {
     let mut progress: Option<Progress> = None;
     let mut stop_asked = false;
+    let mut told = String::new();
     loop {
         std::thread::sleep(POLL_PERIOD);
         let pressed = interrupts.load(Ordering::Relaxed);
@@ -89,9 +141,8 @@ pub(super) fn wait(
             eprintln!(
                 "\nCtrl-C: stopping the run, the rig unloads (press Ctrl-C again to leave without waiting)"
             );
-            let reason = Some("stopped by Ctrl-C in leafbench run".to_owned());
-            // The daemon refuses this if the run has just ended; the next status shows that.
-            let _ = client.post::<Accepted>("/api/stop", &StopRequest { reason });
+            // A daemon that no longer answers is seen at the next status.
+            let _ = client.stop(Some(STOP_REASON.to_owned()));
         } else if pressed > 1 {
             return Err(CliError::Refused(format!(
                 "leafbench no longer waits for run {run_id}, which the daemon is stopping: see `leafbench status`"
@@ -106,6 +157,10 @@ pub(super) fn wait(
                 "the daemon has another run than {run_id} now: see `leafbench runs`"
             )));
         };
+        if run.disk_problem != told && !run.is_over() {
+            told.clone_from(&run.disk_problem);
+            eprintln!("{}", disk_alarm(&told));
+        }
         if run.is_over() {
             if let Some(progress) = progress {
                 progress.finish();
@@ -116,6 +171,14 @@ pub(super) fn wait(
             let bar = progress.get_or_insert_with(|| Progress::new(&run.profile, output.json));
             bar.show_run(&status.rig);
         }
+    }
+}
+
+/// The line for a disk that fails, and for one that can be written again.
+fn disk_alarm(problem: &str) -> String {
+    match problem.is_empty() {
+        true => "disk: it can be written again".to_owned(),
+        false => format!("disk: {problem}"),
     }
 }
 
@@ -136,10 +199,7 @@ fn text(run: &RunProgress) -> String {
         run.samples, run.lost, run.late, run.cycles_completed
     ));
     if !run.disk_problem.is_empty() {
-        lines.push(format!(
-            "disk     the run file is not complete: {}",
-            run.disk_problem
-        ));
+        lines.push(format!("disk     {}", run.disk_problem));
     }
     lines.push(format!("CSV      leafbench export {}", run.run_id));
     lines.join("\n")

@@ -1,6 +1,7 @@
 //! `leafbench simulate`.
 
 use std::io::{BufWriter, Write};
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -110,8 +111,10 @@ fn simulate(bench: &Bench, profile: &Profile, path: PathBuf) -> Result<(Simulate
         rate_hz,
         &mut |p| {
             path_mm.push(p.displacement_mm);
-            if first_fault.is_none() {
-                first_fault = csv.sample(&sample(path_mm.len() as u64, rate_hz, p)).err();
+            first_fault = csv.sample(&sample(path_mm.len() as u64, rate_hz, p)).err();
+            match first_fault {
+                None => ControlFlow::Continue(()),
+                Some(_) => ControlFlow::Break(()),
             }
         },
     )?;

@@ -7,6 +7,7 @@ use super::shared::progress::duration;
 use super::{CliCommand, CliError, Done, Output};
 use crate::control::Phase;
 use crate::daemon::client_types::Status;
+use crate::protocol::message::Cause;
 
 /// Show what the bench is doing
 #[derive(Debug, Args)]
@@ -40,6 +41,13 @@ fn phase_text(phase: Phase) -> &'static str {
     }
 }
 
+/// The word for a cause, as in docs/faults.md.
+fn word(cause: &Cause) -> String {
+    let value = serde_json::to_value(cause);
+    let word = value.as_ref().ok().and_then(serde_json::Value::as_str);
+    word.unwrap_or_default().to_owned()
+}
+
 fn text(s: &Status, page: &str) -> String {
     let reading = |value: Option<f64>, digits: usize, unit: &str| {
         value.map_or("no reading".to_owned(), |v| format!("{v:.digits$} {unit}"))
@@ -50,6 +58,14 @@ fn text(s: &Status, page: &str) -> String {
         format!("force         {}", reading(s.rig.force_n, 1, "N")),
         format!("displacement  {}", reading(s.rig.displacement_mm, 3, "mm")),
     ];
+    if s.preparing {
+        lines.push(
+            "preparing     a run: its profile is being checked; `leafbench stop` withdraws it".to_owned(),
+        );
+    }
+    if s.rig.cause != Cause::None {
+        lines.push(format!("cause         {}", word(&s.rig.cause)));
+    }
     if let (Some(run), Some(profile)) = (&s.rig.run_id, &s.rig.profile) {
         lines.push(format!(
             "run           {run} ({profile}), cycle {} of {}, {} left",
@@ -64,6 +80,9 @@ fn text(s: &Status, page: &str) -> String {
             run.run_id, run.profile, run.cause
         ));
     }
+    if let Some(problem) = s.run.as_ref().map(|r| &r.disk_problem).filter(|p| !p.is_empty()) {
+        lines.push(format!("disk          {problem}"));
+    }
     lines.push(format!(
         "link          {}, {} samples, {} lost, {} late, {} frames refused, {} bus errors",
         if s.link_open { "open" } else { "closed" },
@@ -74,14 +93,62 @@ fn text(s: &Status, page: &str) -> String {
         s.rig.counters.bus_errors
     ));
     lines.push(format!(
-        "control loop  {} of {} turns late, worst {:.1} ms",
+        "control loop  {} of {} turns late, worst {:.1} ms{}",
         s.control_loop.late_turns,
         s.control_loop.turns,
-        s.control_loop.worst_lateness_us as f64 / 1000.0
+        s.control_loop.worst_lateness_us as f64 / 1000.0,
+        match s.control_loop.skipped_ms {
+            0 => String::new(),
+            skipped_ms => format!(
+                "; this computer was too slow for the mock rig, which stood still for {skipped_ms} ms"
+            ),
+        }
     ));
     if !s.rig.notice.is_empty() {
         lines.push(format!("notice        {}", s.rig.notice));
     }
     lines.extend(s.degraded.iter().map(|d| format!("degraded      {d}")));
     lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::RigStatus;
+    use crate::control::realtime::LoopHealth;
+
+    fn status() -> Status {
+        Status {
+            version: String::new(),
+            bench: "mock".to_owned(),
+            link: "mock:".to_owned(),
+            link_open: true,
+            data_folder: String::new(),
+            twin: String::new(),
+            degraded: Vec::new(),
+            preparing: false,
+            rig: RigStatus::unknown(),
+            control_loop: LoopHealth::default(),
+            run: None,
+        }
+    }
+
+    #[test]
+    fn the_cause_of_a_latched_rig_is_named_as_in_the_documents() {
+        let mut tripped = status();
+        assert!(!text(&tripped, "").contains("cause"));
+        tripped.rig.phase = Phase::Interlocked;
+        tripped.rig.cause = Cause::LeaseLapsed;
+        let said = text(&tripped, "");
+        assert!(said.contains("\ncause         lease_lapsed\n"), "{said}");
+    }
+
+    #[test]
+    fn a_run_that_is_being_prepared_is_shown() {
+        let preparing = Status {
+            preparing: true,
+            ..status()
+        };
+        assert!(text(&preparing, "").contains("preparing     a run"));
+    }
 }

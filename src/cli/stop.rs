@@ -4,9 +4,8 @@ use clap::Args;
 
 use super::shared::client::DataArg;
 use super::{CliCommand, CliError, Done, Output};
-use crate::daemon::client_types::StopRequest;
 
-/// End the run under way: the rig unloads, the data are kept
+/// End the run under way or the start of one: the rig unloads, the data are kept; allowed at any time
 #[derive(Debug, Args)]
 pub(super) struct StopArgs {
     /// Reason, which is recorded as the cause of the run's end
@@ -21,7 +20,8 @@ impl CliCommand for StopArgs {
     const EXAMPLES: &'static [&'static str] = &["leafbench stop", "leafbench stop --reason oil-leak"];
 
     fn run(self, output: &Output) -> Result<Done, CliError> {
-        let request = StopRequest { reason: self.reason };
-        self.data.client()?.order("/api/stop", &request, output)
+        let accepted = self.data.client()?.stop(self.reason)?;
+        output.result(&accepted, || accepted.message.clone())?;
+        Ok(Done::Success)
     }
 }

@@ -6,6 +6,7 @@ use super::{
     Bench, BenchLimits, ConfigError, DisplacementChannel, ForceChannel, LinkConfig, ModelConfig, Specimen,
 };
 use crate::link::{address_forms, is_address};
+use crate::mockrig::{MockRigConfig, MockRigError};
 use crate::model;
 use crate::protocol::message::COUNTS_MAX;
 
@@ -34,6 +35,20 @@ pub(super) fn bench(document: &Document, bench: &Bench) -> Result<(), ConfigErro
         &folder,
         "enter a folder for the runs",
     )
+}
+
+/// Checks the settings of the mock rig, also on the bench of a real one.
+pub(super) fn mock_rig(document: &Document, config: &MockRigConfig) -> Result<(), ConfigError> {
+    config.check().map_err(|fault| {
+        let MockRigError::Range {
+            table,
+            key,
+            value,
+            range,
+        } = fault;
+        let reason = format!("{value} is out of range: set it to {range}");
+        document.refuse(&format!("mock_rig.{table}{key}"), reason)
+    })
 }
 
 /// Checks a specimen. `table` is its place in the document with a point at the end, or empty.
@@ -146,8 +161,12 @@ fn channel(document: &Document, c: &ChannelValues) -> Result<(), ConfigError> {
     let (table, unit, capacity) = (c.table, c.unit, c.capacity);
     let key = |name: &str| format!("{table}.{name}");
     positive(document, &key(&format!("{unit}_per_count")), c.per_count)?;
-    if c.sign.abs() != 1 {
-        let reason = format!("{} is not a sign: write 1 or -1", c.sign);
+    if c.sign != 1 {
+        let reason = format!(
+            "{} is not allowed, because the firmware unloads towards falling counts: make the counts of the sensor rise when \
+             the spring is loaded (exchange its signal wires), and write 1",
+            c.sign
+        );
         return Err(document.refuse(&key("sign"), reason));
     }
     let wire = c.per_count * f64::from(COUNTS_MAX);
@@ -292,8 +311,8 @@ fn displacement_ranges(l: &BenchLimits, lvdt_mm: f64) -> [RangeRow<&'static str>
             "unload_velocity_mm_s",
             l.unload_velocity_mm_s,
             0.1,
-            20.0,
-            "a gentle unload",
+            5.0,
+            "a gentle unload, which the firmware accepts",
         ),
     ]
 }

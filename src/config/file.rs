@@ -10,7 +10,8 @@ use super::{
     Bench, BenchLimits, ConfigError, DaemonConfig, DisplacementChannel, ForceChannel, LinkConfig,
     ModelConfig, Specimen, checks,
 };
-use crate::profile::file::MAX_FILE_BYTES;
+use crate::mockrig::MockRigConfig;
+use crate::regular_file::{self, WRITTEN_MAX_BYTES};
 
 /// A bench file as it is written. Its specimen may be in a file of its own.
 #[derive(Deserialize)]
@@ -26,6 +27,13 @@ struct RawBench {
     model: Option<ModelConfig>,
     #[serde(default)]
     mock_rig: toml::Table,
+}
+
+/// The settings of the mock rig alone, so that an error in them has its line and column.
+#[derive(Deserialize)]
+struct RawMockRig {
+    #[serde(default)]
+    mock_rig: MockRigConfig,
 }
 
 #[derive(Deserialize)]
@@ -69,6 +77,8 @@ impl Bench {
         specimen_file: &dyn Fn(&str) -> Result<Specimen, ConfigError>,
     ) -> Result<Bench, ConfigError> {
         let (document, raw) = Document::read::<RawBench>(text, origin)?;
+        let (_, RawMockRig { mock_rig }) = Document::read(text, origin)?;
+        checks::mock_rig(&document, &mock_rig)?;
         let specimen = match raw.specimen {
             RawSpecimen {
                 file: Some(file),
@@ -138,13 +148,7 @@ fn read_text(path: &Path) -> Result<String, ConfigError> {
         path: path.to_owned(),
         reason,
     };
-    let size = std::fs::metadata(path).map_err(|e| failed(e.to_string()))?.len();
-    if size > MAX_FILE_BYTES as u64 {
-        return Err(failed(format!(
-            "it has {size} bytes, at most {MAX_FILE_BYTES} are allowed"
-        )));
-    }
-    std::fs::read_to_string(path).map_err(|e| failed(e.to_string()))
+    regular_file::read_text(path, WRITTEN_MAX_BYTES).map_err(|e| failed(e.to_string()))
 }
 
 #[cfg(test)]
@@ -156,7 +160,7 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         file.as_file().set_len(1 << 40).unwrap();
         let error = Bench::load(file.path()).unwrap_err().to_string();
-        assert!(error.contains("it has 1099511627776 bytes"), "{error}");
+        assert!(error.contains("it has more than 1048576 bytes"), "{error}");
     }
 
     #[test]
@@ -180,6 +184,62 @@ mod tests {
             };
             assert_eq!(key, "model.effect", "{error}");
             assert!(*line > text.lines().count() && reason.contains(wanted), "{error}");
+        }
+    }
+
+    #[test]
+    fn what_the_mock_rig_would_refuse_at_its_start_is_refused_with_its_line() {
+        let shipped = include_str!("../../bench-configs/benches/mock.toml")
+            .replace("../specimens/", "bench-configs/specimens/");
+        let line_of = |text: &str, key: &str| 1 + text.lines().position(|l| l.starts_with(key)).unwrap();
+        for (from, to, wanted) in [
+            ("seed = 1", "sed = 1", "unknown field `sed`"),
+            (
+                "seed = 1",
+                "plant_steps_per_ms = 3",
+                "mock_rig.plant_steps_per_ms: 3 is out of range: set it to 1 or 5",
+            ),
+            (
+                "seed = 1",
+                "load_cell.noise_rms_counts = -1.0",
+                "mock_rig.load_cell.noise_rms_counts: -1 is out of range",
+            ),
+            ("sign = 1", "sign = -1", "force_channel.sign: -1 is not allowed"),
+            (
+                "unload_velocity_mm_s = 5.0",
+                "unload_velocity_mm_s = 5.1",
+                "limits.unload_velocity_mm_s: 5.1 is outside 0.1 to 5",
+            ),
+        ] {
+            assert!(shipped.contains(from), "{from}");
+            let text = shipped.replacen(from, to, 1);
+            let error = Bench::parse(&text, "bad.toml").unwrap_err().to_string();
+            let line = line_of(&text, to);
+            assert!(
+                error.contains(wanted) && error.contains(&format!("line {line}, ")),
+                "{error} (line {line})"
+            );
+        }
+    }
+
+    #[test]
+    fn the_calibration_of_a_shipped_mock_bench_does_not_run_out() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("bench-configs/benches");
+        for file in std::fs::read_dir(folder).unwrap() {
+            let bench = Bench::load(&file.unwrap().path()).unwrap();
+            for (certificate, due) in [
+                (&bench.force_channel.certificate, &bench.force_channel.due),
+                (
+                    &bench.displacement_channel.certificate,
+                    &bench.displacement_channel.due,
+                ),
+            ] {
+                assert!(
+                    certificate != "mock" || due.as_str() > "2099",
+                    "{}: {due}",
+                    bench.name
+                );
+            }
         }
     }
 

@@ -54,7 +54,7 @@ pub struct Bench {
     pub(crate) specimen: Specimen,
     /// The model of the twin and of the dry run: that of the bench, or else that of the specimen.
     pub(crate) model: ModelConfig,
-    /// Settings of the mock rig as in the file. The mock rig checks them when it starts.
+    /// Settings of the mock rig as in the file.
     #[serde(skip_serializing_if = "toml::Table::is_empty")]
     pub(crate) mock_rig: toml::Table,
 }
@@ -103,7 +103,7 @@ impl LinkConfig {
 pub(crate) struct ForceChannel {
     /// Newtons for each count, above 0.
     pub n_per_count: f64,
-    /// 1: the counts rise when the spring is loaded. -1: they fall.
+    /// 1: the counts rise when the spring is loaded. The firmware requires it.
     pub sign: i32,
     /// Offset of the calibration in N.
     pub offset_n: f64,
@@ -115,7 +115,7 @@ pub(crate) struct ForceChannel {
     pub certificate: String,
     /// Date of calibration, `YYYY-MM-DD`.
     pub calibrated: String,
-    /// Date of the next calibration, `YYYY-MM-DD`. Recorded only.
+    /// Date of the next calibration, `YYYY-MM-DD`. After it no run starts, unless a person answers for it.
     pub due: String,
 }
 
@@ -125,7 +125,7 @@ pub(crate) struct ForceChannel {
 pub(crate) struct DisplacementChannel {
     /// Millimetres for each count, above 0.
     pub mm_per_count: f64,
-    /// 1: the counts rise when the spring is loaded. -1: they fall.
+    /// 1: the counts rise when the spring is loaded. The firmware requires it.
     pub sign: i32,
     /// Offset of the calibration in mm.
     pub offset_mm: f64,
@@ -137,7 +137,7 @@ pub(crate) struct DisplacementChannel {
     pub certificate: String,
     /// Date of calibration, `YYYY-MM-DD`.
     pub calibrated: String,
-    /// Date of the next calibration, `YYYY-MM-DD`. Recorded only.
+    /// Date of the next calibration, `YYYY-MM-DD`. After it no run starts, unless a person answers for it.
     pub due: String,
 }
 

@@ -16,12 +16,13 @@
 //! | `requests` | start, stop, hold, resume, reset and tare, as people ask for them |
 //! | `sending` | requests, lease and commands to the rig |
 //! | `session` | hello, configuration and acknowledgements |
-//! | `realtime` | the control thread |
+//! | `realtime`, `pace` | the control thread, the time of a rig in memory |
 
 mod abort;
 pub(crate) mod channel;
 pub(crate) mod detectors;
 mod life_cycle;
+mod pace;
 pub(crate) mod physical_limits;
 pub(crate) mod realtime;
 mod requests;
@@ -236,6 +237,7 @@ impl Rig {
         }
         self.watch(turn);
         self.send_due(turn);
+        turn.link.flush(now_ns);
     }
 
     fn note_lateness(&mut self, now_ns: u64) {

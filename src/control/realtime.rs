@@ -1,6 +1,8 @@
 //! The control thread: an OS thread without async runtime that polls the [`Rig`] once per tick on absolute deadlines, at
 //! real-time priority and with locked memory where the system allows it. Where not, it reports that.
 //!
+//! A rig in memory ticks only when the loop steps it, and the poll after the tick has the tick's time.
+//!
 //! In the steady loop it neither waits for other threads nor allocates: it reads requests from a bounded channel and writes
 //! the status under a mutex without blocking on either, and gives samples to the recorder of the run.
 
@@ -14,6 +16,7 @@ use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit, setrlimit};
 use nix::time::{ClockId, ClockNanosleepFlags, clock_nanosleep};
 use tokio::sync::oneshot;
 
+use super::pace::Pace;
 use super::run::RunOrder;
 use super::{Phase, Refusal, Rig, RigStatus, TareReport};
 use crate::link::priority::raise_this_thread;
@@ -84,6 +87,9 @@ pub(crate) struct LoopHealth {
     pub late_turns: u64,
     /// Largest delay of a turn after its deadline in microseconds.
     pub worst_lateness_us: u64,
+    /// Time in ms that a mock rig in memory stood still because this computer was too slow for it.
+    #[serde(default)]
+    pub skipped_ms: u64,
 }
 
 type Envelope = (Request, oneshot::Sender<Result<Reply, Refusal>>);
@@ -99,37 +105,20 @@ pub(crate) struct ControlHandle {
 impl ControlHandle {
     /// Starts the thread. It ends after [`Request::End`], or when every `ControlHandle` is dropped.
     pub(crate) fn spawn(rig: Rig, link: Link) -> io::Result<(ControlHandle, JoinHandle<()>)> {
-        let (requests, inbox) = mpsc::sync_channel(REQUESTS);
+        let (mut handle, control) = ControlLoop::new(rig, link, monotonic_ns());
         let (ready, degraded) = mpsc::sync_channel(1);
-        let published = Arc::new(Mutex::new((rig.status(), LoopHealth::default())));
-        let shared = Arc::clone(&published);
         let thread = std::thread::Builder::new()
             .name("control".to_owned())
             .spawn(move || {
                 // The receiver waits below. Sending fails only if its thread has ended.
                 let _ = ready.send(degradations());
-                ControlLoop {
-                    rig,
-                    link,
-                    recorder: None,
-                    inbox,
-                    published: shared,
-                    health: LoopHealth::default(),
-                }
-                .run();
+                control.run();
             })?;
-        let degraded = degraded
+        handle.degraded = degraded
             .recv()
             .map_err(|_| io::Error::other("the control thread ended at its start"))?
             .into();
-        Ok((
-            ControlHandle {
-                requests,
-                published,
-                degraded,
-            },
-            thread,
-        ))
+        Ok((handle, thread))
     }
 
     /// The newest status, at most about 20 ms old.
@@ -158,9 +147,12 @@ impl ControlHandle {
     }
 }
 
-struct ControlLoop {
+/// The loop of the control thread. Tests call its turns with a clock of their own.
+pub(crate) struct ControlLoop {
     rig: Rig,
     link: Link,
+    /// Time of a rig that this loop steps; `None` where the rig has its own clock.
+    pace: Option<Pace>,
     /// Recorder of the run under way.
     recorder: Option<Box<dyn Recorder + Send>>,
     inbox: Receiver<Envelope>,
@@ -169,21 +161,34 @@ struct ControlLoop {
 }
 
 impl ControlLoop {
+    /// The loop and its handle, without a thread. `now_ns` is the time on the monotonic clock.
+    pub(crate) fn new(rig: Rig, link: Link, now_ns: u64) -> (ControlHandle, ControlLoop) {
+        let (requests, inbox) = mpsc::sync_channel(REQUESTS);
+        let published = Arc::new(Mutex::new((rig.status(), LoopHealth::default())));
+        let handle = ControlHandle {
+            requests,
+            published: Arc::clone(&published),
+            degraded: Arc::default(),
+        };
+        let control = ControlLoop {
+            pace: link.is_stepped().then(|| Pace::new(now_ns)),
+            rig,
+            link,
+            recorder: None,
+            inbox,
+            published,
+            health: LoopHealth::default(),
+        };
+        (handle, control)
+    }
+
     fn run(mut self) {
         let mut deadline_ns = monotonic_ns();
         loop {
             let now_ns = monotonic_ns();
             self.note_lateness(now_ns.saturating_sub(deadline_ns));
-            match &mut self.recorder {
-                Some(recorder) => self.rig.poll(now_ns, &mut self.link, recorder.as_mut()),
-                None => self.rig.poll(now_ns, &mut self.link, &mut NoRecorder),
-            }
-            if !self.take_request(now_ns) {
+            if !self.turn(now_ns) {
                 return;
-            }
-            if self.health.turns.is_multiple_of(STATUS_TURNS) {
-                self.drop_idle_recorder();
-                self.publish();
             }
             deadline_ns += PERIOD_NS;
             // Missed turns are not repeated: what is due depends on the rig's ticks, not on the number of turns.
@@ -191,6 +196,42 @@ impl ControlLoop {
                 deadline_ns = now_ns + PERIOD_NS;
             }
             sleep_until(deadline_ns);
+        }
+    }
+
+    /// One turn at `now_ns`: the polls that are due, at most one request, now and then the status. Returns false if the thread
+    /// must end.
+    pub(crate) fn turn(&mut self, now_ns: u64) -> bool {
+        let polled_ns = self.poll_what_is_due(now_ns);
+        if !self.take_request(polled_ns) {
+            return false;
+        }
+        if self.health.turns.is_multiple_of(STATUS_TURNS) {
+            self.drop_idle_recorder();
+            self.publish();
+        }
+        true
+    }
+
+    /// Polls a rig with its own clock once, a stepped one after each of its ticks that are due. Returns the rig's time in ns.
+    fn poll_what_is_due(&mut self, now_ns: u64) -> u64 {
+        let Some(mut pace) = self.pace else {
+            self.poll(now_ns);
+            return now_ns;
+        };
+        for _ in 0..pace.due(now_ns) {
+            self.link.step_far_end();
+            self.poll(pace.tick());
+        }
+        self.health.skipped_ms = pace.skipped_ms();
+        self.pace = Some(pace);
+        pace.newest_ns()
+    }
+
+    fn poll(&mut self, now_ns: u64) {
+        match &mut self.recorder {
+            Some(recorder) => self.rig.poll(now_ns, &mut self.link, recorder.as_mut()),
+            None => self.rig.poll(now_ns, &mut self.link, &mut NoRecorder),
         }
     }
 
@@ -225,6 +266,7 @@ impl ControlLoop {
             Request::Tare => self.rig.tare().map(Reply::Tared),
             Request::Relink(link) => {
                 self.link = *link;
+                self.pace = self.link.is_stepped().then(|| Pace::new(now_ns));
                 Ok(Reply::Accepted)
             }
             Request::End => {

@@ -10,6 +10,11 @@ use crate::units::{NS_PER_MS, NS_PER_S};
 /// One stretch of the fit, ns. At half of it a busy computer leaves too few fast arrivals, at double of it a rig clock that
 /// stood still makes samples late for twice as long.
 const STRETCH_NS: u64 = NS_PER_S;
+/// A poll that comes later than this after the one before follows a pause of the host; a tick younger than this ends the
+/// reading of what waited.
+const PAUSE_NS: u64 = 5 * NS_PER_MS;
+/// After a pause the kernel may hand over what waited in several portions, for at most this long.
+const CATCH_UP_NS: u64 = 100 * NS_PER_MS;
 /// Stretches over which the drift is measured: 10 s between the first and the last.
 const STRETCHES: usize = 11;
 
@@ -22,12 +27,22 @@ struct Stretch {
     origin_ns: i64,
 }
 
+/// A pause of the host, until all that waited meanwhile is read.
+#[derive(Debug, Clone, Copy)]
+struct Pause {
+    /// Time of the last poll before it, ns.
+    since_ns: u64,
+    /// Latest end of reading what waited, ns.
+    until_ns: u64,
+}
+
 /// Host time of tick 0, fitted to the fastest arrivals.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct RigClock {
     /// Times of this poll and of the poll before it, ns.
     poll_ns: Option<u64>,
     before_ns: Option<u64>,
+    pause: Option<Pause>,
     /// Newest tick of this poll. It enters the fit with the time of the next poll: this poll's own time may be before the
     /// arrival, if the thread was stopped between reading the clock and reading the link.
     newest: Option<u64>,
@@ -44,6 +59,7 @@ impl RigClock {
         *self = RigClock {
             poll_ns: self.poll_ns,
             before_ns: self.before_ns,
+            pause: self.pause,
             ..RigClock::default()
         };
     }
@@ -54,22 +70,40 @@ impl RigClock {
             self.fit(now_ns, origin_ns(tick, now_ns));
         }
         self.before_ns = self.poll_ns.replace(now_ns);
+        self.pause = self.pause.filter(|pause| now_ns < pause.until_ns);
+        if let Some(before_ns) = self.before_ns
+            && now_ns.saturating_sub(before_ns) > PAUSE_NS
+        {
+            self.pause = Some(Pause {
+                since_ns: self.pause.map_or(before_ns, |pause| pause.since_ns),
+                until_ns: now_ns + CATCH_UP_NS,
+            });
+        }
     }
 
     /// Takes a tick that was read in this poll. Returns true for the first one after a restart.
     pub(crate) fn take(&mut self, tick: u64) -> bool {
         self.newest = Some(tick);
+        if self
+            .late_ns(tick, self.poll_ns)
+            .is_some_and(|late_ns| late_ns < PAUSE_NS)
+        {
+            self.pause = None;
+        }
         !std::mem::replace(&mut self.is_fitted, true)
     }
 
     /// Delay of a tick of this poll in the link, in ms beyond the fastest delivery of the last one to two seconds. It is the
     /// least delay that is certain: too small by one to two poll periods, and 0 for a tick that may have waited in this computer.
     pub(crate) fn age_ms(&self, tick: u64) -> u64 {
-        let (Some(before_ns), Some(fitted_ns)) = (self.before_ns, self.fitted_ns()) else {
-            return 0;
-        };
-        let late_ns = origin_ns(tick, before_ns) - fitted_ns;
-        u64::try_from(late_ns).unwrap_or(0) / NS_PER_MS
+        let arrived_after_ns = self.pause.map(|pause| pause.since_ns).or(self.before_ns);
+        self.late_ns(tick, arrived_after_ns).unwrap_or(0) / NS_PER_MS
+    }
+
+    /// Delay of a tick that arrived at `at_ns`; `None` without a fit.
+    fn late_ns(&self, tick: u64, at_ns: Option<u64>) -> Option<u64> {
+        let late_ns = origin_ns(tick, at_ns?) - self.fitted_ns()?;
+        Some(u64::try_from(late_ns).unwrap_or(0))
     }
 
     /// Rate error of the rig's clock over the last 10 s in ppm, positive if it is fast; `None` within the first 10 s. It is the
@@ -148,10 +182,39 @@ mod tests {
     fn the_age_of_a_late_sample_is_its_delay_less_two_polls() {
         let mut clock = RigClock::default();
         assert_eq!(worst_age_ms(&mut clock, 0..3, TICK_NS), 0);
-        clock.begin_poll(3024 * NS_PER_MS);
-        clock.begin_poll(3025 * NS_PER_MS);
+        (3000..=3025).for_each(|ms| clock.begin_poll(ms * NS_PER_MS));
         assert!(!clock.take(3000));
         assert_eq!(clock.age_ms(3000), 23);
+    }
+
+    /// The kernel moves bytes from a serial driver to the reader in portions.
+    #[test]
+    fn what_waited_during_a_pause_is_not_late_though_it_comes_in_portions() {
+        let mut clock = RigClock::default();
+        worst_age_ms(&mut clock, 0..3, TICK_NS);
+        for (ms, ticks) in [(3500, 3000..3250), (3501, 3250..3490), (3502, 3490..3502)] {
+            clock.begin_poll(ms * NS_PER_MS);
+            for tick in ticks {
+                clock.take(tick);
+                let age_ms = clock.age_ms(tick);
+                assert!(age_ms * NS_PER_MS < PAUSE_NS, "tick {tick}: {age_ms} ms");
+            }
+        }
+        // All is read: what is late from now on, the link delayed.
+        clock.begin_poll(3530 * NS_PER_MS - 1);
+        clock.begin_poll(3530 * NS_PER_MS);
+        clock.take(3502);
+        assert!(clock.age_ms(3502) == 0, "a pause of 28 ms");
+        for ms in 3531..3560 {
+            clock.begin_poll(ms * NS_PER_MS);
+        }
+        clock.take(3530);
+        assert_eq!(clock.age_ms(3530), 0, "within 100 ms of the pause");
+        for ms in 3560..3700 {
+            clock.begin_poll(ms * NS_PER_MS);
+        }
+        clock.take(3660);
+        assert!(clock.age_ms(3660) > 30);
     }
 
     #[test]

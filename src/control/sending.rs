@@ -26,8 +26,10 @@ impl Rig {
         if !self.session.is_owned() {
             return;
         }
-        if is_due(self.lease_sent_ns, turn.now_ns, LEASE_PERIOD_NS) {
-            self.send_lease(turn.link);
+        if is_due(self.lease_sent_ns, turn.now_ns, LEASE_PERIOD_NS)
+            && let Some(newest) = self.ticks.newest()
+        {
+            self.send_lease(newest, turn.link);
             self.lease_sent_ns = Some(turn.now_ns);
         }
         if !self.session.is_open() {
@@ -78,12 +80,12 @@ impl Rig {
         }
     }
 
-    fn send_lease(&mut self, link: &mut Link) {
+    fn send_lease(&mut self, newest_tick: u64, link: &mut Link) {
         self.lease_counter = next_counter(self.lease_counter);
         let lease = ToRig::Lease(LeaseMessage {
             counter: self.lease_counter,
             session: self.session.id(),
-            control_tick: self.ticks.newest().unwrap_or(0) as u16,
+            control_tick: newest_tick as u16,
         });
         link.send(lease.encode(self.config.node));
     }

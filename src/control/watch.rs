@@ -117,11 +117,14 @@ impl Rig {
     fn watch_silence(&mut self, turn: &mut Turn) {
         let silent_ns = self.detectors.age_ms(turn.now_ns).unwrap_or(0) * NS_PER_MS;
         if silent_ns > DEAD_STREAM_NS {
+            // A pause of this computer hides a silence from its detector.
+            let text = format!(
+                "no sample for {} ms: check the link and the rig",
+                silent_ns / NS_PER_MS
+            );
+            self.act(Action::Abort(text), turn);
             self.close_stopped_run(turn);
-            match self.activity {
-                Activity::Idle => {}
-                _ => self.activity = Activity::Idle,
-            }
+            self.activity = Activity::Idle;
             if self.state.is_some() || self.session.is_owned() {
                 self.session.restart(turn.now_ns);
                 self.forget_stream();

@@ -2,14 +2,14 @@
 
 use std::net::SocketAddr;
 use std::sync::Arc;
+use std::time::Duration;
 
-use axum::extract::rejection::{JsonRejection, QueryRejection};
-use axum::extract::{DefaultBodyLimit, Path, Query, State};
+use axum::extract::rejection::QueryRejection;
+use axum::extract::{self, DefaultBodyLimit, FromRequest, Path, Query, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{MethodFilter, MethodRouter, on};
 use axum::{Json, Router};
-use tokio::net::TcpListener;
 use utoipa::OpenApi;
 
 use super::client_types::{
@@ -19,18 +19,24 @@ use super::client_types::{
 use super::csv_download::{self, CsvPart};
 use super::error::ApiError;
 use super::guard::{self, RequestGuard};
-use super::plan::{self, Plan};
+use super::plan::{self, Plan, PlanError};
+use super::request_body::JsonBody;
+use super::server::STOP_PATH;
 use super::state::{App, DaemonState};
+use super::wanted::Wanted;
 use super::{page, runs as run_life, socket};
 use crate::control::TareReport;
 use crate::control::realtime::{Reply, Request};
-use crate::recording::run_file::RunFile;
+use crate::recording::run_file::{RunFile, RunListing};
 
 /// Largest body of a request in bytes: more than any profile file.
 const BODY_LIMIT: usize = 1 << 20;
+/// A stop waits at most so long for its reason.
+const STOP_REASON_WAIT: Duration = Duration::from_millis(50);
+/// A check of a profile waits at most so long for the one before.
+const PLAN_WAIT: Duration = Duration::from_secs(2);
 
 type Result<T> = std::result::Result<T, ApiError>;
-type Body<T> = std::result::Result<Json<T>, JsonRejection>;
 
 /// One route of the interface. A test compares the list of routes with the OpenAPI description.
 struct Route {
@@ -54,7 +60,7 @@ fn routes() -> Vec<Route> {
     vec![
         get("/api/status", |m| on(m, status)),
         post("/api/run", |m| on(m, run)),
-        post("/api/stop", |m| on(m, stop)),
+        post(STOP_PATH, |m| on(m, stop)),
         post("/api/hold", |m| on(m, hold)),
         post("/api/resume", |m| on(m, resume)),
         post("/api/reset", |m| on(m, reset)),
@@ -95,7 +101,7 @@ fn routes() -> Vec<Route> {
 struct Description;
 
 /// The routes of the interface and of the page, behind the guard.
-fn router(address: SocketAddr, state: Arc<DaemonState>) -> Router {
+pub(super) fn router(address: SocketAddr, state: Arc<DaemonState>) -> Router {
     let api = routes().into_iter().fold(Router::new(), |router, r| {
         router.route(r.path, (r.handler)(r.method))
     });
@@ -115,24 +121,20 @@ fn router(address: SocketAddr, state: Arc<DaemonState>) -> Router {
         .with_state(state)
 }
 
-/// Serves until the task is aborted.
-pub(super) async fn serve(listener: TcpListener, address: SocketAddr, state: Arc<DaemonState>) {
-    if let Err(error) = axum::serve(listener, router(address, state)).await {
-        tracing::error!("the HTTP interface ended: {error}");
-    }
-}
-
 /// The bench and the run under way.
 #[utoipa::path(get, path = "/api/status", responses((status = 200, body = Status)))]
 async fn status(State(state): App) -> Json<Status> {
     Json(state.status())
 }
 
-/// Starts a run. The profile is first simulated on the model and compared with the limits; a predicted trip is refused.
+/// Starts a run. The profile is first simulated on the model and compared with the limits; a predicted trip is refused. If the
+/// client closes its connection, or the bench is stopped, before the run has begun, nothing moves.
 #[utoipa::path(post, path = "/api/run", request_body = StartRun,
     responses((status = 202, body = Started), (status = 409, body = Failure), (status = 422, body = Failure)))]
-async fn run(State(state): App, body: Body<StartRun>) -> Result<(StatusCode, Json<Started>)> {
-    let Json(request) = body?;
+async fn run(
+    State(state): App,
+    JsonBody(request): JsonBody<StartRun>,
+) -> Result<(StatusCode, Json<Started>)> {
     Ok((
         StatusCode::ACCEPTED,
         Json(run_life::start(&state, request).await?),
@@ -146,14 +148,17 @@ async fn ask(state: &DaemonState, request: Request, message: &str) -> Result<Jso
     }))
 }
 
-/// Ends the run under way: the rig unloads and the data are kept.
-#[utoipa::path(post, path = "/api/stop", request_body = StopRequest,
-    responses((status = 200, body = Accepted), (status = 409, body = Failure)))]
-async fn stop(State(state): App, body: Body<StopRequest>) -> Result<Json<Accepted>> {
-    // A stop request is obeyed even if its body cannot be read.
-    let reason = body.ok().and_then(|Json(b)| b.reason);
+/// Ends the run under way, or the start of one that is being prepared: the rig unloads and the data are kept. Is taken at any
+/// time.
+#[utoipa::path(post, path = "/api/stop", request_body = StopRequest, responses((status = 200, body = Accepted)))]
+async fn stop(State(state): App, request: extract::Request) -> Result<Json<Accepted>> {
+    // A stop is obeyed even if its body cannot be read, or does not arrive.
+    let body = Json::<StopRequest>::from_request(request, &state);
+    let body = tokio::time::timeout(STOP_REASON_WAIT, body).await;
+    let reason = body.ok().and_then(|read| read.ok()?.0.reason);
     let cause = reason.unwrap_or_else(|| "stopped by an operator".to_owned());
-    ask(&state, Request::Stop(cause), "the rig unloads").await
+    let message = run_life::stop(&state, &cause).await?.to_owned();
+    Ok(Json(Accepted { message }))
 }
 
 /// Keeps the position. The firmware unloads the rig by itself if the hold lasts too long.
@@ -219,6 +224,8 @@ async fn run_detail(State(state): App, Path(run_id): Path<String>) -> Result<Jso
         let listing = listing.ok_or_else(|| ApiError::no_run(&run_id))?;
         let file = RunFile::open(&listing.path).map_err(ApiError::disk)?;
         let value = |v: serde_json::Result<_>| v.map_err(|e| ApiError::internal(&e.to_string()));
+        let problem = file.survey().damage.join("; ");
+        let listing = RunListing { problem, ..listing };
         let events = file
             .events()
             .iter()
@@ -235,9 +242,11 @@ async fn run_detail(State(state): App, Path(run_id): Path<String>) -> Result<Jso
 }
 
 /// The run as CSV: whole, one cycle (`?cycle=3`), the mean loop (`?mean_loop=true`) or every n-th sample (`?every=10`).
+/// A damaged or incomplete run is refused, unless `?partial=1` asks for what is left of it.
 #[utoipa::path(get, path = "/api/runs/{run_id}/csv",
     params(("run_id" = String, Path), CsvPart),
-    responses((status = 200, content_type = "text/csv", body = String), (status = 404, body = Failure)))]
+    responses((status = 200, content_type = "text/csv", body = String), (status = 404, body = Failure),
+        (status = 409, body = Failure)))]
 async fn run_csv(
     State(state): App,
     Path(run_id): Path<String>,
@@ -260,21 +269,40 @@ async fn profiles(State(state): App) -> Result<Json<Vec<ProfileSummary>>> {
     .await
 }
 
-/// Simulates a profile on the model and compares it with the limits. Nothing moves.
+/// Simulates a profile on the model and compares it with the limits. Nothing moves. One profile at a time is checked, and the
+/// check ends when its client leaves or a run is started.
 #[utoipa::path(post, path = "/api/plan", request_body = PlanRequest,
-    responses((status = 200, body = Plan), (status = 422, body = Failure)))]
-async fn plan_profile(State(state): App, body: Body<PlanRequest>) -> Result<Json<Plan>> {
-    let Json(request) = body?;
+    responses((status = 200, body = Plan), (status = 422, body = Failure), (status = 503, body = Failure)))]
+async fn plan_profile(State(state): App, JsonBody(request): JsonBody<PlanRequest>) -> Result<Json<Plan>> {
+    let wanted = Wanted::default();
+    let _client = wanted.while_client_waits();
+    let turn = Arc::clone(&state.planning).acquire_owned();
+    let turn = tokio::time::timeout(PLAN_WAIT, turn).await;
+    let Ok(Ok(turn)) = turn else {
+        return Err(unavailable("another profile is being checked"));
+    };
     blocking(&state, move |state| {
+        // Held by the work and not by the handler, which ends when its client leaves.
+        let _turn = turn;
         let (profile, _) = state
             .library
             .find(&request.profile)
             .map_err(|e| ApiError::invalid(&e))?;
-        plan::check(&state.settings.bench, &profile)
-            .map(Json)
-            .map_err(|e| ApiError::invalid(&e))
+        let is_wanted = || wanted.withdrawn().is_none() && !state.starts.is_pending();
+        match plan::check_while(&state.settings.bench, &profile, &is_wanted) {
+            Err(PlanError::BrokenOff) => Err(unavailable("a run is being started")),
+            checked => checked.map(Json).map_err(|e| ApiError::invalid(&e)),
+        }
     })
     .await
+}
+
+fn unavailable(why: &str) -> ApiError {
+    ApiError::new(
+        StatusCode::SERVICE_UNAVAILABLE,
+        format!("the profile is not checked now: {why}"),
+        "try again in a moment".to_owned(),
+    )
 }
 
 /// This description of the interface.
@@ -324,5 +352,76 @@ mod tests {
         for schema in ["RigStatus", "RunProgress", "Failure", "Plan", "TareReport"] {
             assert!(text.contains(&format!("\"{schema}\":{{")), "{schema}");
         }
+    }
+
+    /// Longest wait on a busy machine.
+    const PATIENCE: Duration = Duration::from_secs(60);
+
+    /// A check that would take minutes.
+    fn long_check(state: &Arc<DaemonState>) -> impl Future<Output = Result<Json<Plan>>> + use<> {
+        let profile = "name = \"long\"\ncontrol = \"displacement\"\n[[block]]\n[[block.segment]]\nkind = \"hold\"\n\
+                       duration_s = 3.6e6\n";
+        let request = PlanRequest {
+            profile: profile.to_owned(),
+        };
+        plan_profile(State(Arc::clone(state)), JsonBody(request))
+    }
+
+    #[test]
+    fn one_profile_at_a_time_is_checked_and_an_abandoned_check_ends() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let state = DaemonState::without_rig(folder.path());
+        let runtime = tokio::runtime::Runtime::new().expect("a runtime");
+        runtime.block_on(async {
+            let first = tokio::spawn(long_check(&state));
+            while state.planning.available_permits() > 0 {
+                tokio::task::yield_now().await;
+            }
+            let second = long_check(&state).await.expect_err("the first one is at work");
+            assert_eq!(second.status(), StatusCode::SERVICE_UNAVAILABLE);
+            // As the handler of a client that leaves.
+            first.abort();
+            let turn = tokio::time::timeout(PATIENCE, state.planning.acquire()).await;
+            assert!(turn.is_ok(), "the abandoned check goes on");
+        });
+    }
+
+    #[test]
+    fn a_start_breaks_off_the_check_for_the_page() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let state = DaemonState::without_rig(folder.path());
+        let runtime = tokio::runtime::Runtime::new().expect("a runtime");
+        runtime.block_on(async {
+            let check = tokio::spawn(long_check(&state));
+            while state.planning.available_permits() > 0 {
+                tokio::task::yield_now().await;
+            }
+            let _start = state.starts.claim().ok().expect("free");
+            let checked = tokio::time::timeout(PATIENCE, check).await;
+            let refusal = checked
+                .expect("in time")
+                .expect("no panic")
+                .expect_err("broken off");
+            assert_eq!(refusal.status(), StatusCode::SERVICE_UNAVAILABLE);
+        });
+    }
+
+    #[test]
+    fn a_stop_is_answered_with_success_in_any_phase_and_without_a_body() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let state = DaemonState::without_rig(folder.path());
+        let runtime = tokio::runtime::Runtime::new().expect("a runtime");
+        runtime.block_on(async {
+            let claim = state.starts.claim().ok().expect("free");
+            let request = extract::Request::new(axum::body::Body::from("not JSON"));
+            let answer = stop(State(Arc::clone(&state)), request).await.expect("accepted");
+            assert_eq!(answer.0.message, "the run that was being prepared does not start");
+            assert!(claim.wanted().withdrawn().is_some());
+            // A body that never arrives.
+            let body =
+                axum::body::Body::from_stream(futures_util::stream::pending::<std::io::Result<String>>());
+            let answer = stop(State(Arc::clone(&state)), extract::Request::new(body)).await;
+            assert!(answer.is_ok());
+        });
     }
 }

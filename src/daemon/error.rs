@@ -27,6 +27,13 @@ pub(crate) enum DaemonError {
     /// A folder or file of the daemon cannot be created, read or written.
     #[error("{path} cannot be used: check its permissions and the free space on the disk")]
     Folder { path: PathBuf, source: std::io::Error },
+    /// The claim on a link cannot be made.
+    #[error("{what} cannot be claimed for this daemon: check how many sockets this computer has open")]
+    Claim {
+        /// The address of the link.
+        what: String,
+        source: std::io::Error,
+    },
     /// The socket for the HTTP interface cannot be opened.
     #[error(
         "the daemon cannot listen on {address}: stop the program that uses this port, or give another one with \

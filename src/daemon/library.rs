@@ -5,14 +5,19 @@ use std::path::{Path, PathBuf};
 use super::client_types::ProfileSummary;
 use crate::profile::{Player, Profile, ProfileError};
 use crate::protocol::message::SAMPLE_RATE_HZ;
+use crate::regular_file::{self, WRITTEN_MAX_BYTES};
 
 /// Why a profile cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum LibraryError {
     #[error("the profiles folder {path} cannot be read: give the right folder with --profiles")]
     Folder { path: PathBuf, source: std::io::Error },
-    #[error("profile {path} cannot be read: check the name and the permissions of the file")]
-    File { path: PathBuf, source: std::io::Error },
+    #[error("profile {path} cannot be read ({reason}): check the name and the permissions of the file")]
+    File {
+        path: PathBuf,
+        /// What the operating system says, or what the path leads to.
+        reason: String,
+    },
     /// The folder has no profile with this name.
     #[error("there is no profile \"{name}\": choose one of {known}")]
     Unknown {
@@ -91,9 +96,9 @@ fn name_of(path: &Path) -> &str {
 
 /// Reads one profile file. Returns the profile and the text of the file.
 pub(crate) fn read(path: &Path) -> Result<(Profile, String), LibraryError> {
-    let text = std::fs::read_to_string(path).map_err(|source| LibraryError::File {
+    let text = regular_file::read_text(path, WRITTEN_MAX_BYTES).map_err(|error| LibraryError::File {
         path: path.to_owned(),
-        source,
+        reason: error.to_string(),
     })?;
     Ok((Profile::from_toml(&text, &path.display().to_string())?, text))
 }

@@ -8,145 +8,255 @@
 //! |---|---|
 //! | `client_types` | requests and answers |
 //! | `library`, `store`, `header` | profiles, run files, header of a recording |
-//! | `live`, `backlog` | samples for the live view, samples that wait for the recording thread |
+//! | `live`, `backlog`, `disk_watch` | samples for the live view, samples that wait for the recording thread or for the disk |
 //! | `error` | why the daemon or a request fails |
-//! | `lock`, `plan`, `csv_download`, `guard` | one daemon per rig, check of a profile, export, protection from other web pages |
+//! | `lock`, `endpoint` | one daemon per rig, the file by which commands find it |
+//! | `connections`, `server`, `request_body`, `guard` | limits of connections and requests, protection from other web pages |
+//! | `wanted`, `starts`, `orders` | work that may be withdrawn, order of starts and stops, orders that control must get |
+//! | `plan`, `csv_download` | check of a profile, export |
 //! | `newest_run`, `state` | what the handlers and the runs share |
+//! | `permission`, `resume`, `progress`, `prepare` | what a run needs before it can start |
 //! | `runs`, `socket`, `page` | life of a run, live view, the technician's page |
 //! | `api` | routes and handlers |
 
 mod api;
 mod backlog;
 pub(crate) mod client_types;
+mod connections;
 mod csv_download;
+mod disk_watch;
+mod endpoint;
 mod error;
 mod guard;
 pub(crate) mod header;
 pub(crate) mod library;
 mod live;
-pub(crate) mod lock;
+mod lock;
 mod newest_run;
+mod orders;
 mod page;
+mod permission;
 pub(crate) mod plan;
+mod prepare;
+mod progress;
+mod request_body;
+mod resume;
 mod runs;
+mod server;
 mod socket;
+mod starts;
 mod state;
 pub(crate) mod store;
+mod wanted;
 
-use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 use tokio::net::TcpListener;
-use tokio::signal::unix::{SignalKind, signal};
+use tokio::runtime::Runtime;
+use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use crate::control::realtime::{ControlHandle, Request};
 use crate::control::{Phase, Rig};
 use crate::link::{self, Link, Side};
 use client_types::Endpoint;
+use endpoint::EndpointFile;
 use library::Library;
 use lock::DaemonLock;
+use server::ServerLimits;
 use state::DaemonState;
 use store::Store;
+use wanted::Withdrawal;
 
+pub(crate) use endpoint::ENDPOINT_FILE;
 pub(crate) use error::{DaemonError, chain};
 pub(crate) use state::DaemonSettings;
 
-/// Name of the file in the data folder that says where the daemon listens.
-pub(crate) const ENDPOINT_FILE: &str = "daemon.json";
 /// Longest wait for the rig to unload when the daemon ends. Unloading from 15 mm at 5 mm/s takes 3 s; the daemon must end
 /// within 5 s.
 const UNLOAD_AT_EXIT: Duration = Duration::from_millis(4200);
 /// Time between two attempts to open a lost link.
 const RELINK_PERIOD: Duration = Duration::from_secs(1);
+/// Longest wait for requests that are still served when the daemon ends.
+const REQUESTS_AT_EXIT: Duration = Duration::from_millis(200);
+/// Longest wait for the control thread after it was asked to end. It looks every millisecond.
+const CONTROL_AT_EXIT: Duration = Duration::from_secs(1);
 
-/// Runs the daemon until SIGTERM or SIGINT. Calls `started` as soon as the daemon listens.
-pub(crate) fn serve(
+/// A daemon that is ready to take the rig. All that can fail without the rig is done: a daemon that cannot serve sends no
+/// frame and opens no link.
+pub(crate) struct Daemon {
     settings: DaemonSettings,
-    _lock: DaemonLock,
-    link: Link,
-    started: impl FnOnce(&Endpoint) + Send,
-) -> Result<(), DaemonError> {
-    if !settings.listen.ip().is_loopback() {
-        return Err(DaemonError::NotLoopback(settings.listen));
+    /// The claims on data folder and link, released last.
+    lock: DaemonLock,
+    endpoint: EndpointFile,
+    listener: TcpListener,
+    runtime: Runtime,
+    store: Store,
+    library: Library,
+}
+
+impl Daemon {
+    /// Claims data folder and link, opens the port, and publishes where the daemon listens.
+    pub(crate) fn prepare(mut settings: DaemonSettings) -> Result<Daemon, DaemonError> {
+        let asked = settings.listen;
+        if !asked.ip().is_loopback() {
+            return Err(DaemonError::NotLoopback(asked));
+        }
+        let lock = DaemonLock::take(&settings.data_folder, &settings.link_address)?;
+        // Control needs a core of its own, so the interface gets only two threads.
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(2)
+            .enable_all()
+            .build()?;
+        let listen = async {
+            let listener = TcpListener::bind(asked).await?;
+            let address = listener.local_addr()?;
+            Ok((listener, address))
+        };
+        let (listener, address) = runtime.block_on(listen).map_err(|source| DaemonError::Listen {
+            address: asked,
+            source,
+        })?;
+        settings.listen = address;
+        let library = Library::open(&settings.profiles_folder)?;
+        let store = Store::new(&settings.data_folder);
+        for sentence in store.close_left_open()? {
+            tracing::warn!("{sentence}");
+        }
+        let endpoint = EndpointFile::publish(&settings.data_folder, address)?;
+        Ok(Daemon {
+            settings,
+            lock,
+            endpoint,
+            listener,
+            runtime,
+            store,
+            library,
+        })
     }
-    let store = Store::new(&settings.data_folder);
-    for sentence in store.close_left_open()? {
+
+    /// Controls the rig at the other end of `link` until SIGTERM or SIGINT. Calls `started` as soon as requests are served.
+    pub(crate) fn serve(self, link: Link, started: impl FnOnce(&Endpoint) + Send) -> Result<(), DaemonError> {
+        let runtime = self.runtime;
+        let signals = runtime.block_on(async { Signals::catch() })?;
+        let rig = Rig::new(self.settings.bench.rig_config(session_number()));
+        let health = Arc::clone(&link.health);
+        // From here nothing fails until the control thread has ended: it holds the rig.
+        let (control, thread) = ControlHandle::spawn(rig, link)?;
+        let state = Arc::new(DaemonState::new(
+            self.settings,
+            control,
+            self.store,
+            self.library,
+            health,
+        ));
+        warn_of_limitations(&state);
+        let serving = serve_until_signal(Arc::clone(&state), self.listener, signals, || {
+            started(&self.endpoint.endpoint);
+        });
+        runtime.block_on(serving);
+        // Does not wait for viewers whose sockets are still open.
+        runtime.shutdown_timeout(REQUESTS_AT_EXIT);
+        await_end(&thread);
+        drop(self.endpoint);
+        drop(self.lock);
+        Ok(())
+    }
+}
+
+/// The signals that end the daemon.
+struct Signals {
+    terminate: Signal,
+    interrupt: Signal,
+}
+
+impl Signals {
+    /// From now on the signals no longer end the process.
+    fn catch() -> Result<Signals, DaemonError> {
+        Ok(Signals {
+            terminate: signal(SignalKind::terminate())?,
+            interrupt: signal(SignalKind::interrupt())?,
+        })
+    }
+
+    /// Waits for the next signal and returns its name.
+    async fn next(&mut self) -> &'static str {
+        tokio::select! {
+            _ = self.terminate.recv() => "SIGTERM",
+            _ = self.interrupt.recv() => "SIGINT",
+        }
+    }
+}
+
+fn warn_of_limitations(state: &DaemonState) {
+    let today = jiff::Timestamp::now().to_zoned(jiff::tz::TimeZone::UTC).date();
+    for sentence in permission::overdue(&state.settings.bench, today) {
         tracing::warn!("{sentence}");
     }
-    let library = Library::open(&settings.profiles_folder)?;
-    let rig = Rig::new(settings.bench.rig_config(session_number()));
-    let health = Arc::clone(&link.health);
-    let (control, thread) = ControlHandle::spawn(rig, link)?;
-    for sentence in control.degraded() {
+    for sentence in state.control.degraded() {
         tracing::warn!("{sentence}");
     }
-    let state = Arc::new(DaemonState::new(settings, control, store, library, health));
-    // Control needs a core of its own, so the interface gets only two threads.
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
-        .enable_all()
-        .build()?;
-    let result = runtime.block_on(serve_until_signal(Arc::clone(&state), started));
-    // Does not wait for viewers whose sockets are still open.
-    runtime.shutdown_timeout(Duration::from_millis(200));
-    // The control thread ends on request. A panic there has already ended the process.
-    let _ = thread.join();
-    result
+}
+
+/// Waits for the control thread, which was asked to end. The process ends in any case: its end is also the end of the lease.
+fn await_end(thread: &JoinHandle<()>) {
+    let deadline = Instant::now() + CONTROL_AT_EXIT;
+    while !thread.is_finished() {
+        if Instant::now() > deadline {
+            tracing::error!(
+                "the control thread does not end: the rig unloads by itself when this process ends"
+            );
+            return;
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
 }
 
 async fn serve_until_signal(
     state: Arc<DaemonState>,
-    started: impl FnOnce(&Endpoint) + Send,
-) -> Result<(), DaemonError> {
-    let mut terminate = signal(SignalKind::terminate())?;
-    let mut interrupt = signal(SignalKind::interrupt())?;
-    let address = state.settings.listen;
-    let failed = |source| DaemonError::Listen { address, source };
-    let listener = TcpListener::bind(address).await.map_err(failed)?;
-    let address = listener.local_addr().map_err(failed)?;
-    let endpoint = Endpoint {
-        url: format!("http://{address}"),
-        pid: std::process::id(),
-    };
-    let endpoint_path = state.settings.data_folder.join(ENDPOINT_FILE);
-    publish(&endpoint_path, &endpoint)?;
-    started(&endpoint);
-
+    listener: TcpListener,
+    mut signals: Signals,
+    started: impl FnOnce() + Send,
+) {
+    let router = api::router(state.settings.listen, Arc::clone(&state));
     let relink = tokio::spawn(keep_link_open(Arc::clone(&state)));
-    let server = tokio::spawn(api::serve(listener, address, Arc::clone(&state)));
-    let name = tokio::select! {
-        _ = terminate.recv() => "SIGTERM",
-        _ = interrupt.recv() => "SIGINT",
-    };
+    let server = tokio::spawn(server::serve(listener, router, ServerLimits::default()));
+    started();
+    let name = signals.next().await;
     tracing::info!("{name}: unloading the rig, then ending");
     unload(&state, name).await;
     server.abort();
     relink.abort();
     // Commands end with the control thread and the lease expires. If the rig is still loaded, the firmware unloads it.
-    let _ = state.control.ask(Request::End).await;
+    if let Err(error) = orders::insist(&state.control, || Request::End).await {
+        tracing::warn!("the control thread was not asked to end: {error}");
+    }
     let cause = format!("the daemon ended ({name}) before the rig had unloaded");
     if let Some(sentence) = state.newest_run.close_unfinished(&cause) {
         tracing::warn!("{sentence}");
     }
-    // The file is ours: this daemon still holds the lock.
-    let _ = std::fs::remove_file(&endpoint_path);
-    Ok(())
 }
 
-/// Stops the run and waits until the rig is unloaded and the run file is closed.
+/// Stops the run and waits until the rig is unloaded and the run file is closed. No further run starts.
 async fn unload(state: &DaemonState, signal: &str) {
     let deadline = tokio::time::Instant::now() + UNLOAD_AT_EXIT;
     let cause = format!("the daemon was ended ({signal})");
-    // Control refuses it if no run is under way.
-    let _ = state.control.ask(Request::Stop(cause)).await;
+    // A disk that cannot be written does not keep the daemon: what is missing is in the outcome.
+    state.newest_run.give_up_waiting();
+    state.starts.end(Withdrawal::DaemonEnds(cause.clone()));
+    // A rig that is not ours is left alone: another daemon may be running a test on it.
+    let connected = state.control.status().0.phase != Phase::Connecting;
+    if connected && let Err(error) = runs::stop(state, &cause).await {
+        tracing::warn!("control did not take the stop: {error}");
+    }
     while tokio::time::Instant::now() < deadline {
         let (status, _) = state.control.status();
         let unloaded = matches!(
             status.phase,
             Phase::Ready | Phase::Interlocked | Phase::Connecting
         );
-        if unloaded && state.newest_run.is_closed() {
+        if unloaded && state.newest_run.is_closed() && !state.starts.is_pending() {
             return;
         }
         tokio::time::sleep(Duration::from_millis(20)).await;
@@ -165,7 +275,12 @@ async fn keep_link_open(state: Arc<DaemonState>) {
             reported = false;
             continue;
         }
-        match link::open(&state.settings.link_address, side) {
+        // Opening may wait for the system, and a waiting task would stop the page.
+        let address = state.settings.link_address.clone();
+        let Ok(opened) = tokio::task::spawn_blocking(move || link::open(&address, side)).await else {
+            continue;
+        };
+        match opened {
             Ok(link) => {
                 tracing::info!("link {} is open again", state.settings.link_address);
                 state.set_link_health(&link.health);
@@ -179,18 +294,6 @@ async fn keep_link_open(state: Arc<DaemonState>) {
             Err(_) => {}
         }
     }
-}
-
-/// Writes the file by which `leafbench run` finds the daemon. The rename makes it appear complete or not at all.
-fn publish(path: &Path, endpoint: &Endpoint) -> Result<(), DaemonError> {
-    let failed = |source| DaemonError::Folder {
-        path: path.to_owned(),
-        source,
-    };
-    let text = serde_json::to_string(endpoint).map_err(|e| failed(e.into()))?;
-    let draft = path.with_extension("json.new");
-    std::fs::write(&draft, text + "\n").map_err(failed)?;
-    std::fs::rename(&draft, path).map_err(failed)
 }
 
 /// A random number from 1 to 255 for each start, so that the rig can tell frames of an earlier daemon from ours.

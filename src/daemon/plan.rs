@@ -1,5 +1,7 @@
 //! Checks a profile before anything moves: it runs on the bench's model and is compared with the bench's limits.
 
+use std::ops::ControlFlow;
+
 use axum::http::StatusCode;
 use serde::{Deserialize, Serialize};
 
@@ -8,7 +10,7 @@ use crate::config::Bench;
 use crate::model::BuildError;
 use crate::profile::{Profile, ProfileError};
 use crate::protocol::message::SAMPLE_RATE_HZ;
-use crate::twin::{self, dry_run};
+use crate::twin::{self, dry_run_with};
 
 /// What a profile will do, predicted with the model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -59,17 +61,44 @@ pub(crate) enum PlanError {
     Model(#[from] BuildError),
     #[error(transparent)]
     Profile(#[from] ProfileError),
+    /// Nobody waits for the result any more.
+    #[error("the check of the profile was broken off before its end")]
+    BrokenOff,
 }
+
+/// A long dry run looks this often whether it is still wanted: every so many ticks, some 0.1 ms of computing.
+const LOOK_TICKS: u32 = 1000;
 
 /// Predicts what `profile` does on the bench's model, and which limits it would exceed.
 pub(crate) fn check(bench: &Bench, profile: &Profile) -> Result<Plan, PlanError> {
+    check_while(bench, profile, &|| true)
+}
+
+/// [`check`] that ends soon after `is_wanted` turns false.
+pub(crate) fn check_while(
+    bench: &Bench,
+    profile: &Profile,
+    is_wanted: &dyn Fn() -> bool,
+) -> Result<Plan, PlanError> {
     let plant = bench.model.plant()?;
-    let run = dry_run(
+    let (mut ticks, mut broken_off) = (0_u32, false);
+    let run = dry_run_with(
         profile,
         plant.as_ref(),
         &bench.profile_limits(),
         f64::from(SAMPLE_RATE_HZ),
+        &mut |_| {
+            ticks = (ticks + 1) % LOOK_TICKS;
+            broken_off = ticks == 0 && !is_wanted();
+            match broken_off {
+                true => ControlFlow::Break(()),
+                false => ControlFlow::Continue(()),
+            }
+        },
     )?;
+    if broken_off {
+        return Err(PlanError::BrokenOff);
+    }
     let margin = |m: &twin::Margin| PlanMargin {
         limit: m.worst.name.to_owned(),
         predicted: m.worst.value,
@@ -106,4 +135,26 @@ pub(crate) fn refuse_predicted_trip(plan: &Plan) -> Result<(), ApiError> {
         ),
         "lower its levels or its speed, or correct the limits or the model of the bench".to_owned(),
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use super::*;
+
+    #[test]
+    fn a_check_of_a_thousand_hours_ends_at_the_first_look_after_it_is_no_longer_wanted() {
+        let text = "name = \"long\"\ncontrol = \"displacement\"\n[[block]]\n[[block.segment]]\nkind = \"hold\"\n\
+                    duration_s = 3.6e6\n";
+        let profile = Profile::from_toml(text, "long").expect("a profile");
+        let looks = Cell::new(0);
+        let is_wanted = || {
+            looks.set(looks.get() + 1);
+            looks.get() < 3
+        };
+        let ended = check_while(&Bench::shipped().expect("built in"), &profile, &is_wanted);
+        assert!(matches!(ended, Err(PlanError::BrokenOff)), "{ended:?}");
+        assert_eq!(looks.get(), 3);
+    }
 }

@@ -4,12 +4,14 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::Extension;
 use axum::extract::State;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::response::Response;
 use tokio::sync::broadcast::error::RecvError;
 
 use super::client_types::Status;
+use super::connections::Connection;
 use super::live::{LiveBatch, points_in};
 use super::state::{App, DaemonState};
 
@@ -36,10 +38,18 @@ enum LiveMessage<'a> {
 
 /// Live samples and status over a WebSocket: messages `{"type":"samples"}` and `{"type":"status"}`.
 #[utoipa::path(get, path = "/api/live", responses((status = 101, description = "WebSocket of JSON messages")))]
-pub(super) async fn live(State(state): App, upgrade: WebSocketUpgrade) -> Response {
+pub(super) async fn live(
+    State(state): App,
+    Extension(connection): Extension<Arc<Connection>>,
+    upgrade: WebSocketUpgrade,
+) -> Response {
+    let in_use = connection.begin_request();
     upgrade
         .max_message_size(LARGEST_MESSAGE)
-        .on_upgrade(move |socket| serve(socket, state))
+        .on_upgrade(move |socket| async move {
+            serve(socket, state).await;
+            drop(in_use);
+        })
 }
 
 async fn serve(mut socket: WebSocket, state: Arc<DaemonState>) {

@@ -8,6 +8,7 @@ use super::client_types::Status;
 use super::library::Library;
 use super::live::Live;
 use super::newest_run::NewestRun;
+use super::starts::Starts;
 use super::store::Store;
 use crate::config::Bench;
 use crate::control::realtime::ControlHandle;
@@ -23,7 +24,7 @@ pub(crate) struct DaemonSettings {
     pub data_folder: PathBuf,
     /// Folder of the profiles that can be started by name.
     pub profiles_folder: PathBuf,
-    /// Address of the HTTP interface. Port 0 takes a free port.
+    /// Address of the HTTP interface. Port 0 takes a free port; a prepared daemon has the port that it took.
     pub listen: SocketAddr,
 }
 
@@ -37,8 +38,10 @@ pub(super) struct DaemonState {
     /// The live view of samples, for the technician's page.
     pub live: Live,
     pub newest_run: NewestRun,
-    /// Taken while a run is being started, so that two requests cannot start one each.
-    pub starting: tokio::sync::Mutex<()>,
+    /// The run that is being prepared, and the order of starts and stops.
+    pub starts: Starts,
+    /// Taken while a profile is checked for the page: one at a time.
+    pub planning: Arc<tokio::sync::Semaphore>,
     link_health: Mutex<Arc<LinkHealth>>,
 }
 
@@ -61,7 +64,8 @@ impl DaemonState {
             library,
             live: Live::default(),
             newest_run: NewestRun::default(),
-            starting: tokio::sync::Mutex::default(),
+            starts: Starts::default(),
+            planning: Arc::new(tokio::sync::Semaphore::new(1)),
             link_health: Mutex::new(link_health),
         }
     }
@@ -88,9 +92,38 @@ impl DaemonState {
             data_folder: settings.data_folder.display().to_string(),
             twin: settings.bench.model.name.clone(),
             degraded: self.control.degraded().to_vec(),
+            preparing: self.starts.is_pending(),
             rig,
             control_loop,
             run: self.newest_run.progress(),
         }
+    }
+}
+
+#[cfg(test)]
+impl DaemonState {
+    /// The state of a daemon with the shipped bench, its data in `folder`, and a link at whose other end is no rig.
+    pub(super) fn without_rig(folder: &std::path::Path) -> Arc<DaemonState> {
+        let bench = Arc::new(Bench::shipped().expect("built in"));
+        let (link, _) = crate::link::loopback::pair();
+        let health = Arc::clone(&link.health);
+        let rig = crate::control::Rig::new(bench.rig_config(1));
+        // The thread ends with the last handle.
+        let (control, _) = ControlHandle::spawn(rig, link).expect("a thread");
+        let settings = DaemonSettings {
+            link_address: "mock:".to_owned(),
+            data_folder: folder.to_owned(),
+            profiles_folder: folder.to_owned(),
+            listen: ([127, 0, 0, 1], 0).into(),
+            bench,
+        };
+        let library = Library::open(folder).expect("a folder");
+        Arc::new(DaemonState::new(
+            settings,
+            control,
+            Store::new(folder),
+            library,
+            health,
+        ))
     }
 }

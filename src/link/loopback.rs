@@ -2,9 +2,10 @@
 //! whole benches run in virtual time. Urgent frames use the same ring, because no frame waits before them.
 
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 
-use super::rings::{Outlet, Rings};
-use super::{Access, Backend, Link, LinkHealth, RING_FRAMES};
+use super::{Access, Backend, Link, LinkHealth, Port};
+use crate::protocol::frame::Frame;
 
 /// The mock rig in this process.
 pub(super) const BACKEND: Backend = Backend {
@@ -14,27 +15,56 @@ pub(super) const BACKEND: Backend = Backend {
     access: Access::InProcess,
 };
 
+/// Frames that a ring holds: more than 7 s of one direction.
+const RING_FRAMES: usize = 8192;
+
 /// Host end and rig end.
 pub(crate) fn pair() -> (Link, Link) {
     let (host_out, rig_in) = rtrb::RingBuffer::new(RING_FRAMES);
     let (rig_out, host_in) = rtrb::RingBuffer::new(RING_FRAMES);
-    let end = |ring, inbox| {
-        let rings = Rings {
-            out: Outlet { ring, waker: None },
-            urgent: None,
-            inbox,
-        };
-        Link::over(rings, Arc::new(LinkHealth::opened()))
-    };
+    let end = |out, inbox| Link::over(Rings { out, inbox }, Arc::new(LinkHealth::opened()));
     (end(host_out, host_in), end(rig_out, rig_in))
+}
+
+/// Host end of a rig that does not run by itself: `tick` is its next tick on its end of the link, and whoever polls the host
+/// end calls [`Link::step_far_end`]. So a busy computer stops rig and host together, and neither looks broken to the other.
+pub(crate) fn stepped(mut tick: impl FnMut(&mut Link) + Send + 'static) -> Link {
+    let (mut host, mut rig) = pair();
+    host.far_end = Some(Box::new(move || tick(&mut rig)));
+    host
+}
+
+/// The rings of one end.
+struct Rings {
+    /// To the far end, in order.
+    out: rtrb::Producer<Frame>,
+    /// From the far end.
+    inbox: rtrb::Consumer<Frame>,
+}
+
+impl Port for Rings {
+    fn send(&mut self, frame: Frame, _urgent: bool, health: &LinkHealth) -> bool {
+        let sent = !self.out.is_abandoned() && self.out.push(frame).is_ok();
+        if !sent {
+            health.send_failures.fetch_add(1, Ordering::Relaxed);
+        }
+        sent
+    }
+
+    fn receive(&mut self, health: &LinkHealth) -> Option<Frame> {
+        // Read before the pop, so that frames sent before the far end closed are still delivered.
+        let abandoned = self.inbox.is_abandoned();
+        let frame = self.inbox.pop().ok();
+        if frame.is_none() && abandoned {
+            health.open.store(false, Ordering::Relaxed);
+        }
+        frame
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::sync::atomic::Ordering;
-
     use super::*;
-    use crate::protocol::frame::Frame;
 
     #[test]
     fn frames_arrive_in_order_in_both_directions() {
@@ -68,5 +98,21 @@ mod tests {
         assert!(host.receive().is_none());
         assert!(!host.health.is_open());
         assert!(!host.send(Frame::new(0x205, &[])));
+    }
+
+    #[test]
+    fn a_stepped_far_end_answers_when_it_is_stepped() {
+        let mut ticks = 0;
+        let mut host = stepped(move |rig| {
+            ticks += 1;
+            rig.send(Frame::new(0x185, &[ticks]));
+        });
+        assert!(host.is_stepped() && !pair().0.is_stepped());
+        assert_eq!(host.receive(), None);
+        host.step_far_end();
+        host.step_far_end();
+        assert_eq!(host.receive(), Some(Frame::new(0x185, &[1])));
+        assert_eq!(host.receive(), Some(Frame::new(0x185, &[2])));
+        assert_eq!(host.receive(), None);
     }
 }

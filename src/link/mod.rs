@@ -1,15 +1,13 @@
 //! Links carry frames between host and rig. What frames mean is left to `protocol`.
 //!
-//! A link is a kernel socket that never blocks, or lock-free rings that a thread of the link serves, so the control
-//! thread neither waits nor allocates. A new link is one file with a `BACKEND` and one line in [`BACKENDS`].
+//! The thread that owns a link reads and writes its socket, port or ring itself. None of them blocks, so the control thread
+//! neither waits nor allocates. A new link is one file with a `BACKEND` and one line in [`BACKENDS`].
 
 mod can;
 pub(crate) mod loopback;
 pub(crate) mod priority;
-mod rings;
 mod serial;
-mod service;
-mod wake;
+mod serial_queue;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -20,9 +18,6 @@ use crate::units::NS_PER_S;
 
 /// All links, in the order in which help texts name them.
 static BACKENDS: &[Backend] = &[loopback::BACKEND, can::BACKEND, serial::BACKEND];
-
-/// Frames that a ring holds: more than 7 s of one direction.
-const RING_FRAMES: usize = 8192;
 
 /// A kind of link.
 struct Backend {
@@ -40,7 +35,7 @@ enum Access {
     /// Both ends are in this process; [`loopback::pair`] makes them.
     InProcess,
     /// Over a port. The function opens the part of the address after the colon, or returns what is wrong and what to do.
-    /// `side` says which frames are for this end. Needs no runtime around it.
+    /// `side` says which frames are for this end. It may wait for the system, so it is not for an async task.
     Port(fn(place: &str, side: Side) -> Result<Link, String>),
 }
 
@@ -51,7 +46,7 @@ pub(crate) struct LinkHealth {
     pub open: AtomicBool,
     /// Frames that the bus or port refused (queue full, write deadline).
     pub send_failures: AtomicU64,
-    /// Frames lost because the ring, or the kernel's queue before it, was full.
+    /// Frames lost because a queue of the kernel or of the CAN controller was full.
     pub overflows: AtomicU64,
     /// The CAN controller's newest report says error passive; false again once it reports a better state.
     pub error_passive: AtomicBool,
@@ -80,20 +75,25 @@ impl LinkHealth {
     }
 }
 
-/// One end of a link. `send`, `send_urgent` and `receive` are lock-free, never wait and never allocate.
+/// One end of a link. None of its functions waits or allocates.
 pub(crate) struct Link {
     /// State and counters; shared, because they are read by other threads.
     pub health: Arc<LinkHealth>,
     port: Box<dyn Port>,
+    /// The next tick of a rig in memory that does not run by itself.
+    far_end: Option<Box<dyn FnMut() + Send>>,
 }
 
-/// Transport of the frames of a link. Neither function waits or allocates.
+/// Transport of the frames of a link. No function waits or allocates.
 trait Port: Send {
     /// Queues `frame`, an urgent one before all others. False, and counted, if the queue is full or the other end is closed.
     fn send(&mut self, frame: Frame, urgent: bool, health: &LinkHealth) -> bool;
 
     /// The next frame that arrived. Closes `health` if the other end is closed.
     fn receive(&mut self, health: &LinkHealth) -> Option<Frame>;
+
+    /// Hands the queued frames to the system at `now_ns` (monotonic). Nothing to do where `send` does that already.
+    fn flush(&mut self, _now_ns: u64, _health: &LinkHealth) {}
 }
 
 impl Link {
@@ -101,10 +101,23 @@ impl Link {
         Link {
             health,
             port: Box::new(port),
+            far_end: None,
         }
     }
 
-    /// Queues `frame`. False, and counted, if the queue is full or the other end is closed.
+    /// True if the far end is a rig that ticks only in [`Link::step_far_end`].
+    pub(crate) fn is_stepped(&self) -> bool {
+        self.far_end.is_some()
+    }
+
+    /// One tick of a stepped far end; nothing on other links.
+    pub(crate) fn step_far_end(&mut self) {
+        if let Some(tick) = &mut self.far_end {
+            tick();
+        }
+    }
+
+    /// Queues `frame`; it leaves with the next [`Link::flush`]. False, and counted, if the queue is full or the other end is closed.
     pub(crate) fn send(&mut self, frame: Frame) -> bool {
         self.port.send(frame, false, &self.health)
     }
@@ -117,6 +130,12 @@ impl Link {
     /// The next frame that arrived.
     pub(crate) fn receive(&mut self) -> Option<Frame> {
         self.port.receive(&self.health)
+    }
+
+    /// Hands the queued frames to the system, all at once. Call it after every round of sending, and at least once in 10 ms
+    /// while frames may wait: it also drops what the other end does not accept in time. `now_ns` is monotonic.
+    pub(crate) fn flush(&mut self, now_ns: u64) {
+        self.port.flush(now_ns, &self.health);
     }
 }
 

@@ -20,10 +20,9 @@ use toml::Spanned;
 use super::keys::{Keys, RawSegment, misplaced};
 use super::reader::Reader;
 use super::{Block, Profile, ProfileError, Segment, Wave, pieces};
+use crate::regular_file::WRITTEN_MAX_BYTES;
 use crate::units::Mode;
 
-/// Largest size of a profile, bench or specimen file in bytes.
-pub(crate) const MAX_FILE_BYTES: usize = 1 << 20;
 /// Sample rate at which a file is checked for durations shorter than a sample.
 const CHECK_RATE_HZ: f64 = 1000.0;
 
@@ -58,11 +57,11 @@ impl Profile {
             text,
             name: name_for_messages,
         };
-        if text.len() > MAX_FILE_BYTES {
+        if text.len() as u64 > WRITTEN_MAX_BYTES {
             return Err(reader.refuse(
                 0..0,
                 format!(
-                    "the file has {} bytes: a profile may have at most {MAX_FILE_BYTES}",
+                    "the file has {} bytes: a profile may have at most {WRITTEN_MAX_BYTES}",
                     text.len()
                 ),
             ));

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::correction::CycleTarget;
 use super::{CycleSegment, Level, Profile, ProfileError, Segment, Wave};
+use crate::units::Mode;
 
 /// Largest number of segments with all repeats written out.
 const MAX_SEGMENTS: usize = 10_000;
@@ -12,6 +13,16 @@ const MAX_SEGMENTS: usize = 10_000;
 const MAX_DURATION_H: u32 = 1000;
 /// Levels closer than this, in N or mm, are the same. It is far below a count of either channel.
 const SAME_LEVEL: f64 = 1e-9;
+/// A profile that begins at a level of its own starts from a rig that is this close to it: mm in displacement control, N in
+/// force control. A rig at rest stands there: noise, zero drift, and what an unload leaves (20 N, which is 0.25 mm of an
+/// 80 N/mm spring). Half of it would refuse a soft spring after a run; twice as much is a motion that the profile should name.
+const LEAD_IN_MM: f64 = 1.0;
+const LEAD_IN_N: f64 = 50.0;
+/// Duration of the lead-in over the whole of that distance in s. A shorter lead-in takes less, at the same mean speed.
+const LEAD_IN_S: f64 = 2.0;
+/// Shortest duration of a lead-in in s.
+const LEAD_IN_LEAST_S: f64 = 0.1;
+
 /// Cycles about a mean: taper, counted cycles, taper.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CyclicMotion {
@@ -66,16 +77,23 @@ pub(super) fn resolve(
     let mut level = start_level;
     let mut total_cycles = 0;
     let blocks = profile.blocks.iter().filter(|b| !b.segments.is_empty());
-    for segment in blocks.flat_map(|b| (0..b.repeat).flat_map(|_| &b.segments)) {
-        if pieces.len() == MAX_SEGMENTS {
+    let segments = blocks.flat_map(|b| (0..b.repeat).flat_map(|_| &b.segments));
+    for (number, segment) in (1..).zip(segments) {
+        if number as usize > MAX_SEGMENTS {
             return Err(ProfileError::TooManySegments {
                 name: profile.name.clone(),
                 limit: MAX_SEGMENTS,
             });
         }
+        if number == 1
+            && let Some(lead_in) = lead_in(segment, profile.mode, start_level, sample_rate_hz)
+        {
+            level = lead_in.to;
+            pieces.push(lead_in);
+        }
         let build = PieceBuilder {
             name: &profile.name,
-            segment: pieces.len() as u32 + 1,
+            segment: number,
             level,
             sample_rate_hz,
         };
@@ -90,6 +108,36 @@ pub(super) fn resolve(
     }
     within_longest(&profile.name, &pieces, sample_rate_hz)?;
     Ok((pieces, total_cycles))
+}
+
+/// The way from `start_level` to the level at which the first segment begins; `None` if there is none or it is too far, which
+/// the segment then refuses.
+fn lead_in(segment: &Segment, mode: Mode, start_level: f64, sample_rate_hz: f64) -> Option<Piece> {
+    let begins = match segment {
+        Segment::Cycles(CycleSegment {
+            mean: Level::Absolute(mean),
+            ..
+        }) => *mean,
+        Segment::Table {
+            level,
+            relative: false,
+            ..
+        } => *level.first()?,
+        _ => return None,
+    };
+    let longest = match mode {
+        Mode::Displacement => LEAD_IN_MM,
+        Mode::Force => LEAD_IN_N,
+    };
+    let distance = (begins - start_level).abs();
+    let duration_s = (LEAD_IN_S * distance / longest).max(LEAD_IN_LEAST_S);
+    (distance > SAME_LEVEL && distance <= longest).then(|| Piece {
+        segment: 1,
+        from: start_level,
+        to: begins,
+        ticks: (duration_s * sample_rate_hz).round().max(1.0) as u64,
+        motion: PieceMotion::Approach,
+    })
 }
 
 impl Piece {

@@ -446,6 +446,47 @@ mod tests {
     }
 
     #[test]
+    fn a_rig_that_stands_near_the_first_level_is_led_there_and_one_far_away_is_refused() {
+        let shipped = include_str!("../../bench-configs/profiles/table.toml");
+        let table = Profile::from_toml(shipped, "table").unwrap();
+        // A count of the LVDT, what an unload leaves, the whole of the lead-in.
+        for (start, lead_in_ticks) in [(-0.0005, 100), (0.25, 500), (1.0, 2000)] {
+            let slots = play(Player::new(&table, start, RATE_HZ).unwrap());
+            assert_eq!(slots.len(), 16_000 + lead_in_ticks, "from {start} mm");
+            let level = |slot: &Slot| slot.command.value();
+            assert_eq!(level(&slots[lead_in_ticks - 1]), 0.0);
+            // 12 mm in 4 s: the table itself begins with 0.003 mm for each tick.
+            assert!((level(&slots[lead_in_ticks]) - 0.003).abs() < 1e-12);
+            assert!(slots.iter().all(|s| s.segment == 1 && s.cycle == 0));
+            let mut before = start;
+            for slot in &slots[..lead_in_ticks] {
+                // 15/8 of the mean speed of 0.5 mm/s at the middle of the S-curve.
+                assert!((level(slot) - before).abs() < 0.5e-3 * 1.9, "from {start} mm");
+                before = level(slot);
+            }
+        }
+        assert_eq!(play(Player::new(&table, 0.0, RATE_HZ).unwrap()).len(), 16_000);
+        let far = Player::new(&table, 1.01, RATE_HZ).unwrap_err();
+        assert!(matches!(far, ProfileError::Step { segment: 1, .. }), "{far}");
+    }
+
+    #[test]
+    fn the_lead_in_of_a_force_profile_is_in_newtons_and_moves_no_segment_number() {
+        let text = "name = \"f\"\ncontrol = \"force\"\n[[block]]\n[[block.segment]]\nkind = \"sine\"\nmean_n = 0.0\n\
+                    amplitude_n = 5.0\nfrequency_hz = 1.0\ncycles = 2\n[[block.segment]]\nkind = \"hold\"\nduration_s = 1.0\n";
+        let profile = Profile::from_toml(text, "f").unwrap();
+        let slots = play(Player::new(&profile, 18.0, RATE_HZ).unwrap());
+        // 18 of 50 N in 2 s are 0.72 s; 2 + 2 * 2 cycles of taper; 1 s.
+        assert_eq!(slots.len(), 720 + 6000 + 1000);
+        assert_eq!(
+            (slots[0].segment, slots[719].segment, slots[720].segment),
+            (1, 1, 1)
+        );
+        assert_eq!(slots.last().unwrap().segment, 2);
+        assert!(Player::new(&profile, 51.0, RATE_HZ).is_err());
+    }
+
+    #[test]
     fn a_table_is_joined_by_straight_lines() {
         let table = Segment::Table {
             time_s: vec![0.0, 1.0, 3.0],

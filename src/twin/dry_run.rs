@@ -3,6 +3,8 @@
 //! A model is always driven by displacement. Where the profile controls force, the displacement that gives the commanded
 //! force is searched at every tick. `control` decides what a predicted trip means for a run.
 
+use std::ops::ControlFlow;
+
 use serde::Serialize;
 
 use crate::model::Plant;
@@ -52,23 +54,27 @@ pub(crate) struct Predicted {
     pub force_n: f64,
 }
 
-/// Plays `profile` from zero displacement on a reset copy of `plant`. A predicted trip is part of the result, not an error.
+/// [`dry_run_with`] without a watcher.
+#[cfg(test)]
 pub(crate) fn dry_run(
     profile: &Profile,
     plant: &dyn Plant,
     limits: &ProfileLimits,
     sample_rate_hz: f64,
 ) -> Result<DryRun, ProfileError> {
-    dry_run_with(profile, plant, limits, sample_rate_hz, &mut |_| ())
+    dry_run_with(profile, plant, limits, sample_rate_hz, &mut |_| {
+        ControlFlow::Continue(())
+    })
 }
 
-/// [`dry_run`] that passes every tick to `watcher`.
+/// Plays `profile` from zero displacement on a reset copy of `plant`. A predicted trip is part of the result, not an error.
+/// Every tick is passed to `watcher`. Where it breaks off, the result covers the ticks so far.
 pub(crate) fn dry_run_with(
     profile: &Profile,
     plant: &dyn Plant,
     limits: &ProfileLimits,
     sample_rate_hz: f64,
-    watcher: &mut dyn FnMut(&Predicted),
+    watcher: &mut dyn FnMut(&Predicted) -> ControlFlow<()>,
 ) -> Result<DryRun, ProfileError> {
     let mut player = Player::new(profile, 0.0, sample_rate_hz)?;
     let mut specimen = Inverse::new(plant.boxed_clone(), limits, sample_rate_hz);
@@ -85,11 +91,9 @@ pub(crate) fn dry_run_with(
                 force_error_n = force_error_n.max((specimen.force_n - n).abs());
             }
         }
-        watcher(&Predicted {
-            slot,
-            displacement_mm: specimen.displacement_mm,
-            force_n: specimen.force_n,
-        });
+        if watcher(&specimen.predicted(slot)).is_break() {
+            break;
+        }
         let moved_mm = specimen.displacement_mm - from_mm;
         energy_nmm += 0.5 * (from_n + specimen.force_n) * moved_mm;
         peak_velocity_mm_s = peak_velocity_mm_s.max(moved_mm.abs() * sample_rate_hz);
@@ -172,6 +176,15 @@ impl Inverse {
             // Where the force needs a faster motion than the limit allows, the displacement lags behind.
             step_max_mm: limits.velocity_max_mm_s * dt_s,
             dt_s,
+        }
+    }
+
+    /// The specimen as it is after the command of `slot`.
+    fn predicted(&self, slot: Slot) -> Predicted {
+        Predicted {
+            slot,
+            displacement_mm: self.displacement_mm,
+            force_n: self.force_n,
         }
     }
 

@@ -6,7 +6,9 @@
 mod dry_run;
 mod mismatch;
 
-pub(crate) use dry_run::{Margin, Predicted, dry_run, dry_run_with};
+#[cfg(test)]
+pub(crate) use dry_run::dry_run;
+pub(crate) use dry_run::{Margin, Predicted, dry_run_with};
 pub(crate) use mismatch::{Mismatch, MismatchWatch, Noise};
 
 use crate::model::Plant;

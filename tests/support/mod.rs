@@ -1,6 +1,7 @@
 //! Daemons, mock rigs and commands as processes: started on free ports, waited for by condition, ended with the test.
 
 pub mod bench;
+pub mod http;
 pub mod virtual_rig;
 pub mod wire;
 
@@ -9,8 +10,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// Longest wait for a condition: far longer than a busy machine needs.
-pub const PATIENCE: Duration = Duration::from_secs(60);
+/// Longest wait for a condition: far longer than a machine needs that is busy with four times its cores.
+pub const PATIENCE: Duration = Duration::from_secs(300);
 /// Pause between two looks at a condition.
 const LOOK_PERIOD: Duration = Duration::from_millis(20);
 
@@ -103,9 +104,15 @@ pub struct Daemon {
 impl Daemon {
     /// Starts one with `more` arguments and waits until it listens.
     pub fn start(data: &Path, more: &[&str]) -> Daemon {
-        let mut child = leafbench(&["daemon", "--json", "--listen", "127.0.0.1:0", "--data"])
-            .arg(data)
-            .args(more)
+        let mut command = leafbench(&["daemon", "--json", "--listen", "127.0.0.1:0", "--data"]);
+        command.arg(data).args(more);
+        Daemon::start_command(command, |_| data.to_owned())
+    }
+
+    /// Starts one with a command line of the test and waits until it listens. `data` gives the data folder as this process
+    /// sees it, from the process id.
+    pub fn start_command(mut command: Command, data: impl FnOnce(u32) -> PathBuf) -> Daemon {
+        let mut child = command
             .stdout(Stdio::piped())
             .stderr(Stdio::inherit())
             .spawn()
@@ -116,9 +123,9 @@ impl Daemon {
         let endpoint: serde_json::Value = serde_json::from_str(&line).expect("the daemon listens");
         let url = endpoint["url"].as_str().expect("an address").to_owned();
         Daemon {
+            data: data(child.id()),
             process: Process(child),
             url,
-            data: data.to_owned(),
             _stdout: stdout,
         }
     }

@@ -16,7 +16,7 @@ use crate::cli::virtual_bench::record_run;
 use crate::cli::{CliError, Done, Output, export, run};
 use crate::config::Bench;
 use crate::control::Phase;
-use crate::daemon::client_types::{StartRun, Started, Status};
+use crate::daemon::client_types::{StartRun, Status};
 use crate::daemon::plan;
 use crate::diagnose::Verdict;
 use crate::diagnose::diagnosis::{Diagnosis, NextTest};
@@ -91,8 +91,11 @@ impl Tester for LiveRig {
             ..StartRun::default()
         };
         // The daemon checks the plan against its own limits before anything moves.
-        let started: Started = match self.client.post("/api/run", &order) {
+        let started = match run::start(&self.client, order, &self.interrupts) {
             Ok(started) => started,
+            Err(CliError::Refused(_)) if self.interrupts() > 0 => {
+                return Ok(Tested::CutShort(STOPPED.to_owned()));
+            }
             Err(CliError::Refused(why)) => return Ok(Tested::NotAdmissible(why)),
             Err(other) => return Err(other),
         };
@@ -105,11 +108,14 @@ impl Tester for LiveRig {
             );
         }
         let ended = run::wait(&self.client, &started.run_id, &self.interrupts, output)?;
-        if ended.ending.as_deref() != Some("completed") {
+        if !ended.is_whole() {
             let ending = ended.ending.as_deref().unwrap_or("did not start");
+            let why = [ended.cause.as_str(), ended.disk_problem.as_str()];
+            let why: Vec<&str> = why.into_iter().filter(|text| !text.is_empty()).collect();
             return Ok(Tested::CutShort(format!(
                 "run {0} {ending}: {1}; what it recorded is kept: leafbench export {0}",
-                started.run_id, ended.cause
+                started.run_id,
+                why.join("; ")
             )));
         }
         Ok(Tested::Ran(Box::new(RunFile::open(&export::find_run(

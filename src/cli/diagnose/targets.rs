@@ -1,6 +1,5 @@
 //! `leafbench diagnose --targets`: tests of which only peak force and loop energy are known, or the points of one loop.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use super::{DiagnoseJob, files, improved_bench, verdict_text};
@@ -11,15 +10,16 @@ use crate::diagnose::Baseline;
 use crate::diagnose::aggregates::{AggregateDiagnosis, TableReader, TableRow, diagnose_table};
 use crate::identify::targets::{Aggregate, LoopTarget, TargetProblem};
 use crate::identify::{FitControl, FitOptions, IdentifyError, fit};
+use crate::regular_file::{self, TABLE_MAX_BYTES};
 use crate::report::aggregates::page;
 
 /// Reads the tables, diagnoses them, writes the files and prints the result.
 pub(super) fn run(paths: &[PathBuf], job: &DiagnoseJob<'_>) -> Result<Done, CliError> {
     let mut reader = TableReader::default();
     for path in paths {
-        let file = File::open(path).map_err(CliError::file(path, "reading"))?;
+        let table = regular_file::read(path, TABLE_MAX_BYTES).map_err(CliError::file(path, "reading"))?;
         reader
-            .read(file, &path.display().to_string())
+            .read(table.as_slice(), &path.display().to_string())
             .map_err(|e| CliError::Aggregates(e.into()))?;
     }
     let mut bar = Progress::new("diagnose", job.output.json);
@@ -71,9 +71,15 @@ fn files_of(diagnosis: &AggregateDiagnosis, bench: &Bench) -> Result<Vec<files::
         if i == 0 {
             named.push((files::IMPROVED.to_owned(), Some(toml.clone())));
         }
-        named.push((format!("improved-{}.toml", mount.replace(' ', "-")), Some(toml)));
+        named.push((format!("improved-{}.toml", file_name_part(mount)), Some(toml)));
     }
     Ok(named)
+}
+
+/// The name of a mounting as part of a file name. It comes from a table, so it may not lead out of the folder.
+fn file_name_part(mount: &str) -> String {
+    let allowed = |c: char| c.is_alphanumeric() || "-_.".contains(c);
+    mount.chars().map(|c| if allowed(c) { c } else { '-' }).collect()
 }
 
 fn text(d: &AggregateDiagnosis, folder: &Path) -> String {
@@ -133,4 +139,15 @@ fn text(d: &AggregateDiagnosis, folder: &Path) -> String {
         folder.display()
     ));
     lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_name_of_a_mounting_does_not_lead_out_of_the_folder() {
+        assert_eq!(file_name_part("shackle front"), "shackle-front");
+        assert_eq!(file_name_part("x/../../etc/passwd"), "x-..-..-etc-passwd");
+    }
 }

@@ -10,10 +10,13 @@ use serde::de::DeserializeOwned;
 use super::super::{Done, Output};
 use super::error::CliError;
 use crate::daemon::ENDPOINT_FILE;
-use crate::daemon::client_types::{Accepted, Endpoint, Failure};
+use crate::daemon::client_types::{Accepted, Endpoint, Failure, StartRun, Started, StopRequest};
+use crate::regular_file;
 
 /// Environment variable in place of `--data`.
 pub(crate) const DATA_VARIABLE: &str = "LEAFBENCH_DATA";
+/// Largest size of the endpoint file, in bytes: an address and a process id.
+const ENDPOINT_MAX_BYTES: u64 = 4096;
 /// Longest wait for an answer: the plan of a slow model takes its time.
 const TIMEOUT: Duration = Duration::from_secs(120);
 
@@ -37,7 +40,13 @@ impl DataArg {
     }
 }
 
+/// A stop is sent again so often if the daemon closed its connection, as it may do under a flood of connections.
+const STOP_TRIES: u32 = 5;
+/// Pause before a stop is sent again.
+const STOP_PAUSE: Duration = Duration::from_millis(100);
+
 /// A connection to a running daemon.
+#[derive(Clone)]
 pub(crate) struct Client {
     agent: ureq::Agent,
     url: String,
@@ -47,7 +56,7 @@ pub(crate) struct Client {
 impl Client {
     fn of(folder: &Path) -> Result<Client, CliError> {
         let path = folder.join(ENDPOINT_FILE);
-        let endpoint: Option<Endpoint> = std::fs::read_to_string(&path)
+        let endpoint: Option<Endpoint> = regular_file::read_text(&path, ENDPOINT_MAX_BYTES)
             .ok()
             .and_then(|text| serde_json::from_str(&text).ok());
         let endpoint = endpoint.ok_or_else(|| CliError::NoDaemon {
@@ -80,6 +89,25 @@ impl Client {
     /// Sends to the daemon (HTTP POST).
     pub(crate) fn post<T: DeserializeOwned>(&self, path: &str, body: &impl Serialize) -> Result<T, CliError> {
         self.answer(self.agent.post(format!("{}{path}", self.url)).send_json(body))
+    }
+
+    /// Asks for a run. The daemon answers once its profile is checked, which takes as long as it takes: the caller may end it
+    /// with [`Client::stop`], and the end of this process ends it too.
+    pub(crate) fn start(&self, order: &StartRun) -> Result<Started, CliError> {
+        let request = self.agent.post(format!("{}/api/run", self.url));
+        self.answer(request.config().timeout_global(None).build().send_json(order))
+    }
+
+    /// Stops whatever the bench is doing.
+    pub(crate) fn stop(&self, reason: Option<String>) -> Result<Accepted, CliError> {
+        let request = StopRequest { reason };
+        for _ in 1..STOP_TRIES {
+            match self.post("/api/stop", &request) {
+                Err(CliError::NoDaemon { .. }) => std::thread::sleep(STOP_PAUSE),
+                answer => return answer,
+            }
+        }
+        self.post("/api/stop", &request)
     }
 
     /// Sends an order and prints what the daemon does now.

@@ -12,6 +12,7 @@ const PHASES = {
   unloading: ["Unloading", "The rig unloads by itself. Keep clear."],
   interlocked: ["Interlocked", "Remove the cause, then press Reset. Reset does not move the rig."],
 };
+const PREPARING = ["Preparing", "The profile is being checked. Then the rig moves. Stop withdraws the run."];
 let status = null;
 
 // ---- requests
@@ -61,7 +62,10 @@ press("run", () => start({ profile: $("profile").value }));
 async function start(request) {
   $("run").disabled = true;
   try {
-    await ask("api/run", { ...request, specimen: $("specimen").value || null, operator: $("operator").value || null });
+    await ask("api/run", { ...request, specimen: request.resume_run ? null : $("specimen").value || null,
+      operator: $("operator").value || null, override_by: $("override").value || null });
+    // The next start needs the name again.
+    $("override").value = "";
   } finally {
     show();
   }
@@ -124,7 +128,8 @@ let everConnected = false;
 function show() {
   const rig = status && status.rig, phase = rig ? rig.phase : "offline";
   $("lamp").dataset.phase = phase;
-  const [state, detail] = PHASES[phase] || (everConnected
+  const preparing = !!(status && status.preparing);
+  const [state, detail] = preparing && phase === "ready" ? PREPARING : PHASES[phase] || (everConnected
     ? ["No daemon", "The connection to the daemon is lost. If the daemon has ended, the rig unloads by itself."]
     : ["Connecting", "Waiting for the daemon."]);
   $("state").textContent = state;
@@ -132,12 +137,13 @@ function show() {
   $("force").textContent = number(rig && rig.force_n, 1);
   $("displacement").textContent = number(rig && rig.displacement_mm, 3);
   const allow = (id, ...phases) => { $(id).disabled = !phases.includes(phase); };
-  allow("stop", "running", "held", "arming");
+  // A stop is taken at any time, also while a run is being prepared.
+  $("stop").disabled = !status;
   allow("hold", "running");
   allow("resume", "held");
   allow("reset", "interlocked");
   allow("tare", "ready", "interlocked");
-  allow("run", "ready");
+  allow("run", ...(preparing ? [] : ["ready"]));
   showRun(rig);
   if (status) $("footer").textContent = [
     `leafbench ${status.version}, bench ${status.bench}, link ${status.link}${status.link_open ? "" : " (closed)"}, ` +
@@ -164,7 +170,7 @@ function showRun(rig) {
   const mismatch = (run && run.model_mismatch) || "";
   $("mismatch").textContent = mismatch;
   $("mismatch").hidden = !mismatch;
-  if (run && run.disk_problem) say(`The run file cannot be written: ${run.disk_problem}. Stop the run and free space on the disk.`);
+  if (run && run.disk_problem) say(`Disk: ${run.disk_problem}.`);
 }
 
 // ---- recorded runs
@@ -187,19 +193,20 @@ function row(run) {
   cell(isNaN(started) ? run.run_id : started.toLocaleString());
   cell(run.profile);
   cell(run.specimen);
-  const ended = cell(run.problem ? "unreadable" : run.ending);
-  const why = run.problem || run.cause;
+  const ended = cell(run.ending);
+  const why = [run.problem, run.cause].filter(Boolean).join(" · ");
   if (why) ended.append(Object.assign(document.createElement("small"), { textContent: why }));
   cell(run.cycles_completed || "", "number");
   cell(run.samples, "number");
   cell(run.lost, "number");
   cell(run.late, "number");
   const links = cell("");
-  if (!run.problem && run.ending !== "open") {
+  if (run.started_utc && run.ending !== "open") {
     const link = (text, query) => links.append(
       Object.assign(document.createElement("a"), { textContent: text, href: `api/runs/${run.run_id}/csv${query}` }));
-    link("all", "");
-    if (run.cycles_completed > 1) link("mean loop", "?mean_loop=true");
+    const whole = run.ending !== "damaged" && run.ending !== "incomplete";
+    link(whole ? "all" : "what is left", whole ? "" : "?partial=1");
+    if (run.cycles_completed > 1 && whole) link("mean loop", "?mean_loop=true");
   }
   const again = cell("");
   if (run.cycles_completed > 0 && (run.ending === "stopped" || run.ending === "aborted")) {

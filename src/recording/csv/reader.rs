@@ -3,7 +3,6 @@
 //!
 //! The file is read as a stream. Apart from the columns kept, the memory used is bounded for any input.
 
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
@@ -12,6 +11,7 @@ use csv::ByteRecord;
 use super::rows::Rows;
 use super::{CsvError, NEEDED};
 use crate::recording::Recording;
+use crate::regular_file;
 use crate::units::Mode;
 
 /// Largest number of samples: 14 hours at 1 kHz, about 2 GB in memory.
@@ -37,7 +37,7 @@ const OTHER_UNITS: &[(&str, &str, f64)] = &[
 /// Reads a CSV file.
 pub fn read_file(path: &Path) -> Result<Recording, CsvError> {
     let name = path.display().to_string();
-    match File::open(path) {
+    match regular_file::open(path) {
         Ok(file) => read(&name, file),
         Err(source) => Err(CsvError::Io { name, source }),
     }
