@@ -4,7 +4,7 @@
 //! Times are judged by the rig's ticks: the tick of a frame is that of the newest SAMPLE before it in the stream, so a slow
 //! computer does not make a rig look slow.
 
-use crate::link::Link;
+use crate::link::{self, Link};
 use crate::protocol::frame::Frame;
 use crate::protocol::message::{
     CommandMessage, FromRig, LeaseMessage, NmtCommand, RigState, StatusMessage, ToRig, WireMode, next_counter,
@@ -149,6 +149,7 @@ impl Probe {
     pub(super) fn send_frame(&mut self, frame: Frame) {
         self.looked_until = self.heard.len();
         self.link.send(frame);
+        self.link.flush(link::now_ns());
     }
 
     /// Sends a network command to this rig.
@@ -225,6 +226,8 @@ impl Probe {
         }
         self.fill_queue();
         self.looked_until = looked_until;
+        // What the port did not take before.
+        self.link.flush(link::now_ns());
     }
 
     fn hear(&mut self, frame: Frame) {
@@ -307,15 +310,7 @@ impl Probe {
                 if !is_it(&heard.message) {
                     continue;
                 }
-                // Ticks stand still while no samples flow, and are unknown before the first; the time of this computer
-                // grows while it pauses. The smaller one is the rig's.
-                let waited_ms = heard.at_ms as i64 - start_ms as i64;
-                let ticks = heard.tick - start_tick;
-                let took_ms = if ticks > 0 {
-                    ticks.min(waited_ms)
-                } else {
-                    waited_ms
-                };
+                let took_ms = self.rig_time_ms(heard.tick - start_tick, heard.at_ms as i64 - start_ms as i64);
                 if took_ms > within_ms + self.allowance_ms() {
                     return Err(format!(
                         "{what} came after {took_ms} ms, later than {within_ms} ms"
@@ -329,6 +324,15 @@ impl Probe {
             self.turn();
         }
         Err(format!("no {what} within {within_ms} ms; {}", self.last_status()))
+    }
+
+    /// The rig's time in ms that a wait of `ticks` and of `waited_ms` of this computer took. Ticks stand still while no samples
+    /// flow; then, in real time, the rig's time is not known and nothing is held against it.
+    fn rig_time_ms(&self, ticks: i64, waited_ms: i64) -> i64 {
+        match self.clock {
+            Clock::Virtual(_) => waited_ms,
+            Clock::Real(_) => ticks.min(waited_ms),
+        }
     }
 
     /// The next STATUS for which `is_it` holds.
