@@ -20,7 +20,7 @@ use crate::recording::{Flags, Sample};
 const SINE: (&str, u32, usize) = ("sine-6mm-2.5hz-10", 10, 17_000);
 const PROFILES: [(&str, u32, usize); 2] = [("static-ramp-12s", 0, 12_001), SINE];
 /// One bench at a time: two benches in real time would delay each other.
-static ONE_BENCH: Mutex<()> = Mutex::new(());
+pub(super) static ONE_BENCH: Mutex<()> = Mutex::new(());
 /// A shared machine may stop a process for longer than the bench's limits allow. The run is then repeated.
 const ATTEMPTS: usize = 10;
 /// Least number of frames of a run that candump must have seen for the comparison.
@@ -218,7 +218,7 @@ fn end_candump(mut candump: Process, log: &Path) {
     let _ = candump.0.wait();
 }
 
-fn vcan0_is_there() -> bool {
+pub(super) fn vcan0_is_there() -> bool {
     if Path::new("/sys/class/net/vcan0").exists() {
         return true;
     }

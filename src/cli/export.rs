@@ -7,8 +7,9 @@ use clap::Args;
 use super::shared::client::DataArg;
 use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::store::Store;
+use crate::recording::atomic_file;
 use crate::recording::export::{self, Selection};
-use crate::recording::run_file::{EXTENSION, RunFile};
+use crate::recording::run_file::{EXTENSION, GapCause, RunFile, Survey};
 
 /// Write a run as CSV with its data package, and its cycles as a second CSV; needs no daemon
 #[derive(Debug, Args)]
@@ -61,6 +62,11 @@ struct Written {
     lost: u64,
     late: u64,
     damaged: u64,
+    unsaved: u64,
+    /// Ranges that are damaged or not on the disk, in words.
+    missing: Vec<String>,
+    /// What in the run file is damaged, in words.
+    damage: Vec<String>,
 }
 
 impl CliCommand for ExportArgs {
@@ -73,7 +79,8 @@ impl CliCommand for ExportArgs {
     fn run(self, output: &Output) -> Result<Done, CliError> {
         let file = RunFile::open(&self.run_path()?)?;
         let folder = self.out;
-        std::fs::create_dir_all(&folder).map_err(CliError::file(&folder, "creating the folder"))?;
+        atomic_file::create_private_folder(&folder)
+            .map_err(CliError::file(&folder, "creating the folder"))?;
         let (selection, suffix) = self.part.selection();
         let run_id = file.header().run_id.clone();
         let exported = export::export(&file, selection, &folder.join(format!("{run_id}{suffix}.csv")))?;
@@ -91,6 +98,9 @@ impl CliCommand for ExportArgs {
             lost: exported.survey.lost,
             late: exported.survey.late,
             damaged: exported.survey.damaged,
+            unsaved: exported.survey.unsaved,
+            missing: missing_ranges(&exported.survey, file.header().sample_rate_hz),
+            damage: exported.survey.damage.clone(),
             csv: exported.csv,
             datapackage: exported.datapackage,
             cycles_csv,
@@ -122,13 +132,28 @@ fn text(w: &Written) -> String {
         w.datapackage.display().to_string(),
     ];
     lines.extend(w.cycles_csv.as_ref().map(|path| path.display().to_string()));
-    if w.damaged > 0 {
-        lines.push(format!(
-            "{} samples of the run file are damaged and left out",
-            w.damaged
-        ));
-    }
+    let told = w.damage.iter().chain(&w.missing);
+    lines.extend(told.map(|sentence| format!("NOT WHOLE: {sentence}")));
     lines.join("\n")
+}
+
+/// Ranges of time that were recorded and are not in the export.
+fn missing_ranges(survey: &Survey, sample_rate_hz: f64) -> Vec<String> {
+    let zero = survey.ticks.map_or(0, |(first, _)| first);
+    let time_s = |tick: u64| tick.saturating_sub(zero) as f64 / sample_rate_hz;
+    let missing = survey.gaps.iter().filter_map(|gap| {
+        let why = match gap.cause {
+            GapCause::Lost => return None,
+            GapCause::Damaged => "damaged",
+            GapCause::Unsaved => "not on the disk",
+        };
+        let (from_s, to_s) = (time_s(gap.from_tick), time_s(gap.to_tick));
+        Some(format!(
+            "{} samples from {from_s:.3} s to {to_s:.3} s are {why}",
+            gap.ticks()
+        ))
+    });
+    missing.collect()
 }
 
 /// Path of the run file in a data folder, by run id or `latest`.

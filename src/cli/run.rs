@@ -58,7 +58,7 @@ impl CliCommand for RunArgs {
         }
         let ended = wait(&client, &started.run_id, &interrupts, output)?;
         output.result(&ended, || text(&ended))?;
-        Ok(Done::success_if(ended.ending.as_deref() == Some("completed")))
+        Ok(Done::success_if(ended.is_whole()))
     }
 }
 
@@ -132,6 +132,7 @@ pub(super) fn wait(
 ) -> Result<RunProgress, CliError> {
     let mut progress: Option<Progress> = None;
     let mut stop_asked = false;
+    let mut told = String::new();
     loop {
         std::thread::sleep(POLL_PERIOD);
         let pressed = interrupts.load(Ordering::Relaxed);
@@ -156,6 +157,10 @@ pub(super) fn wait(
                 "the daemon has another run than {run_id} now: see `leafbench runs`"
             )));
         };
+        if run.disk_problem != told && !run.is_over() {
+            told.clone_from(&run.disk_problem);
+            eprintln!("{}", disk_alarm(&told));
+        }
         if run.is_over() {
             if let Some(progress) = progress {
                 progress.finish();
@@ -166,6 +171,14 @@ pub(super) fn wait(
             let bar = progress.get_or_insert_with(|| Progress::new(&run.profile, output.json));
             bar.show_run(&status.rig);
         }
+    }
+}
+
+/// The line for a disk that fails, and for one that can be written again.
+fn disk_alarm(problem: &str) -> String {
+    match problem.is_empty() {
+        true => "disk: it can be written again".to_owned(),
+        false => format!("disk: {problem}"),
     }
 }
 
@@ -186,10 +199,7 @@ fn text(run: &RunProgress) -> String {
         run.samples, run.lost, run.late, run.cycles_completed
     ));
     if !run.disk_problem.is_empty() {
-        lines.push(format!(
-            "disk     the run file is not complete: {}",
-            run.disk_problem
-        ));
+        lines.push(format!("disk     {}", run.disk_problem));
     }
     lines.push(format!("CSV      leafbench export {}", run.run_id));
     lines.join("\n")

@@ -46,7 +46,12 @@ fn text(runs: &[RunSummary]) -> String {
         let ended = match (r.problem.as_str(), r.cause.as_str()) {
             ("", "") => r.ending.clone(),
             ("", cause) => format!("{}: {cause}", r.ending),
-            (problem, _) => format!("unreadable: {problem}"),
+            (problem, "") => format!("{}: {problem}", r.ending),
+            (problem, cause) => format!("{}: {problem} ({cause})", r.ending),
+        };
+        let ended = match r.continues.as_str() {
+            "" => ended,
+            first => format!("{ended} (continues {first})"),
         };
         format!(
             "{:<22}{:<22}{:<24}{:>8}{:>10}{:>6}{:>6}  {ended}",

@@ -80,6 +80,9 @@ fn text(s: &Status, page: &str) -> String {
             run.run_id, run.profile, run.cause
         ));
     }
+    if let Some(problem) = s.run.as_ref().map(|r| &r.disk_problem).filter(|p| !p.is_empty()) {
+        lines.push(format!("disk          {problem}"));
+    }
     lines.push(format!(
         "link          {}, {} samples, {} lost, {} late, {} frames refused, {} bus errors",
         if s.link_open { "open" } else { "closed" },

@@ -277,6 +277,7 @@ impl Run {
             lost: self.lost,
             late: self.late,
             cycles_completed: self.cycles_completed,
+            unsaved: None,
         }
     }
 }

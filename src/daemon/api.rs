@@ -27,7 +27,7 @@ use super::wanted::Wanted;
 use super::{page, runs as run_life, socket};
 use crate::control::TareReport;
 use crate::control::realtime::{Reply, Request};
-use crate::recording::run_file::RunFile;
+use crate::recording::run_file::{RunFile, RunListing};
 
 /// Largest body of a request in bytes: more than any profile file.
 const BODY_LIMIT: usize = 1 << 20;
@@ -224,6 +224,8 @@ async fn run_detail(State(state): App, Path(run_id): Path<String>) -> Result<Jso
         let listing = listing.ok_or_else(|| ApiError::no_run(&run_id))?;
         let file = RunFile::open(&listing.path).map_err(ApiError::disk)?;
         let value = |v: serde_json::Result<_>| v.map_err(|e| ApiError::internal(&e.to_string()));
+        let problem = file.survey().damage.join("; ");
+        let listing = RunListing { problem, ..listing };
         let events = file
             .events()
             .iter()
@@ -240,9 +242,11 @@ async fn run_detail(State(state): App, Path(run_id): Path<String>) -> Result<Jso
 }
 
 /// The run as CSV: whole, one cycle (`?cycle=3`), the mean loop (`?mean_loop=true`) or every n-th sample (`?every=10`).
+/// A damaged or incomplete run is refused, unless `?partial=1` asks for what is left of it.
 #[utoipa::path(get, path = "/api/runs/{run_id}/csv",
     params(("run_id" = String, Path), CsvPart),
-    responses((status = 200, content_type = "text/csv", body = String), (status = 404, body = Failure)))]
+    responses((status = 200, content_type = "text/csv", body = String), (status = 404, body = Failure),
+        (status = 409, body = Failure)))]
 async fn run_csv(
     State(state): App,
     Path(run_id): Path<String>,
@@ -392,7 +396,7 @@ mod tests {
             while state.planning.available_permits() > 0 {
                 tokio::task::yield_now().await;
             }
-            let _start = state.starts.claim().ok().expect("free");
+            let _start = state.starts.claim().expect("free");
             let checked = tokio::time::timeout(PATIENCE, check).await;
             let refusal = checked
                 .expect("in time")
@@ -408,7 +412,7 @@ mod tests {
         let state = DaemonState::without_rig(folder.path());
         let runtime = tokio::runtime::Runtime::new().expect("a runtime");
         runtime.block_on(async {
-            let claim = state.starts.claim().ok().expect("free");
+            let claim = state.starts.claim().expect("free");
             let request = extract::Request::new(axum::body::Body::from("not JSON"));
             let answer = stop(State(Arc::clone(&state)), request).await.expect("accepted");
             assert_eq!(answer.0.message, "the run that was being prepared does not start");

@@ -34,6 +34,11 @@ impl Backlog {
         }
     }
 
+    /// Samples that control has recorded so far.
+    pub(super) fn recorded(&self) -> u64 {
+        self.recorded.load(Ordering::Relaxed)
+    }
+
     /// More than half a second of samples waits.
     pub(super) fn is_long(&self) -> bool {
         let taken = self.taken.load(Ordering::Relaxed);

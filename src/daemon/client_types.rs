@@ -91,8 +91,11 @@ pub(crate) struct RunProgress {
     pub late: u64,
     /// Number of completed counted cycles, once it is over.
     pub cycles_completed: u32,
-    /// Why the run file could not be written; empty if it was written.
+    /// Why samples are not on the disk, where they are and what to do; empty as long as all is well.
     pub disk_problem: String,
+    /// Number of recorded samples that are not on the disk, once the run is over.
+    #[serde(default)]
+    pub samples_not_saved: u64,
     /// The last report of where twin and measurement differ; empty if they agree.
     #[serde(default)]
     pub model_mismatch: String,
@@ -112,8 +115,15 @@ impl RunProgress {
             late: 0,
             cycles_completed: 0,
             disk_problem: String::new(),
+            samples_not_saved: 0,
             model_mismatch: String::new(),
         }
+    }
+
+    /// The run ran to its end and every sample is on the disk, in one file.
+    pub(crate) fn is_whole(&self) -> bool {
+        let saved = self.disk_problem.is_empty() && self.samples_not_saved == 0;
+        saved && self.ending.as_deref() == Some("completed")
     }
 
     /// The run has ended, or did not start at all.
@@ -202,20 +212,41 @@ pub(crate) struct RunSummary {
     pub late: u64,
     /// Number of completed counted cycles.
     pub cycles_completed: u32,
-    /// `completed`, `stopped`, `aborted`, or `open` while the run lasts.
+    /// `completed`, `stopped`, `aborted`, `open` while the run lasts, `incomplete` if samples are not on the disk, `damaged`
+    /// if the file is not what was written, or `unreadable` if it cannot be opened.
     pub ending: String,
-    /// Why the run ended; empty if it completed.
+    /// Why the run ended; empty if it completed. For an incomplete or damaged run also how it ended.
     pub cause: String,
-    /// Why the file cannot be read; empty if it can be read.
+    /// What in the file is damaged; empty if all of it can be read.
     pub problem: String,
+    /// Id of the run that this file continues after an error of the disk; empty otherwise.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub continues: String,
 }
 
 impl From<RunListing> for RunSummary {
     fn from(run: RunListing) -> RunSummary {
-        let (ending, cause) = match &run.outcome {
+        let (mut ending, mut cause) = match &run.outcome {
             Some(outcome) => (ending_word(outcome.ending), outcome.cause.clone()),
             None => ("open", String::new()),
         };
+        let told = [&run.problem, &run.unsaved];
+        if let Some(at) = told.iter().position(|text| !text.is_empty()) {
+            let ended = [ending, cause.as_str(), run.unsaved.as_str()];
+            cause = ended
+                .into_iter()
+                .filter(|s| !s.is_empty())
+                .collect::<Vec<_>>()
+                .join(": ");
+            ending = match (at, run.started_utc.as_str()) {
+                (0, "") => "unreadable",
+                (0, _) => "damaged",
+                _ => "incomplete",
+            };
+            if ending == "unreadable" {
+                cause.clear();
+            }
+        }
         RunSummary {
             ending: ending.to_owned(),
             cause,
@@ -228,6 +259,7 @@ impl From<RunListing> for RunSummary {
             late: run.late,
             cycles_completed: run.cycles_completed,
             problem: run.problem,
+            continues: run.continues,
         }
     }
 }

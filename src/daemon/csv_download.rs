@@ -4,11 +4,12 @@ use std::fs::File;
 use std::io::Read;
 
 use axum::body::Body;
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
 use super::error::ApiError;
 use super::store::Store;
+use crate::recording::atomic_file;
 use crate::recording::export::{self, Selection};
 use crate::recording::run_file::RunFile;
 
@@ -27,6 +28,19 @@ pub(super) struct CsvPart {
     mean_loop: bool,
     /// Every n-th sample.
     every: Option<u64>,
+    /// `1` to get what is left of a damaged or incomplete run.
+    #[serde(default, deserialize_with = "one_or_true")]
+    partial: bool,
+}
+
+/// `1`, `true`, `0` or `false`.
+fn one_or_true<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<bool, D::Error> {
+    let text: String = serde::Deserialize::deserialize(deserializer)?;
+    match text.as_str() {
+        "1" | "true" => Ok(true),
+        "0" | "false" => Ok(false),
+        _ => Err(serde::de::Error::custom("partial must be 1 or 0")),
+    }
 }
 
 impl CsvPart {
@@ -47,7 +61,12 @@ pub(super) struct Download {
     file: File,
     bytes: u64,
     name: String,
+    /// What is not in the CSV; empty if it is whole.
+    missing: String,
 }
+
+/// Header of an answer that is not the whole run, with what is missing.
+const PARTIAL_HEADER: &str = "leafbench-partial";
 
 /// Exports the part to a temporary file. The file is deleted from its folder before it is sent, so that it cannot remain.
 pub(super) fn prepare(store: &Store, run_id: &str, part: &CsvPart) -> Result<Download, ApiError> {
@@ -63,13 +82,27 @@ pub(super) fn prepare(store: &Store, run_id: &str, part: &CsvPart) -> Result<Dow
         .map_err(ApiError::disk)?
         .ok_or_else(|| ApiError::no_run(run_id))?;
     let run = RunFile::open(&listing.path).map_err(ApiError::disk)?;
-    let name = format!("{}{suffix}.csv", listing.run_id);
+    let missing = run.survey().incomplete();
+    if !missing.is_empty() && !part.partial {
+        return Err(ApiError::new(
+            StatusCode::CONFLICT,
+            format!("run {} is not whole: {missing}", listing.run_id),
+            "add partial=1 to the address to get what is left of it".to_owned(),
+        ));
+    }
+    let partial = if missing.is_empty() { "" } else { "-partial" };
+    let name = format!("{}{suffix}{partial}.csv", listing.run_id);
     let folder = Scratch::new(store).map_err(scratch_failed)?;
     let exported =
         export::export(&run, selection, &folder.0.join("download.csv")).map_err(|e| ApiError::invalid(&e))?;
     let file = File::open(&exported.csv).map_err(scratch_failed)?;
     let bytes = file.metadata().map_err(scratch_failed)?.len();
-    Ok(Download { file, bytes, name })
+    Ok(Download {
+        file,
+        bytes,
+        name,
+        missing,
+    })
 }
 
 fn scratch_failed(error: std::io::Error) -> ApiError {
@@ -91,7 +124,7 @@ impl Scratch {
         let path = store
             .folder()
             .join(format!(".download-{}-{number}", std::process::id()));
-        std::fs::create_dir_all(&path)?;
+        atomic_file::create_private_folder(&path)?;
         Ok(Scratch(path))
     }
 }
@@ -133,7 +166,13 @@ pub(super) fn stream(download: Download) -> Response {
             format!("attachment; filename=\"{}\"", download.name),
         ),
     ];
-    (headers, Body::from_stream(blocks)).into_response()
+    let mut response = (headers, Body::from_stream(blocks)).into_response();
+    // Sentences of this program: printable ASCII. Other characters, from a path, leave the mark alone.
+    let missing = HeaderValue::from_str(&download.missing).unwrap_or(HeaderValue::from_static("yes"));
+    if !download.missing.is_empty() {
+        response.headers_mut().insert(PARTIAL_HEADER, missing);
+    }
+    response
 }
 
 #[cfg(test)]
@@ -147,6 +186,7 @@ mod tests {
                 cycle,
                 mean_loop,
                 every,
+                partial: false,
             }
             .selection()
         };

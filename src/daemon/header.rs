@@ -42,5 +42,6 @@ pub(crate) fn new(
         cycles_planned: planned.cycles,
         duration_planned_s: planned.duration_s,
         remarks: Vec::new(),
+        continues: String::new(),
     }
 }

@@ -19,6 +19,7 @@ use sha2::{Digest, Sha256};
 
 use super::error::DaemonError;
 use crate::link;
+use crate::recording::atomic_file;
 use crate::regular_file::require_regular;
 
 /// Longest name of a link in the name of its socket, bytes. The kernel takes 107 for the whole name.
@@ -36,7 +37,7 @@ impl DaemonLock {
     /// Claims the data folder, which is created if it does not exist, and the link. Call it before the link is opened: a
     /// second daemon must not send a single frame.
     pub(crate) fn take(data_folder: &Path, link_address: &str) -> Result<DaemonLock, DaemonError> {
-        std::fs::create_dir_all(data_folder).map_err(|source| DaemonError::Folder {
+        atomic_file::create_private_folder(data_folder).map_err(|source| DaemonError::Folder {
             path: data_folder.to_owned(),
             source,
         })?;

@@ -8,7 +8,7 @@
 //! |---|---|
 //! | `client_types` | requests and answers |
 //! | `library`, `store`, `header` | profiles, run files, header of a recording |
-//! | `live`, `backlog` | samples for the live view, samples that wait for the recording thread |
+//! | `live`, `backlog`, `disk_watch` | samples for the live view, samples that wait for the recording thread or for the disk |
 //! | `error` | why the daemon or a request fails |
 //! | `lock`, `endpoint` | one daemon per rig, the file by which commands find it |
 //! | `connections`, `server`, `request_body`, `guard` | limits of connections and requests, protection from other web pages |
@@ -24,6 +24,7 @@ mod backlog;
 pub(crate) mod client_types;
 mod connections;
 mod csv_download;
+mod disk_watch;
 mod endpoint;
 mod error;
 mod guard;
@@ -86,7 +87,7 @@ const CONTROL_AT_EXIT: Duration = Duration::from_secs(1);
 /// frame and opens no link.
 pub(crate) struct Daemon {
     settings: DaemonSettings,
-    /// Released last.
+    /// The claims on data folder and link, released last.
     lock: DaemonLock,
     endpoint: EndpointFile,
     listener: TcpListener,
@@ -241,6 +242,8 @@ async fn serve_until_signal(
 async fn unload(state: &DaemonState, signal: &str) {
     let deadline = tokio::time::Instant::now() + UNLOAD_AT_EXIT;
     let cause = format!("the daemon was ended ({signal})");
+    // A disk that cannot be written does not keep the daemon: what is missing is in the outcome.
+    state.newest_run.give_up_waiting();
     state.starts.end(Withdrawal::DaemonEnds(cause.clone()));
     // A rig that is not ours is left alone: another daemon may be running a test on it.
     let connected = state.control.status().0.phase != Phase::Connecting;

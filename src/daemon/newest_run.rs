@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::client_types::{RunProgress, RunState};
 use super::store;
-use crate::recording::run_file::RunFileStatus;
+use crate::recording::run_file::{self, RunFileStatus};
 
 /// The newest run of this daemon. Clones share the same run.
 #[derive(Clone, Default)]
@@ -25,8 +25,9 @@ impl NewestRun {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A run that is about to start takes the place of the one before it.
+    /// A run that is about to start takes the place of the one before it, which no longer waits for its disk.
     pub(super) fn begin(&self, run_id: String, profile: String, path: PathBuf, disk: Arc<RunFileStatus>) {
+        self.give_up_waiting();
         *self.lock() = Some(TrackedRun {
             progress: RunProgress::arming(run_id, profile),
             path,
@@ -39,8 +40,16 @@ impl NewestRun {
     pub(super) fn progress(&self) -> Option<RunProgress> {
         self.lock().as_ref().map(|run| RunProgress {
             disk_problem: run.disk.problem().unwrap_or_default(),
+            samples_not_saved: run.disk.not_saved(),
             ..run.progress.clone()
         })
+    }
+
+    /// The writer of the run does not wait for a disk that cannot be written after the end of the run.
+    pub(super) fn give_up_waiting(&self) {
+        if let Some(run) = self.lock().as_ref() {
+            run.disk.give_up();
+        }
     }
 
     /// Changes the progress of the run, if there is one.
@@ -65,7 +74,7 @@ impl NewestRun {
         if run.progress.state == RunState::Arming {
             run.progress.state = RunState::NeverStarted;
             run.progress.cause = notice();
-            remove_run_file(path);
+            run.disk.paths().iter().for_each(|path| run_file::remove(path));
         } else if run.progress.state == RunState::Running {
             tracing::error!(
                 "the recording of run {} ended before the run",
@@ -81,15 +90,10 @@ impl NewestRun {
         let open = newest
             .as_ref()
             .filter(|run| run.progress.state == RunState::Running || !run.closed);
-        open.map(|run| store::close_as_aborted(&run.path, &run.progress.run_id, cause))
-    }
-}
-
-/// Removes the file of a run that never began. A file that stays behind is closed as aborted at the next start of the daemon.
-pub(super) fn remove_run_file(path: &Path) {
-    for ending in ["", "-wal", "-shm"] {
-        let mut name = path.as_os_str().to_owned();
-        name.push(ending);
-        let _ = std::fs::remove_file(name);
+        open.map(|run| {
+            let paths = run.disk.paths();
+            let path = paths.last().unwrap_or(&run.path);
+            store::close_as_aborted(path, &run.progress.run_id, cause)
+        })
     }
 }

@@ -9,7 +9,6 @@ use jiff::tz::TimeZone;
 use super::backlog::{Backlog, Counted};
 use super::client_types::StartRun;
 use super::error::ApiError;
-use super::newest_run::remove_run_file;
 use super::progress::ProgressRecorder;
 use super::resume::{self, ChosenProfile};
 use super::state::DaemonState;
@@ -19,7 +18,7 @@ use crate::control::run::RunOrder;
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::recording::Header;
 use crate::recording::recorder::{self, FanOut, RecorderInput, RecorderThread};
-use crate::recording::run_file::{RunFileStatus, RunFileWriter, check_space};
+use crate::recording::run_file::{self, RunFileStatus, RunFileWriter, check_space};
 use crate::twin::Twin;
 
 /// A run that is ready to start: its file is open and its recording thread waits for samples.
@@ -29,6 +28,8 @@ pub(super) struct PreparedRun {
     pub disk: Arc<RunFileStatus>,
     pub input: Counted<RecorderInput>,
     pub thread: RunRecording,
+    /// Counts the samples that control records.
+    pub backlog: Backlog,
 }
 
 /// The recording thread of a run. Its chain is: count of recorded samples, twin, then run file, live view and progress
@@ -48,7 +49,7 @@ impl NewRunFile {
 impl Drop for NewRunFile {
     fn drop(&mut self) {
         if let Some(path) = &self.0 {
-            remove_run_file(path);
+            run_file::remove(path);
         }
     }
 }
@@ -89,7 +90,8 @@ pub(super) fn prepare(
     let writer = RunFileWriter::create(&path, &header).map_err(ApiError::disk)?;
     let file = NewRunFile(Some(path));
     let disk = writer.status();
-    let (input, thread) = recording_chain(state, writer)?;
+    let backlog = Backlog::default();
+    let (input, thread) = recording_chain(state, writer, &backlog)?;
     Ok(PreparedRun {
         order: RunOrder {
             header,
@@ -100,6 +102,7 @@ pub(super) fn prepare(
         disk,
         input,
         thread,
+        backlog,
     })
 }
 
@@ -131,6 +134,7 @@ fn run_header(
 fn recording_chain(
     state: &Arc<DaemonState>,
     writer: RunFileWriter,
+    backlog: &Backlog,
 ) -> Result<(Counted<RecorderInput>, RunRecording), ApiError> {
     let bench = &state.settings.bench;
     let fan_out = FanOut(vec![
@@ -139,7 +143,6 @@ fn recording_chain(
         Box::new(ProgressRecorder::new(state)),
     ]);
     let plant = bench.model.plant().map_err(|e| ApiError::invalid(&e))?;
-    let backlog = Backlog::default();
     let waiting = backlog.clone();
     let twin = Twin::new(
         plant,

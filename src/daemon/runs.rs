@@ -6,14 +6,17 @@ use std::sync::Arc;
 use axum::http::StatusCode;
 
 use super::client_types::{StartRun, Started};
+use super::disk_watch::{DiskAction, DiskWatch, LOOK_PERIOD};
 use super::error::ApiError;
 use super::orders;
 use super::prepare::{PreparedRun, RunRecording, prepare};
 use super::starts::StartClaim;
 use super::state::DaemonState;
+use super::store;
 use super::wanted::Withdrawal;
 use crate::control::realtime::{Request, RequestError};
 use crate::control::{Phase, Refusal, RigStatus};
+use crate::recording::run_file::RunFileStatus;
 
 /// Starts a run. A refused run causes no motion. If the caller drops this before the run has begun, as happens when its client
 /// leaves, the run is withdrawn; once it has begun it is followed to its end in any case.
@@ -39,10 +42,16 @@ async fn start_claimed(
         .await
         .map_err(|_| ApiError::internal("preparing the run failed"))??;
     let _turn = state.starts.turn().await;
-    if let Err(withdrawn) = claim.wanted().check() {
+    // The rig may have tripped in the meantime.
+    let refusal = claim
+        .wanted()
+        .check()
+        .err()
+        .or_else(|| busy(&state.control.status().0));
+    if let Some(refusal) = refusal {
         // Waits for the recording thread, also if this task no longer does.
         let _ = tokio::task::spawn_blocking(move || prepared.discard()).await;
-        return Err(withdrawn);
+        return Err(refusal);
     }
     begin(&state, prepared).await
 }
@@ -54,14 +63,16 @@ async fn begin(state: &Arc<DaemonState>, prepared: PreparedRun) -> Result<Starte
     let path = prepared.file.keep();
     state
         .newest_run
-        .begin(run_id.clone(), profile, path.clone(), prepared.disk);
+        .begin(run_id.clone(), profile, path.clone(), Arc::clone(&prepared.disk));
+    let watch = DiskWatch::new(prepared.backlog, Arc::clone(&prepared.disk));
     let input = Box::new(prepared.input);
     let asked = state
         .control
         .ask(Request::Start(Box::new(prepared.order), input))
         .await;
-    follow(state, prepared.thread, path);
+    follow(state, prepared.thread, path, prepared.disk);
     asked?;
+    watch_disk(state, watch, run_id.clone());
     tracing::info!("run {run_id} starts");
     Ok(Started { run_id })
 }
@@ -103,11 +114,44 @@ fn busy(status: &RigStatus) -> Option<ApiError> {
 }
 
 /// Waits for the end of the recording thread, then closes the run.
-fn follow(state: &Arc<DaemonState>, thread: RunRecording, path: PathBuf) {
+fn follow(state: &Arc<DaemonState>, thread: RunRecording, path: PathBuf, disk: Arc<RunFileStatus>) {
     let state = Arc::clone(state);
     tokio::task::spawn_blocking(move || {
         // Dropping the chain closes the handles of the file.
         drop(thread.join());
+        close_failed_files(&disk.paths());
         state.newest_run.close(&path, || state.control.status().0.notice);
+    });
+}
+
+/// Closes the files of a run that had an error of the disk; each but the last one was left as it was.
+fn close_failed_files(paths: &[PathBuf]) {
+    let name = |path: &PathBuf| {
+        let stem = path.file_stem().unwrap_or_default();
+        stem.to_string_lossy().into_owned()
+    };
+    for (failed, next) in paths.iter().zip(paths.iter().skip(1)) {
+        let cause = store::continued_in(&name(next));
+        tracing::warn!("{}", store::close_as_aborted(failed, &name(failed), &cause));
+    }
+}
+
+/// Holds the rig and then stops the run if its samples do not get to the disk. Its file may be closed long after the run.
+fn watch_disk(state: &Arc<DaemonState>, mut watch: DiskWatch, run_id: String) {
+    let state = Arc::clone(state);
+    tokio::spawn(async move {
+        while !watch.is_over() {
+            let action = watch.look();
+            let under_way = state.control.status().0.run_id.as_ref() == Some(&run_id);
+            let asked = match action.filter(|_| under_way) {
+                None => Ok(()),
+                Some(DiskAction::Hold) => orders::insist(&state.control, || Request::Hold).await.map(drop),
+                Some(DiskAction::Stop(cause)) => stop(&state, &cause).await.map(drop),
+            };
+            if let Err(error) = asked {
+                tracing::warn!("the disk: control did not act on it: {error}");
+            }
+            tokio::time::sleep(LOOK_PERIOD).await;
+        }
     });
 }

@@ -1,19 +1,31 @@
 //! The data folder: run files, found by run id and never by path. Runs that an earlier daemon left open are closed as
 //! aborted.
 
+use std::collections::HashMap;
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::SystemTime;
 
 use crate::recording::run_file::{self, EXTENSION, RunFile, RunFileError, RunListing};
 
 /// The cause of a run that was closed by the next daemon.
-const DAEMON_DIED: &str = "the daemon ended while the run was under way (killed, crashed or power lost); the rig unloaded \
-                           by itself when the lease expired";
+const LEFT_OPEN: &str = "the daemon ended while the run was under way, without closing its file (killed or crashed, power \
+                         lost, or a disk that could not be written); the rig unloaded by itself when the lease expired";
 
-/// The folder of run files.
+/// The folder of run files. Clones share what they know of the files.
 #[derive(Debug, Clone)]
 pub(crate) struct Store {
     folder: PathBuf,
+    checked: Arc<Mutex<HashMap<PathBuf, Checked>>>,
+}
+
+/// The result of reading a closed file in full.
+#[derive(Debug, Clone)]
+struct Checked {
+    bytes: u64,
+    changed: SystemTime,
+    problem: String,
 }
 
 impl Store {
@@ -21,6 +33,7 @@ impl Store {
     pub(crate) fn new(folder: &Path) -> Self {
         Store {
             folder: folder.to_owned(),
+            checked: Arc::default(),
         }
     }
 
@@ -35,28 +48,68 @@ impl Store {
 
     /// Closes the runs that an earlier daemon left open. Returns one sentence for each run, for the log.
     pub(crate) fn close_left_open(&self) -> Result<Vec<String>, RunFileError> {
-        let open = self
-            .list()?
-            .into_iter()
-            .filter(|run| run.outcome.is_none() && run.problem.is_empty());
-        Ok(open
-            .map(|run| close_as_aborted(&run.path, &run.run_id, DAEMON_DIED))
-            .collect())
+        let runs = run_file::list(&self.folder)?;
+        let open = runs
+            .iter()
+            .filter(|run| !run.is_closed() && run.problem.is_empty());
+        let close = |run: &RunListing| {
+            let next = runs.iter().find(|r| r.continues == run.run_id);
+            let cause = next.map_or_else(|| LEFT_OPEN.to_owned(), |next| continued_in(&next.run_id));
+            close_as_aborted(&run.path, &run.run_id, &cause)
+        };
+        Ok(open.map(close).collect())
     }
 
-    /// Every run, oldest first.
+    /// Every run, oldest first, with what is damaged in its file. A closed file is read in full once, and again if its size
+    /// or its time of change differs.
     pub(crate) fn list(&self) -> Result<Vec<RunListing>, RunFileError> {
-        run_file::list(&self.folder)
+        let mut runs = run_file::list(&self.folder)?;
+        for run in runs
+            .iter_mut()
+            .filter(|run| run.is_closed() && run.problem.is_empty())
+        {
+            run.problem = self.check(&run.path);
+        }
+        Ok(runs)
     }
 
-    /// The run with this id. The id `latest` means the newest run.
+    fn check(&self, path: &Path) -> String {
+        let metadata = std::fs::metadata(path);
+        let state = metadata.and_then(|m| Ok((m.len(), m.modified()?))).ok();
+        let known = |state: &(u64, SystemTime)| {
+            let checked = self.checked.lock().unwrap_or_else(PoisonError::into_inner);
+            let known = checked.get(path).filter(|c| (c.bytes, c.changed) == *state);
+            known.map(|c| c.problem.clone())
+        };
+        if let Some(problem) = state.as_ref().and_then(known) {
+            return problem;
+        }
+        let problem = run_file::check(path);
+        if let Some((bytes, changed)) = state {
+            let checked = Checked {
+                bytes,
+                changed,
+                problem: problem.clone(),
+            };
+            let mut all = self.checked.lock().unwrap_or_else(PoisonError::into_inner);
+            all.insert(path.to_owned(), checked);
+        }
+        problem
+    }
+
+    /// The run with this id. The id `latest` means the newest run. A closed file is not read in full.
     pub(crate) fn find(&self, run_id: &str) -> Result<Option<RunListing>, RunFileError> {
-        let mut runs = self.list()?;
+        let mut runs = run_file::list(&self.folder)?;
         if run_id == "latest" {
             return Ok(runs.pop());
         }
         Ok(runs.into_iter().find(|run| run.run_id == run_id))
     }
+}
+
+/// The cause of a file that was left open because of an error of the disk.
+pub(super) fn continued_in(next: &str) -> String {
+    format!("writing this file failed, and the recording continues in run {next}")
 }
 
 /// Closes one run file as aborted. Returns a sentence about the result, for the log.

@@ -1,8 +1,24 @@
-//! Writes a file whole or not at all: temporary name, fsync, rename, fsync of the folder. The caller fills it.
+//! Writes a file whole or not at all: temporary name, fsync, rename, fsync of the folder. The caller fills it. Recordings and
+//! what is made from them are for their owner only.
 
-use std::fs::{self, File};
+use std::fs::{self, DirBuilder, File};
 use std::io::{self, BufWriter, Write};
+use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
+
+/// Makes a new file that only its owner can read and write. A file or link of this name must not exist.
+pub(crate) fn create_private(path: &Path) -> io::Result<File> {
+    File::options()
+        .write(true)
+        .create_new(true)
+        .mode(0o600)
+        .open(path)
+}
+
+/// Makes a folder, with the folders above it, that only its owner can enter. An existing folder stays as it is.
+pub(crate) fn create_private_folder(path: &Path) -> io::Result<()> {
+    DirBuilder::new().recursive(true).mode(0o700).create(path)
+}
 
 /// Fills `path` through `fill`. A crash at any instant leaves the old file or the new one, never half of one.
 pub(crate) fn write<T, E: From<io::Error>>(
@@ -26,7 +42,9 @@ fn fill_and_sync<T, E: From<io::Error>>(
     temporary: &Path,
     fill: impl FnOnce(&mut BufWriter<File>) -> Result<T, E>,
 ) -> Result<T, E> {
-    let mut writer = BufWriter::with_capacity(1 << 18, File::create(temporary)?);
+    // A killed process with the same id may have left it.
+    let _ = fs::remove_file(temporary);
+    let mut writer = BufWriter::with_capacity(1 << 18, create_private(temporary)?);
     let value = fill(&mut writer)?;
     writer.flush()?;
     writer.get_ref().sync_all()?;

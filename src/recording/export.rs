@@ -49,9 +49,9 @@ pub(crate) struct Exported {
 }
 
 impl Exported {
-    /// True if blocks of the run file are damaged: the rows written are correct, but some are missing.
+    /// True if something of the run is damaged or not on the disk: the rows written are correct, but some are missing.
     pub(crate) fn is_partial(&self) -> bool {
-        self.survey.damaged > 0
+        !self.survey.incomplete().is_empty()
     }
 }
 

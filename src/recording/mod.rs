@@ -175,6 +175,9 @@ pub(crate) struct Header {
     pub duration_planned_s: f64,
     /// Limitations at the start (no real-time rights ...), one sentence each.
     pub remarks: Vec<String>,
+    /// Run id of the file that this one continues after an error of the disk; empty otherwise.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub continues: String,
 }
 
 /// What the rig's firmware reported at the hello.
@@ -223,6 +226,43 @@ pub(crate) struct Outcome {
     pub late: u64,
     /// Counted cycles completed in this run.
     pub cycles_completed: u32,
+    /// Samples that were recorded and are not on the disk; `None` if all are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unsaved: Option<Unsaved>,
+}
+
+impl Outcome {
+    /// Number of samples that were recorded and are not on the disk.
+    pub(crate) fn unsaved_samples(&self) -> u64 {
+        self.unsaved.as_ref().map_or(0, |unsaved| unsaved.samples)
+    }
+}
+
+/// Samples of a run that are not on the disk, because it could not be written.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub(crate) struct Unsaved {
+    /// Number of these samples.
+    pub samples: u64,
+    /// Tick of the first one.
+    pub from_tick: u64,
+    /// Tick of the last one.
+    pub to_tick: u64,
+    /// Why the disk could not be written.
+    pub cause: String,
+}
+
+impl Unsaved {
+    /// The same in words. `zero_tick` is the tick of time 0.
+    pub(crate) fn text(&self, zero_tick: u64, sample_rate_hz: f64) -> String {
+        let time_s = |tick: u64| (tick as f64 - zero_tick as f64) / sample_rate_hz;
+        format!(
+            "{} samples from {:.3} s to {:.3} s are not on the disk ({})",
+            self.samples,
+            time_s(self.from_tick),
+            time_s(self.to_tick),
+            self.cause
+        )
+    }
 }
 
 /// Receives a run while it lasts. Run file, twin and live view are recorders; none can delay or change a run.

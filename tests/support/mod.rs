@@ -104,9 +104,15 @@ pub struct Daemon {
 impl Daemon {
     /// Starts one with `more` arguments and waits until it listens.
     pub fn start(data: &Path, more: &[&str]) -> Daemon {
-        let mut child = leafbench(&["daemon", "--json", "--listen", "127.0.0.1:0", "--data"])
-            .arg(data)
-            .args(more)
+        let mut command = leafbench(&["daemon", "--json", "--listen", "127.0.0.1:0", "--data"]);
+        command.arg(data).args(more);
+        Daemon::start_command(command, |_| data.to_owned())
+    }
+
+    /// Starts one with a command line of the test and waits until it listens. `data` gives the data folder as this process
+    /// sees it, from the process id.
+    pub fn start_command(mut command: Command, data: impl FnOnce(u32) -> PathBuf) -> Daemon {
+        let mut child = command
             .stdout(Stdio::piped())
             .stderr(Stdio::inherit())
             .spawn()
@@ -117,9 +123,9 @@ impl Daemon {
         let endpoint: serde_json::Value = serde_json::from_str(&line).expect("the daemon listens");
         let url = endpoint["url"].as_str().expect("an address").to_owned();
         Daemon {
+            data: data(child.id()),
             process: Process(child),
             url,
-            data: data.to_owned(),
             _stdout: stdout,
         }
     }

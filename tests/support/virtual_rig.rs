@@ -199,6 +199,7 @@ pub fn order(profile: Profile) -> RunOrder {
             cycles_planned: 0,
             duration_planned_s: 0.0,
             remarks: Vec::new(),
+            continues: String::new(),
         },
         profile,
         first_cycle: 1,

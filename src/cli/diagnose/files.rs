@@ -1,5 +1,6 @@
 //! The files that a diagnosis leaves in a folder.
 
+use std::io::Write;
 use std::path::Path;
 
 use super::improved_bench;
@@ -7,7 +8,7 @@ use crate::cli::CliError;
 use crate::config::Bench;
 use crate::diagnose::Baseline;
 use crate::diagnose::diagnosis::Diagnosis;
-use crate::recording::Recording;
+use crate::recording::{Recording, atomic_file};
 use crate::report::diagnosis::{Context, page};
 
 /// The diagnosis for scripts; docs/formats.md describes it.
@@ -53,11 +54,12 @@ pub(super) fn json(value: &impl serde::Serialize) -> Result<String, CliError> {
 
 /// Writes the files into the folder, and removes those that an earlier diagnosis left and this one does not have.
 pub(super) fn write(folder: &Path, files: &[NamedFile]) -> Result<(), CliError> {
-    std::fs::create_dir_all(folder).map_err(CliError::file(folder, "creating the folder"))?;
+    atomic_file::create_private_folder(folder).map_err(CliError::file(folder, "creating the folder"))?;
     for (name, text) in files {
         let path = folder.join(name);
         match text {
-            Some(text) => std::fs::write(&path, text).map_err(CliError::file(&path, "writing"))?,
+            Some(text) => atomic_file::write(&path, |file| file.write_all(text.as_bytes()))
+                .map_err(CliError::file(&path, "writing"))?,
             None => remove(&path)?,
         }
     }

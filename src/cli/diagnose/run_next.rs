@@ -108,11 +108,14 @@ impl Tester for LiveRig {
             );
         }
         let ended = run::wait(&self.client, &started.run_id, &self.interrupts, output)?;
-        if ended.ending.as_deref() != Some("completed") {
+        if !ended.is_whole() {
             let ending = ended.ending.as_deref().unwrap_or("did not start");
+            let why = [ended.cause.as_str(), ended.disk_problem.as_str()];
+            let why: Vec<&str> = why.into_iter().filter(|text| !text.is_empty()).collect();
             return Ok(Tested::CutShort(format!(
                 "run {0} {ending}: {1}; what it recorded is kept: leafbench export {0}",
-                started.run_id, ended.cause
+                started.run_id,
+                why.join("; ")
             )));
         }
         Ok(Tested::Ran(Box::new(RunFile::open(&export::find_run(

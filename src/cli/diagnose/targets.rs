@@ -71,9 +71,15 @@ fn files_of(diagnosis: &AggregateDiagnosis, bench: &Bench) -> Result<Vec<files::
         if i == 0 {
             named.push((files::IMPROVED.to_owned(), Some(toml.clone())));
         }
-        named.push((format!("improved-{}.toml", mount.replace(' ', "-")), Some(toml)));
+        named.push((format!("improved-{}.toml", file_name_part(mount)), Some(toml)));
     }
     Ok(named)
+}
+
+/// The name of a mounting as part of a file name. It comes from a table, so it may not lead out of the folder.
+fn file_name_part(mount: &str) -> String {
+    let allowed = |c: char| c.is_alphanumeric() || "-_.".contains(c);
+    mount.chars().map(|c| if allowed(c) { c } else { '-' }).collect()
 }
 
 fn text(d: &AggregateDiagnosis, folder: &Path) -> String {
@@ -133,4 +139,15 @@ fn text(d: &AggregateDiagnosis, folder: &Path) -> String {
         folder.display()
     ));
     lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_name_of_a_mounting_does_not_lead_out_of_the_folder() {
+        assert_eq!(file_name_part("shackle front"), "shackle-front");
+        assert_eq!(file_name_part("x/../../etc/passwd"), "x-..-..-etc-passwd");
+    }
 }

@@ -15,7 +15,7 @@ use crate::mockrig::MockRig;
 use crate::profile::{Player, Profile};
 use crate::protocol::tick::{SAMPLE_RATE_HZ, TICK_NS};
 use crate::recording::memory::Memory;
-use crate::recording::run_file::{EXTENSION, RunFile, RunFileWriter};
+use crate::recording::run_file::{self, EXTENSION, RunFile, RunFileWriter};
 use crate::recording::{Ending, Event, Header, Outcome, Recorder, Sample};
 use crate::twin::Twin;
 
@@ -131,12 +131,10 @@ pub(crate) fn record_run(
     silent: bool,
 ) -> Result<RecordedRun, CliError> {
     let path = folder.join(format!("{}.{EXTENSION}", profile.name));
-    for ending in ["", "-wal", "-shm"] {
-        // Usually there is no such file.
-        let _ = std::fs::remove_file(format!("{}{ending}", path.display()));
-    }
+    run_file::remove(&path);
     let header = header_of(bench, profile, profile_toml)?;
     let writer = RunFileWriter::create(&path, &header)?;
+    let disk = writer.status();
     let mut chain = Twin::new(
         bench.model.plant()?,
         bench.displacement_channel.noise_mm,
@@ -161,6 +159,9 @@ pub(crate) fn record_run(
     progress.finish();
     // The run file is closed before it is opened for reading.
     drop(chain);
+    if let Some(problem) = disk.problem() {
+        return Err(CliError::Input(problem));
+    }
     Ok(RecordedRun {
         file: RunFile::open(&path)?,
         virtual_s: virtual_bench.now_ns() as f64 * 1e-9,

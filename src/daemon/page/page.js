@@ -170,7 +170,7 @@ function showRun(rig) {
   const mismatch = (run && run.model_mismatch) || "";
   $("mismatch").textContent = mismatch;
   $("mismatch").hidden = !mismatch;
-  if (run && run.disk_problem) say(`The run file cannot be written: ${run.disk_problem}. Stop the run and free space on the disk.`);
+  if (run && run.disk_problem) say(`Disk: ${run.disk_problem}.`);
 }
 
 // ---- recorded runs
@@ -193,19 +193,20 @@ function row(run) {
   cell(isNaN(started) ? run.run_id : started.toLocaleString());
   cell(run.profile);
   cell(run.specimen);
-  const ended = cell(run.problem ? "unreadable" : run.ending);
-  const why = run.problem || run.cause;
+  const ended = cell(run.ending);
+  const why = [run.problem, run.cause].filter(Boolean).join(" · ");
   if (why) ended.append(Object.assign(document.createElement("small"), { textContent: why }));
   cell(run.cycles_completed || "", "number");
   cell(run.samples, "number");
   cell(run.lost, "number");
   cell(run.late, "number");
   const links = cell("");
-  if (!run.problem && run.ending !== "open") {
+  if (run.started_utc && run.ending !== "open") {
     const link = (text, query) => links.append(
       Object.assign(document.createElement("a"), { textContent: text, href: `api/runs/${run.run_id}/csv${query}` }));
-    link("all", "");
-    if (run.cycles_completed > 1) link("mean loop", "?mean_loop=true");
+    const whole = run.ending !== "damaged" && run.ending !== "incomplete";
+    link(whole ? "all" : "what is left", whole ? "" : "?partial=1");
+    if (run.cycles_completed > 1 && whole) link("mean loop", "?mean_loop=true");
   }
   const again = cell("");
   if (run.cycles_completed > 0 && (run.ending === "stopped" || run.ending === "aborted")) {

@@ -11,21 +11,46 @@ use crate::units::{Command, Mode};
 /// Size of one packed sample in bytes.
 pub(super) const RECORD_BYTES: usize = 40;
 
-const CRC32: crc::Crc<u32, crc::Table<16>> = crc::Crc::<u32, crc::Table<16>>::new(&crc::CRC_32_ISO_HDLC);
+static CRC32: crc::Crc<u32, crc::Table<16>> = crc::Crc::<u32, crc::Table<16>>::new(&crc::CRC_32_ISO_HDLC);
 
 /// CRC-32 (ISO-HDLC) of plain bytes.
 pub(super) fn crc32(bytes: &[u8]) -> u32 {
     CRC32.checksum(bytes)
 }
 
+/// A CRC-32 over several fields.
+pub(super) struct Digest(crc::Digest<'static, u32, crc::Table<16>>);
+
+impl Digest {
+    /// The digest of nothing.
+    pub(super) fn new() -> Digest {
+        Digest(CRC32.digest())
+    }
+
+    /// Adds a number as 8 bytes, little-endian.
+    pub(super) fn word(&mut self, word: u64) {
+        self.0.update(&word.to_le_bytes());
+    }
+
+    /// Adds plain bytes.
+    pub(super) fn bytes(&mut self, bytes: &[u8]) {
+        self.0.update(bytes);
+    }
+
+    /// The checksum of all that was added.
+    pub(super) fn finish(self) -> u32 {
+        self.0.finalize()
+    }
+}
+
 /// CRC-32 of a block and of its place in the file, so that a block in the wrong row is found as well.
 pub(super) fn block_crc32(seq: u64, first_tick: u64, count: u64, data: &[u8]) -> u32 {
-    let mut digest = CRC32.digest();
+    let mut digest = Digest::new();
     for word in [seq, first_tick, count] {
-        digest.update(&word.to_le_bytes());
+        digest.word(word);
     }
-    digest.update(data);
-    digest.finalize()
+    digest.bytes(data);
+    digest.finish()
 }
 
 /// Appends one record. The caller keeps `sample.tick - first_tick` within 32 bits.

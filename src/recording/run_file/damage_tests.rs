@@ -1,11 +1,11 @@
 //! Faults D1, K4 and K5: after a kill, a cut-off file or flipped bytes, only the damaged blocks are lost.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::test_support::{header, outcome, sample};
 use super::{Gap, GapCause, RunFile, RunFileError, RunFileWriter};
-use crate::recording::{Ending, Flags, Recorder, Sample};
+use crate::recording::{Ending, Event, EventKind, Flags, Header, Outcome, Recorder, Sample};
 
 /// A closed run of `blocks` blocks of 10 samples.
 fn small_blocks(path: &Path, blocks: u64) {
@@ -162,6 +162,186 @@ fn every_flipped_byte_of_a_block_is_found_and_costs_that_block() {
                 .contains(Flags::AFTER_GAP)
         );
     }
+}
+
+/// What a user of a run file gets from it.
+#[derive(Debug, PartialEq)]
+struct Content {
+    header: Header,
+    outcome: Option<Outcome>,
+    events: Vec<Event>,
+    samples: Vec<Sample>,
+}
+
+/// The content, and whether the file tells that it is damaged; `None` if it is refused.
+fn content(path: &Path) -> Option<(Content, bool)> {
+    let run = RunFile::open(path).ok()?;
+    let content = Content {
+        header: run.header().clone(),
+        outcome: run.outcome().cloned(),
+        events: run.events(),
+        samples: run.samples().collect(),
+    };
+    Some((content, tells_damage(&run)))
+}
+
+fn tells_damage(run: &RunFile) -> bool {
+    !run.survey().damage.is_empty()
+}
+
+/// A small closed run with events, whose first sample is not at tick 0.
+fn small_run(path: &Path) {
+    let mut writer = RunFileWriter::create(path, &header()).unwrap();
+    writer.begin(&header());
+    for tick in 7000..7030_u64 {
+        if tick % 10 == 0 {
+            writer.event(&Event {
+                tick,
+                time_s: (tick - 7000) as f64 / 1000.0,
+                kind: EventKind::RigState,
+                text: "rig Running".into(),
+            });
+        }
+        writer.sample(&sample(tick));
+        if tick % 10 == 9 {
+            writer.flush();
+        }
+    }
+    writer.end(&outcome(30));
+}
+
+/// Every flipped byte of the file, one after the other. A page of SQLite is mostly unused zeros: one in 16 of them is enough.
+#[test]
+fn every_flipped_byte_gives_the_same_content_or_a_told_damage() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("whole.leafrun");
+    small_run(&path);
+    let (whole, damaged) = content(&path).unwrap();
+    assert!(!damaged && whole.samples.len() == 30 && whole.events.len() == 3);
+    let mut file = fs::read(&path).unwrap();
+    let flipped = folder.path().join("flipped.leafrun");
+    let mut silent = Vec::new();
+    for byte in 0..file.len() {
+        if file[byte] == 0 && byte % 16 != 0 {
+            continue;
+        }
+        let mask = if byte % 2 == 0 { 0x01 } else { 0x80 };
+        {
+            file[byte] ^= mask;
+            fs::write(&flipped, &file).unwrap();
+            file[byte] ^= mask;
+            if content(&flipped).is_some_and(|(read, told)| !told && read != whole) {
+                silent.push((byte, mask));
+            }
+        }
+    }
+    assert!(silent.is_empty(), "{} silent changes: {silent:?}", silent.len());
+}
+
+/// Every row of every table, dropped or with one value changed.
+#[test]
+fn every_dropped_row_and_every_changed_value_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("whole.leafrun");
+    small_run(&path);
+    let (whole, _) = content(&path).unwrap();
+    let changed = folder.path().join("changed.leafrun");
+    let mut silent = Vec::new();
+    for sql in changes(&path) {
+        fs::copy(&path, &changed).unwrap();
+        let database = rusqlite::Connection::open(&changed).unwrap();
+        database.execute(&sql, []).unwrap();
+        drop(database);
+        if content(&changed).is_some_and(|(read, told)| !told && read != whole) {
+            silent.push(sql);
+        }
+    }
+    assert!(silent.is_empty(), "{} silent changes: {silent:#?}", silent.len());
+}
+
+/// One statement for each row to drop and for each value to change.
+fn changes(path: &Path) -> Vec<String> {
+    let database = rusqlite::Connection::open(path).unwrap();
+    let list = |sql: &str| -> Vec<String> {
+        let mut statement = database.prepare(sql).unwrap();
+        let rows = statement.query_map([], |row| row.get(0)).unwrap();
+        rows.map(Result::unwrap).collect()
+    };
+    let mut changes = Vec::new();
+    for table in list("SELECT name FROM sqlite_master WHERE type = 'table'") {
+        changes.push(format!("DELETE FROM {table}"));
+        for row in list(&format!("SELECT CAST(rowid AS TEXT) FROM {table}")) {
+            changes.push(format!("DELETE FROM {table} WHERE rowid = {row}"));
+            for column in list(&format!("SELECT name FROM pragma_table_info('{table}')")) {
+                for value in [
+                    format!("{column} + 1"),
+                    format!("replace({column}, 'Running', 'Tripped')"),
+                    format!("replace({column}, 'rig_state', 'limit')"),
+                    format!("replace({column}, 'completed', 'stopped')"),
+                ] {
+                    changes.push(format!(
+                        "UPDATE OR IGNORE {table} SET {column} = {value} WHERE rowid = {row}"
+                    ));
+                }
+            }
+        }
+    }
+    changes
+}
+
+/// A file that version 0.1.0 of leafbench wrote: the content of `small_run`.
+fn version_1(folder: &Path) -> PathBuf {
+    let kept = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/recordings/version-1.leafrun");
+    let copy = folder.join("version-1.leafrun");
+    fs::copy(kept, &copy).unwrap();
+    copy
+}
+
+#[test]
+fn a_file_of_version_1_has_the_same_content_and_its_ticks_and_counts_are_compared() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("now.leafrun");
+    small_run(&path);
+    let (now, _) = content(&path).unwrap();
+    let old = version_1(folder.path());
+    assert_eq!(content(&old).unwrap(), (now, false));
+    for sql in [
+        "UPDATE run SET first_tick = 5000",
+        "UPDATE run SET last_tick = 9000",
+        "DELETE FROM blocks WHERE seq = 2",
+        "DELETE FROM events WHERE seq = 2",
+        "UPDATE events SET kind = 'rig state' WHERE seq = 2",
+        "UPDATE run SET outcome_json = NULL",
+    ] {
+        let old = version_1(folder.path());
+        rusqlite::Connection::open(&old)
+            .unwrap()
+            .execute(sql, [])
+            .unwrap();
+        let (read, told) = content(&old).unwrap();
+        assert!(told, "{sql}");
+        assert_eq!(read.samples[0].time_s, 0.0, "{sql}");
+    }
+}
+
+#[test]
+fn an_open_file_of_version_1_is_closed_as_aborted() {
+    let folder = tempfile::tempdir().unwrap();
+    let old = version_1(folder.path());
+    let open =
+        "UPDATE run SET outcome_json = NULL, outcome_crc32 = NULL, last_tick = NULL, block_count = NULL";
+    rusqlite::Connection::open(&old)
+        .unwrap()
+        .execute(open, [])
+        .unwrap();
+    let closed = RunFile::open(&old)
+        .unwrap()
+        .close_as_aborted("left open")
+        .unwrap();
+    assert_eq!((closed.samples, closed.lost), (30, 0));
+    let again = RunFile::open(&old).unwrap();
+    assert_eq!(again.outcome(), Some(&closed));
+    assert!(!tells_damage(&again));
 }
 
 /// SQLite's own pages have no checksum. A flipped byte in them must not give a false sample or a panic.

@@ -15,6 +15,8 @@ pub(crate) struct RunListing {
     pub started_utc: String,
     pub profile_name: String,
     pub specimen: String,
+    /// Run id of the file that this one continues; empty otherwise.
+    pub continues: String,
     /// Number of samples in the file.
     pub samples: u64,
     /// Number of ticks without a sample.
@@ -23,13 +25,22 @@ pub(crate) struct RunListing {
     pub late: u64,
     /// Counted cycles that ran to their end.
     pub cycles_completed: u32,
-    /// How it ended; `None` while the run is live, or if its daemon was killed.
+    /// How it ended; `None` while the run is live, or if its daemon could not close it.
     pub outcome: Option<Outcome>,
-    /// Why the file cannot be read; empty if it can.
+    /// Samples that are not on the disk, in words; empty if all are.
+    pub unsaved: String,
+    /// Why the file, or a part of it, cannot be read; empty if all can, as far as the listing has looked.
     pub problem: String,
 }
 
-/// All run files in `folder`, oldest first. A file that cannot be read is in the list with its problem.
+impl RunListing {
+    /// The run was closed, so that its file does not change any more.
+    pub(crate) fn is_closed(&self) -> bool {
+        self.outcome.is_some()
+    }
+}
+
+/// All run files in `folder`, oldest first. Closed files are not read in full: [`check`] finds damage in them.
 pub(crate) fn list(folder: &Path) -> Result<Vec<RunListing>, RunFileError> {
     let io = |source| RunFileError::Io {
         path: folder.to_owned(),
@@ -47,62 +58,73 @@ pub(crate) fn list(folder: &Path) -> Result<Vec<RunListing>, RunFileError> {
     Ok(runs)
 }
 
+/// What is damaged in a file, as sentences, after it was read in full; empty if it is whole.
+pub(crate) fn check(path: &Path) -> String {
+    match RunFile::open(path) {
+        Ok(run) => run.survey().damage.join("; "),
+        Err(error) => error.to_string(),
+    }
+}
+
 fn listing(path: PathBuf) -> RunListing {
     let run = match RunFile::open(&path) {
         Ok(run) => run,
-        Err(error) => {
-            return RunListing {
-                run_id: path
-                    .file_stem()
-                    .unwrap_or_default()
-                    .to_string_lossy()
-                    .into_owned(),
-                path,
-                started_utc: String::new(),
-                profile_name: String::new(),
-                specimen: String::new(),
-                samples: 0,
-                lost: 0,
-                late: 0,
-                cycles_completed: 0,
-                outcome: None,
-                problem: error.to_string(),
-            };
-        }
+        Err(error) => return unreadable(path, &error),
     };
     let header = run.header();
+    let mut problem = String::new();
     let (samples, lost, late, cycles_completed) = match run.outcome() {
-        Some(outcome) => (
-            outcome.samples,
-            outcome.lost,
-            outcome.late,
-            outcome.cycles_completed,
-        ),
+        Some(o) => (o.samples, o.lost, o.late, o.cycles_completed),
         None => {
             let survey = run.survey();
+            problem = survey.damage.join("; ");
             (
                 survey.samples,
-                survey.lost + survey.damaged,
+                survey.missing(),
                 survey.late,
                 survey.cycles_completed(),
             )
         }
     };
+    let unsaved = run.outcome().and_then(|outcome| outcome.unsaved.as_ref());
     RunListing {
         run_id: header.run_id.clone(),
         started_utc: header.started_utc.clone(),
         profile_name: header.profile_name.clone(),
         specimen: header.specimen.clone(),
+        continues: header.continues.clone(),
         samples,
         lost,
         late,
         cycles_completed,
         outcome: run.outcome().cloned(),
-        problem: String::new(),
+        unsaved: unsaved
+            .map(|u| u.text(run.zero_tick(), header.sample_rate_hz))
+            .unwrap_or_default(),
+        problem,
         path,
     }
 }
 
+/// A file whose header cannot be read is in the list with its problem.
+fn unreadable(path: PathBuf, error: &RunFileError) -> RunListing {
+    let run_id = path.file_stem().unwrap_or_default();
+    RunListing {
+        run_id: run_id.to_string_lossy().into_owned(),
+        path,
+        started_utc: String::new(),
+        profile_name: String::new(),
+        specimen: String::new(),
+        continues: String::new(),
+        samples: 0,
+        lost: 0,
+        late: 0,
+        cycles_completed: 0,
+        outcome: None,
+        unsaved: String::new(),
+        problem: error.to_string(),
+    }
+}
 #[cfg(test)]
 mod tests {
     use super::super::RunFileWriter;

@@ -1,68 +1,59 @@
 //! One SQLite file for each run: `writer` fills it during the run, `reader` opens it afterwards, whole or damaged.
 //! `recording::export` writes CSV and data package from it.
 //!
-//! The tables are described in docs/formats.md. Table `run` has one row: header (JSON), first tick, and at the end outcome
-//! (JSON), last tick and number of blocks. Table `events` has one row for each event. Table `blocks` has packed samples
-//! (layout in `block`) with their CRC-32. During a live run there is a write-ahead log (`-wal`) beside the file. A clean end
-//! merges it into the file.
+//! The tables are described in docs/formats.md; `layout` has them. Every row has a checksum, and the row of `totals` counts
+//! them. During a live run there is a write-ahead log (`-wal`) beside the file. A clean end merges it into the file.
+//!
+//! Written by `writer`, through `waiting` (memory) and `part` (a file) with `sync`. Read by `reader`, through `samples` and
+//! `survey`. `version_1` reads older files.
 
 mod block;
+mod layout;
 mod listing;
+mod part;
 mod reader;
+mod samples;
 mod status;
+mod survey;
 mod sync;
+mod version_1;
+mod waiting;
 mod writer;
 
 #[cfg(test)]
 mod damage_tests;
+#[cfg(test)]
+mod disk_tests;
+#[cfg(test)]
+mod tests;
 
 use std::path::{Path, PathBuf};
 
-pub(crate) use listing::{RunListing, list};
-#[cfg(test)]
-pub(crate) use reader::GapCause;
-pub(crate) use reader::{CycleSpan, Gap, RunFile, Survey};
+use layout::FORMAT_VERSION;
+
+pub(crate) use listing::{RunListing, check, list};
+pub(crate) use reader::RunFile;
+pub(crate) use samples::{Gap, GapCause};
 pub(crate) use status::RunFileStatus;
+pub(crate) use survey::{CycleSpan, Survey};
 pub(crate) use writer::RunFileWriter;
 
 /// Extension of a run file, without the dot.
 pub(crate) const EXTENSION: &str = "leafrun";
-/// SQLite's application id of a run file: the letters `LEAF`.
-const APPLICATION_ID: i32 = 0x4C45_4146;
-/// Version of the tables and of the block layout.
-const FORMAT_VERSION: i32 = 1;
 
 /// Upper bound of the disk space of one sample in bytes: record, b-tree, and write-ahead log before it is merged.
 const BYTES_PER_SAMPLE_AT_MOST: f64 = 128.0;
 /// Upper bound of the disk space of a run without samples in bytes: tables, and the longest write-ahead log.
 const BYTES_OF_A_RUN_AT_MOST: f64 = 160e6;
 
-const SCHEMA: &str = "
-CREATE TABLE run (
-    id INTEGER PRIMARY KEY CHECK (id = 1),
-    header_json TEXT NOT NULL,
-    header_crc32 INTEGER NOT NULL,
-    first_tick INTEGER,
-    outcome_json TEXT,
-    outcome_crc32 INTEGER,
-    last_tick INTEGER,
-    block_count INTEGER
-);
-CREATE TABLE events (
-    seq INTEGER PRIMARY KEY,
-    tick INTEGER NOT NULL,
-    time_s REAL NOT NULL,
-    kind TEXT NOT NULL,
-    text TEXT NOT NULL
-);
-CREATE TABLE blocks (
-    seq INTEGER PRIMARY KEY,
-    first_tick INTEGER NOT NULL,
-    sample_count INTEGER NOT NULL,
-    crc32 INTEGER NOT NULL,
-    data BLOB NOT NULL
-);
-";
+/// Removes a run file that nobody needs, with its log and its reserve.
+pub(crate) fn remove(path: &Path) {
+    for ending in ["", "-wal", "-shm"] {
+        // A file that stays behind is closed as aborted at the next start of the daemon.
+        let _ = std::fs::remove_file(format!("{}{ending}", path.display()));
+    }
+    part::free_reserve(path);
+}
 
 /// Why a run file could not be written or read. `path` is the run file, unless the variant says otherwise.
 #[derive(Debug, thiserror::Error)]
@@ -99,6 +90,11 @@ pub(crate) enum RunFileError {
         part: &'static str,
         reason: String,
     },
+    /// Files are named after the run id, so it may not lead out of a folder.
+    #[error(
+        "{path}: its run id has other characters than letters, digits, dashes, points and underscores: do not use this file"
+    )]
+    RunId { path: PathBuf },
     /// Only a run that was left open can be closed as aborted.
     #[error("{path} is already closed: leave it as it is")]
     Closed { path: PathBuf },
@@ -124,6 +120,14 @@ impl RunFileError {
             doing,
             source,
         }
+    }
+}
+
+/// An error with all its causes in one line.
+fn chain(error: &dyn std::error::Error) -> String {
+    match error.source() {
+        Some(cause) => format!("{error}: {}", chain(cause)),
+        None => error.to_string(),
     }
 }
 
@@ -185,6 +189,7 @@ pub(crate) mod test_support {
             cycles_planned: 50,
             duration_planned_s: 60.0,
             remarks: vec!["no real-time rights".into()],
+            continues: String::new(),
         }
     }
 
@@ -218,6 +223,7 @@ pub(crate) mod test_support {
             lost: 0,
             late: 0,
             cycles_completed: (samples / 1000) as u32,
+            unsaved: None,
         }
     }
 }

@@ -1,21 +1,18 @@
-//! Writes the file of one run: a block of samples at least every 10 ms, so that a kill costs at most the last 20 ms. The
-//! layout of a block is in `block`; `sync` brings the data to the disk.
+//! Writes the samples of one run: a block at least every 10 ms, so that a kill costs at most the last 20 ms. `part` is the
+//! file, `waiting` keeps what is not yet known to be on the disk.
 //!
-//! The first write error is final for the file: it stays as it is, and the status has the cause and counts the samples that
-//! are not in the file.
+//! On a full disk the run goes on: samples wait in memory and the commit is tried again each second. After any other error
+//! the file is left as it is, and a second file beside it takes everything that is not known to be on the disk.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use rusqlite::{Connection, OpenFlags, params};
-
-use super::block::{self, RECORD_BYTES};
+use super::part::{Disk, FileSystem, Part, WriteError};
 use super::status::RunFileStatus;
-use super::sync::Syncer;
-use super::{APPLICATION_ID, FORMAT_VERSION, RunFileError, SCHEMA};
-use crate::recording::{Event, Header, Outcome, Recorder, Sample, atomic_file};
+use super::waiting::{ROOM_SAMPLES, Waiting};
+use super::{EXTENSION, RunFileError};
+use crate::recording::{Event, EventKind, Header, Outcome, Recorder, Sample};
 
 /// Number of samples in the largest block: a run in virtual time commits this many at once.
 const BLOCK_SAMPLES: usize = 2048;
@@ -23,57 +20,106 @@ const BLOCK_SAMPLES: usize = 2048;
 const COMMIT_PERIOD: Duration = Duration::from_millis(10);
 /// Number of samples between two looks at the clock, because reading it costs more than packing a sample.
 const SAMPLES_PER_CLOCK_LOOK: usize = 8;
+/// Time between two attempts to write to a disk that reported an error.
+const RETRY_PERIOD: Duration = Duration::from_secs(1);
+/// Time that an ended run waits for its disk. The operator has been warned since the first error.
+const WAIT_AT_END: Duration = Duration::from_secs(30);
+/// Attempts to close the file when there is no more time to wait: an error needs a new file, which may fail too.
+const ATTEMPTS_TO_CLOSE: u32 = 3;
+/// Step of that wait.
+const WAIT_STEP: Duration = Duration::from_millis(50);
 
-/// A [`Recorder`] that writes one run file.
+/// The time for the writer; a test has its own.
+pub(super) trait Clock: Send {
+    /// Time since any fixed moment.
+    fn now(&self) -> Duration;
+    /// Waits; only used after the end of the run.
+    fn sleep(&mut self, time: Duration);
+}
+
+/// The clock of this computer.
+struct HostClock(Instant);
+
+impl Clock for HostClock {
+    fn now(&self) -> Duration {
+        self.0.elapsed()
+    }
+
+    fn sleep(&mut self, time: Duration) {
+        std::thread::sleep(time);
+    }
+}
+
+/// A [`Recorder`] that writes one run.
 pub(crate) struct RunFileWriter {
+    disk: Box<dyn Disk>,
+    clock: Box<dyn Clock>,
+    /// Path of the first file.
     path: PathBuf,
-    /// `None` after a failure or the end.
-    database: Option<Connection>,
-    syncer: Option<Syncer>,
-    pending: Vec<Sample>,
-    events: Vec<Event>,
-    packed: Vec<u8>,
-    blocks: u64,
+    header: Header,
+    /// The file in use; `None` between a failed file and the next one, and after the end.
+    part: Option<Box<dyn Part>>,
+    /// Number of files that were made.
+    parts: u32,
+    waiting: Waiting,
+    trouble: Trouble,
     first_tick: Option<u64>,
     last_tick: Option<u64>,
-    last_commit: Instant,
-    /// Number of samples in the file.
-    saved: u64,
+    last_event_tick: u64,
+    last_commit: Duration,
+    /// Samples in the file in use, and the tick of the first of them.
+    in_part: u64,
+    part_first_tick: Option<u64>,
     status: Arc<RunFileStatus>,
+}
+
+/// What is wrong with the disk.
+#[derive(Debug, Default)]
+struct Trouble {
+    /// The error under way; empty if the last commit succeeded.
+    cause: String,
+    /// The last error, also after it was overcome.
+    last_cause: String,
+    /// No attempt before this time.
+    retry_at: Option<Duration>,
+    /// Files that failed, as a sentence that stays; empty if there is one file.
+    split: String,
 }
 
 impl RunFileWriter {
     /// Makes the file with its header and syncs it, so that a disk that cannot be written is found before the run.
     pub(crate) fn create(path: &Path, header: &Header) -> Result<RunFileWriter, RunFileError> {
-        if path.exists() {
-            return Err(RunFileError::Exists {
-                path: path.to_owned(),
-            });
-        }
-        let database = create_database(path, header)
-            .map_err(|source| RunFileError::database(path, "making the run file", source))?;
-        let io = |doing| {
-            move |source| RunFileError::Io {
-                path: path.to_owned(),
-                doing,
-                source,
-            }
-        };
-        atomic_file::sync_folder(path).map_err(io("syncing the folder of"))?;
-        let syncer = Syncer::spawn(path).map_err(io("starting the sync thread of"))?;
+        let clock = Box::new(HostClock(Instant::now()));
+        Self::create_on(Box::new(FileSystem), clock, path, header, ROOM_SAMPLES)
+    }
+
+    /// The same on a disk and with a clock of a test.
+    pub(super) fn create_on(
+        mut disk: Box<dyn Disk>,
+        clock: Box<dyn Clock>,
+        path: &Path,
+        header: &Header,
+        room: usize,
+    ) -> Result<RunFileWriter, RunFileError> {
+        let part = disk.make(path, header, None)?;
+        let status = RunFileStatus::default();
+        status.add_path(path);
         Ok(RunFileWriter {
             path: path.to_owned(),
-            database: Some(database),
-            syncer: Some(syncer),
-            pending: Vec::with_capacity(BLOCK_SAMPLES),
-            events: Vec::new(),
-            packed: Vec::with_capacity(BLOCK_SAMPLES * RECORD_BYTES),
-            blocks: 0,
+            header: header.clone(),
+            part: Some(part),
+            parts: 1,
+            waiting: Waiting::with_room(room),
+            trouble: Trouble::default(),
             first_tick: None,
             last_tick: None,
-            last_commit: Instant::now(),
-            saved: 0,
-            status: Arc::default(),
+            last_event_tick: 0,
+            last_commit: clock.now(),
+            in_part: 0,
+            part_first_tick: None,
+            status: Arc::new(status),
+            disk,
+            clock,
         })
     }
 
@@ -82,182 +128,313 @@ impl RunFileWriter {
         self.status.clone()
     }
 
-    /// Commits what is pending; a failure is final.
+    /// Writes what waits, as far as the disk takes it.
     fn commit(&mut self) {
-        self.last_commit = Instant::now();
-        if self.pending.is_empty() && self.events.is_empty() {
+        self.last_commit = self.clock.now();
+        if self.trouble.retry_at.is_some_and(|at| self.last_commit < at) {
             return;
         }
-        if self.syncer.as_ref().is_some_and(Syncer::failed) {
-            return self.fail("syncing the run file to the disk failed".into());
+        self.trouble.retry_at = None;
+        let mut result = self.note_synced();
+        while result.is_ok() && !self.waiting.is_committed() {
+            result = self.commit_block();
         }
-        match self.try_commit() {
-            Ok(()) => {
-                self.saved += self.pending.len() as u64;
-                self.pending.clear();
-                self.events.clear();
-                self.finish_checkpoint_if_requested();
-            }
-            Err(error) => self.fail(error.to_string()),
+        // In virtual time a run is faster than the sync thread. In real time this waits only for a disk that stalls.
+        if result.is_ok() && self.waiting.committed() > ROOM_SAMPLES / 2 {
+            result = self.sync();
+        }
+        match result {
+            Ok(()) => self.note_recovery(),
+            Err(error) => self.note_error(error),
         }
     }
 
-    fn try_commit(&mut self) -> rusqlite::Result<()> {
-        let Some(database) = self.database.as_mut() else {
-            return Ok(());
+    fn commit_block(&mut self) -> Result<(), WriteError> {
+        let part = match &mut self.part {
+            Some(part) => part,
+            None => {
+                let part = self.next_part()?;
+                self.part.insert(part)
+            }
         };
-        let transaction = database.transaction()?;
-        let mut blocks = self.blocks;
-        let mut rest = self.pending.as_slice();
-        while let Some(first) = rest.first() {
-            // A block's ticks are 32-bit offsets; only a gap of seven weeks splits one.
-            let fits = rest
-                .iter()
-                .position(|s| s.tick - first.tick > u64::from(u32::MAX))
-                .unwrap_or(rest.len());
-            let (now, later) = rest.split_at(fits);
-            self.packed.clear();
-            for sample in now {
-                block::pack(sample, first.tick, &mut self.packed);
-            }
-            blocks += 1;
-            if blocks == 1 {
-                transaction.execute("UPDATE run SET first_tick = ?1", [first.tick as i64])?;
-            }
-            let crc32 = block::block_crc32(blocks, first.tick, now.len() as u64, &self.packed);
-            transaction
-                .prepare_cached("INSERT INTO blocks VALUES (?1, ?2, ?3, ?4, ?5)")?
-                .execute(params![
-                    blocks as i64,
-                    first.tick as i64,
-                    now.len() as i64,
-                    crc32,
-                    self.packed
-                ])?;
-            rest = later;
-        }
-        for event in &self.events {
-            let kind = serde_json::to_value(event.kind).unwrap_or_default();
-            transaction
-                .prepare_cached("INSERT INTO events (tick, time_s, kind, text) VALUES (?1, ?2, ?3, ?4)")?
-                .execute(params![
-                    event.tick as i64,
-                    event.time_s,
-                    kind.as_str().unwrap_or_default(),
-                    event.text
-                ])?;
-        }
-        transaction.commit()?;
-        self.blocks = blocks;
+        let (samples, events) = self.waiting.next_commit(BLOCK_SAMPLES);
+        part.commit(samples, events)?;
+        self.in_part += samples.len() as u64;
+        self.part_first_tick = self.part_first_tick.or(samples.first().map(|s| s.tick));
+        self.waiting.commit_done(BLOCK_SAMPLES);
         Ok(())
     }
 
-    /// The sync thread has copied most of a long log; the few frames since then are copied here, between two commits.
-    fn finish_checkpoint_if_requested(&mut self) {
-        let (Some(database), Some(syncer)) = (&self.database, &self.syncer) else {
-            return;
-        };
-        if syncer.take_finish_request() {
-            // A reader of the live run can prevent this. The log then grows and the thread requests it again.
-            let _ = database.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |_| Ok(()));
+    /// Makes the file that continues a failed one.
+    fn next_part(&mut self) -> Result<Box<dyn Part>, WriteError> {
+        let number = self.parts + 1;
+        let mut header = self.header.clone();
+        header.run_id = format!("{}-{number}", self.header.run_id);
+        header.continues.clone_from(&self.part_id(self.parts));
+        let path = self.part_path(number);
+        let part = self.disk.make(&path, &header, self.first_tick).map_err(|error| {
+            let text = super::chain(&error);
+            WriteError::Failed(text)
+        })?;
+        self.parts = number;
+        self.in_part = 0;
+        self.part_first_tick = None;
+        self.status.add_path(&path);
+        Ok(part)
+    }
+
+    /// Run id of one of the files, from 1.
+    fn part_id(&self, number: u32) -> String {
+        match number {
+            1 => self.header.run_id.clone(),
+            _ => format!("{}-{number}", self.header.run_id),
         }
     }
 
-    /// Closes the file as it is. From here on samples are only counted.
-    fn fail(&mut self, cause: String) {
-        tracing::error!(path = %self.path.display(), cause, "the run file failed: the samples from here on are not saved");
-        // Only the first cause is kept: later ones follow from it.
-        let _ = self.status.failure.set(cause);
-        self.syncer = None;
-        self.database = None;
-        self.events.clear();
-        self.drop_pending();
+    fn part_path(&self, number: u32) -> PathBuf {
+        let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
+        match number {
+            1 => self.path.clone(),
+            _ => self.path.with_file_name(format!("{stem}-{number}.{EXTENSION}")),
+        }
     }
 
-    fn drop_pending(&mut self) {
-        let dropped = self.pending.drain(..).count() as u64;
-        self.status.unsaved.fetch_add(dropped, Ordering::Relaxed);
-    }
-
-    /// Writes the outcome, merges the log, leaves one file and syncs it.
-    fn close(&mut self, outcome: &Outcome) -> Result<(), String> {
-        self.syncer = None;
-        let Some(database) = self.database.take() else {
+    /// Takes note of the commits that the sync thread has brought to the disk.
+    fn note_synced(&mut self) -> Result<(), WriteError> {
+        let Some(part) = &mut self.part else {
             return Ok(());
         };
-        let last = self.last_tick.map(|tick| tick as i64);
-        write_outcome(&database, outcome, last, self.blocks)
-            .and_then(|()| merge_log(&database))
-            .map_err(|error| error.to_string())?;
-        database.close().map_err(|(_, error)| error.to_string())?;
-        atomic_file::sync_folder(&self.path).map_err(|error| error.to_string())
+        let commits = part.synced()?;
+        self.status.settle(self.waiting.synced_up_to(commits));
+        Ok(())
     }
 
-    /// The outcome with the counts of this file: samples + lost = ticks from the first to the last sample.
+    /// Waits until everything in the file is on the disk.
+    fn sync(&mut self) -> Result<(), WriteError> {
+        if let Some(part) = &mut self.part {
+            part.sync()?;
+        }
+        self.settle_all();
+        Ok(())
+    }
+
+    /// Everything in the file is on the disk.
+    fn settle_all(&mut self) {
+        let committed = self.waiting.committed() as u64;
+        self.waiting.all_synced();
+        self.status.settle(committed);
+    }
+
+    fn note_error(&mut self, error: WriteError) {
+        let first = self.trouble.cause.is_empty();
+        let path = self.part_path(self.parts);
+        let (path, mut next) = (path.display(), None);
+        self.trouble.cause = match error {
+            WriteError::Full(_) => format!("the disk of {path} is full"),
+            WriteError::Busy(_) => format!("another program has locked {path}"),
+            WriteError::Failed(cause) if self.part.is_some() => {
+                next = Some(self.part_path(self.parts + 1));
+                format!("writing {path} failed ({cause})")
+            }
+            WriteError::Failed(cause) => {
+                format!("no file can be made after an error of {path} ({cause})")
+            }
+        };
+        self.trouble.last_cause.clone_from(&self.trouble.cause);
+        let cause = &self.trouble.cause;
+        tracing::error!("{cause}");
+        self.trouble.retry_at = Some(self.clock.now() + RETRY_PERIOD);
+        if let Some(next) = next {
+            // The new file is tried at once: each error is final for its file, so this ends.
+            self.trouble.retry_at = None;
+            self.trouble.split = format!(
+                "{cause}: the recording continues in {}, keep all of its files",
+                next.display()
+            );
+            let text = self.trouble.split.clone();
+            self.part = None;
+            self.waiting.take_back();
+            self.note_event(text);
+        } else if first {
+            let text = format!("{cause}: samples wait in memory");
+            self.note_event(text);
+        }
+        self.tell();
+    }
+
+    /// The last commit succeeded: ends the alarm of an error before it.
+    fn note_recovery(&mut self) {
+        if self.trouble.cause.is_empty() {
+            return;
+        }
+        let cause = std::mem::take(&mut self.trouble.cause);
+        tracing::info!("the disk can be written again");
+        let missing = match self.waiting.dropped() {
+            0 => "no sample is missing".to_owned(),
+            dropped => format!("{dropped} samples found no room in memory and are not saved"),
+        };
+        self.note_event(format!(
+            "the disk can be written again after \"{cause}\": {missing}"
+        ));
+        self.tell();
+    }
+
+    /// Brings the problem in words up to date.
+    fn tell(&self) {
+        let cause = &self.trouble.cause;
+        let waits = match cause.is_empty() {
+            true => String::new(),
+            false => format!(
+                "{cause}: samples wait in memory, which has room for {:.0} s, and the disk is tried again every second: free \
+                 space on it or stop the run",
+                self.waiting.room() as f64 / self.header.sample_rate_hz
+            ),
+        };
+        let sentences = [self.trouble.split.clone(), waits];
+        let sentences: Vec<String> = sentences.into_iter().filter(|s| !s.is_empty()).collect();
+        self.status.set_problem(sentences.join("; "));
+    }
+
+    /// Adds an event of the writer itself to the recording.
+    fn note_event(&mut self, text: String) {
+        let tick = self.last_tick.unwrap_or(self.last_event_tick);
+        let event = Event {
+            tick,
+            time_s: self.time_s(tick),
+            kind: EventKind::Host,
+            text,
+        };
+        self.take_event(event);
+    }
+
+    /// Events stay in order: after a restart of the rig its ticks begin again at 0.
+    fn take_event(&mut self, mut event: Event) {
+        if event.tick < self.last_event_tick {
+            event.tick = self.last_event_tick.max(self.last_tick.unwrap_or(0));
+            event.time_s = self.time_s(event.tick);
+        }
+        self.last_event_tick = event.tick;
+        self.waiting.push_event(event);
+    }
+
+    fn time_s(&self, tick: u64) -> f64 {
+        let zero_tick = self.first_tick.unwrap_or(tick);
+        (tick as f64 - zero_tick as f64) / self.header.sample_rate_hz
+    }
+
+    /// The outcome with the counts of the file in use: samples + lost + unsaved = ticks from its first to its last sample.
     fn with_own_counts(&self, outcome: &Outcome) -> Outcome {
-        let samples = self.saved;
-        let span = match (self.first_tick, self.last_tick) {
+        let unsaved = self.waiting.unsaved(&self.trouble.last_cause);
+        let first = [self.part_first_tick, unsaved.as_ref().map(|u| u.from_tick)];
+        let span = match (first.into_iter().flatten().min(), self.last_tick) {
             (Some(first), Some(last)) => last - first + 1,
             _ => 0,
         };
+        let not_lost = self.in_part + unsaved.as_ref().map_or(0, |u| u.samples);
         Outcome {
-            samples,
-            lost: span.saturating_sub(samples),
+            samples: self.in_part,
+            lost: span.saturating_sub(not_lost),
+            unsaved,
             ..outcome.clone()
         }
     }
 
-    #[cfg(test)]
-    pub(super) fn limit_pages(&mut self, pages: u32) {
-        if let Some(database) = &self.database {
-            let set = database.query_row(&format!("PRAGMA max_page_count = {pages}"), [], |_| Ok(()));
-            set.expect("the pragma takes any number");
+    /// Writes the outcome into the file in use and syncs it.
+    fn close(&mut self, outcome: &Outcome) -> Result<(), WriteError> {
+        let mut part = match self.part.take() {
+            Some(part) => part,
+            None => self.next_part()?,
+        };
+        let counted = self.with_own_counts(outcome);
+        let closed = part.close(&counted);
+        if closed.is_err() {
+            self.part = Some(part);
+        } else {
+            self.settle_all();
         }
+        closed
+    }
+
+    /// Brings the rest to the disk and closes the file. Waits for a disk that cannot be written, unless it is asked not to.
+    fn finish(&mut self, outcome: &Outcome) {
+        let deadline = self.clock.now() + WAIT_AT_END;
+        self.trouble.retry_at = None;
+        let mut last_attempts = 0;
+        while last_attempts < ATTEMPTS_TO_CLOSE {
+            let waits = self.clock.now() < deadline && !self.status.is_given_up();
+            if !waits {
+                last_attempts += 1;
+                self.trouble.retry_at = None;
+            }
+            self.commit();
+            let due = self.trouble.retry_at.is_none() && self.waiting.is_committed();
+            if due || !waits {
+                match self.close(outcome) {
+                    Ok(()) => break,
+                    Err(error) => self.note_error(error),
+                }
+            }
+            if waits {
+                self.clock.sleep(WAIT_STEP);
+            }
+        }
+        self.part = None;
+        self.tell_end();
+    }
+
+    /// Ends the watch over the disk, and puts into words what is missing for good.
+    fn tell_end(&self) {
+        let unsaved = self.waiting.unsaved(&self.trouble.last_cause);
+        self.status
+            .set_not_saved(unsaved.as_ref().map_or(0, |u| u.samples));
+        let missing = unsaved.map(|u| u.text(self.first_tick.unwrap_or(0), self.header.sample_rate_hz));
+        let missing = missing.map(|text| format!("{text}: free space on the disk and repeat the test"));
+        let sentences = [Some(self.trouble.split.clone()), missing];
+        let sentences: Vec<String> = sentences
+            .into_iter()
+            .flatten()
+            .filter(|s| !s.is_empty())
+            .collect();
+        self.status.set_problem(sentences.join("; "));
+        self.status.set_over();
     }
 }
 
 impl Recorder for RunFileWriter {
     /// Writes the header again: a tare since `create` has changed it.
     fn begin(&mut self, header: &Header) {
-        if let Some(database) = &self.database
-            && let Err(error) = write_header(database, header)
+        self.header = header.clone();
+        if let Some(part) = &mut self.part
+            && let Err(error) = part.rewrite_header(header)
         {
-            self.fail(error.to_string());
+            // A full disk here would leave the header before the tare, so the next file has the right one.
+            let (WriteError::Failed(cause) | WriteError::Full(cause) | WriteError::Busy(cause)) = error;
+            self.note_error(WriteError::Failed(cause));
         }
     }
 
     fn sample(&mut self, sample: &Sample) {
         if self.last_tick.is_some_and(|last| sample.tick <= last) {
-            return;
+            return self.status.settle(1);
         }
         self.first_tick.get_or_insert(sample.tick);
         self.last_tick = Some(sample.tick);
-        self.pending.push(*sample);
-        if self.database.is_none() {
-            return self.drop_pending();
-        }
-        let pending = self.pending.len();
-        let look = pending.is_multiple_of(SAMPLES_PER_CLOCK_LOOK);
-        if pending >= BLOCK_SAMPLES || (look && self.last_commit.elapsed() >= COMMIT_PERIOD) {
+        self.waiting.push(sample);
+        let waiting = self.waiting.uncommitted();
+        let look = waiting.is_multiple_of(SAMPLES_PER_CLOCK_LOOK);
+        if (waiting >= BLOCK_SAMPLES && self.trouble.retry_at.is_none())
+            || (look && self.clock.now().saturating_sub(self.last_commit) >= COMMIT_PERIOD)
+        {
             self.commit();
         }
     }
 
     fn event(&mut self, event: &Event) {
-        if self.database.is_some() {
-            self.events.push(event.clone());
-        }
+        self.take_event(event.clone());
     }
 
     fn end(&mut self, outcome: &Outcome) {
-        self.commit();
-        if self.database.is_none() {
-            return;
-        }
-        let outcome = self.with_own_counts(outcome);
-        if let Err(cause) = self.close(&outcome) {
-            self.fail(cause);
-        }
+        self.finish(outcome);
     }
 
     fn flush(&mut self) {
@@ -268,189 +445,9 @@ impl Recorder for RunFileWriter {
 impl Drop for RunFileWriter {
     /// A writer that is dropped without an end leaves an open run with all samples so far.
     fn drop(&mut self) {
-        self.commit();
-    }
-}
-
-/// Makes the tables under another name first: a kill in between leaves a file that is not listed as a run.
-fn create_database(path: &Path, header: &Header) -> rusqlite::Result<Connection> {
-    let unfinished = path.with_extension("making");
-    let _ = std::fs::remove_file(&unfinished);
-    make_tables(&unfinished, header)?;
-    std::fs::rename(&unfinished, path)
-        .map_err(|error| rusqlite::Error::ToSqlConversionFailure(Box::new(error)))?;
-    let database = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
-    // A commit goes to the log without an fsync. The log is merged only when the sync thread requests it.
-    database.query_row("PRAGMA journal_mode = WAL", [], |_| Ok(()))?;
-    database.pragma_update(None, "synchronous", "NORMAL")?;
-    database.query_row("PRAGMA wal_autocheckpoint = 0", [], |_| Ok(()))?;
-    database.busy_timeout(Duration::ZERO)?;
-    // The first write makes the log, which the sync thread opens by name.
-    database.execute("UPDATE run SET first_tick = NULL", [])?;
-    Ok(database)
-}
-
-fn make_tables(path: &Path, header: &Header) -> rusqlite::Result<()> {
-    let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_CREATE;
-    let database = Connection::open_with_flags(path, flags)?;
-    database.pragma_update(None, "application_id", APPLICATION_ID)?;
-    database.pragma_update(None, "user_version", FORMAT_VERSION)?;
-    database.execute_batch(&format!("BEGIN; {SCHEMA} COMMIT;"))?;
-    write_header(&database, header)?;
-    database.close().map_err(|(_, error)| error)
-}
-
-fn write_header(database: &Connection, header: &Header) -> rusqlite::Result<()> {
-    let json = to_json(header)?;
-    database.execute(
-        "INSERT INTO run (id, header_json, header_crc32) VALUES (1, ?1, ?2)
-         ON CONFLICT (id) DO UPDATE SET header_json = ?1, header_crc32 = ?2",
-        params![json, block::crc32(json.as_bytes())],
-    )?;
-    Ok(())
-}
-
-/// Writes the outcome, and the last tick and number of blocks, which the reader needs if the file is damaged.
-pub(super) fn write_outcome(
-    database: &Connection,
-    outcome: &Outcome,
-    last_tick: Option<i64>,
-    blocks: u64,
-) -> rusqlite::Result<()> {
-    let json = to_json(outcome)?;
-    database.execute(
-        "UPDATE run SET outcome_json = ?1, outcome_crc32 = ?2, last_tick = ?3, block_count = ?4",
-        params![json, block::crc32(json.as_bytes()), last_tick, blocks as i64],
-    )?;
-    Ok(())
-}
-
-/// Merges the write-ahead log into the file, so that one plain file is left, and syncs it.
-pub(super) fn merge_log(database: &Connection) -> rusqlite::Result<()> {
-    // The page of a live run may be reading at this moment.
-    database.busy_timeout(Duration::from_secs(2))?;
-    database.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |_| Ok(()))?;
-    match database.query_row("PRAGMA journal_mode = DELETE", [], |_| Ok(())) {
-        // Everything is in the file. A reader that has it open only keeps an empty log beside it.
-        Err(error) if error.sqlite_error_code() == Some(rusqlite::ErrorCode::DatabaseBusy) => Ok(()),
-        other => other,
-    }
-}
-
-fn to_json<T: serde::Serialize>(value: &T) -> rusqlite::Result<String> {
-    serde_json::to_string(value).map_err(|error| rusqlite::Error::ToSqlConversionFailure(Box::new(error)))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::test_support::{header, outcome, sample};
-    use super::super::{RunFile, check_space};
-    use super::*;
-    use crate::recording::EventKind;
-
-    fn event(tick: u64) -> Event {
-        Event {
-            tick,
-            time_s: tick as f64 / 1000.0,
-            kind: EventKind::Start,
-            text: "started".into(),
+        if self.part.is_some() {
+            self.commit();
         }
-    }
-
-    #[test]
-    fn a_run_comes_back_bit_for_bit_from_one_file() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.leafrun");
-        let mut writer = RunFileWriter::create(&path, &header()).unwrap();
-        writer.begin(&header());
-        writer.event(&event(0));
-        let samples: Vec<Sample> = (0..5000).filter(|tick| tick % 1700 != 7).map(sample).collect();
-        for s in &samples {
-            writer.sample(s);
-        }
-        writer.end(&outcome(1));
-        assert_eq!(
-            std::fs::read_dir(folder.path()).unwrap().count(),
-            1,
-            "no log beside the file"
-        );
-
-        let run = RunFile::open(&path).unwrap();
-        assert_eq!(run.header(), &header());
-        assert_eq!(run.events(), vec![event(0)]);
-        let ended = run.outcome().unwrap();
-        assert_eq!(
-            (ended.samples, ended.lost),
-            (4997, 3),
-            "ticks 7, 1707 and 3407 are missing"
-        );
-        let back: Vec<Sample> = run
-            .samples()
-            .map(|s| Sample {
-                flags: samples[0].flags,
-                ..s
-            })
-            .collect();
-        assert_eq!(back, samples);
-    }
-
-    #[test]
-    fn late_and_repeated_samples_are_not_stored() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.leafrun");
-        let mut writer = RunFileWriter::create(&path, &header()).unwrap();
-        for tick in [5, 6, 6, 4, 7] {
-            writer.sample(&sample(tick));
-        }
-        writer.end(&outcome(0));
-        let run = RunFile::open(&path).unwrap();
-        assert_eq!(run.samples().map(|s| s.tick).collect::<Vec<_>>(), [5, 6, 7]);
-    }
-
-    /// Fault K1: what is in the file stays, and every other sample is counted as not saved.
-    #[test]
-    fn a_full_disk_keeps_the_file_and_the_samples() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.leafrun");
-        let mut writer = RunFileWriter::create(&path, &header()).unwrap();
-        writer.limit_pages(60);
-        let status = writer.status();
-        for tick in 0..100_000 {
-            writer.sample(&sample(tick));
-        }
-        writer.end(&outcome(100_000));
-
-        let run = RunFile::open(&path).unwrap();
-        assert!(run.outcome().is_none(), "the run was not closed, so it is open");
-        let back: Vec<Sample> = run.samples().collect();
-        let saved = back.len() as u64;
-        assert!(saved > 0);
-        assert_eq!(back, (0..saved).map(sample).collect::<Vec<_>>());
-        assert_eq!(status.unsaved.load(Ordering::Relaxed), 100_000 - saved);
-        let problem = status.problem().unwrap();
-        assert!(
-            problem.ends_with(&format!("; {} samples are not in the file", 100_000 - saved)),
-            "{problem}"
-        );
-    }
-
-    #[test]
-    fn a_run_file_is_never_overwritten() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.leafrun");
-        std::fs::write(&path, "mine").unwrap();
-        assert!(matches!(
-            RunFileWriter::create(&path, &header()),
-            Err(RunFileError::Exists { .. })
-        ));
-        assert_eq!(std::fs::read(&path).unwrap(), b"mine");
-    }
-
-    #[test]
-    fn a_run_that_would_fill_the_disk_is_refused() {
-        let folder = tempfile::tempdir().unwrap();
-        // A million hours at 1 kHz are 460 TB: more than the disk of any test machine.
-        let refused = check_space(folder.path(), 3.6e9, 1000.0);
-        assert!(matches!(refused, Err(RunFileError::NoSpace { .. })));
+        self.status.set_over();
     }
 }
