@@ -76,7 +76,7 @@
 //! | 0 | units, regular_file |
 //! | 1 | recording, profile, protocol |
 //! | 2 | model, link, truth |
-//! | 3 | effect, control |
+//! | 3 | effect, control, conformance |
 //! | 4 | identify, mockrig, twin |
 //! | 5 | config, diagnose, papers |
 //! | 6 | daemon |
@@ -92,6 +92,7 @@
 mod blind;
 mod cli;
 mod config;
+mod conformance;
 mod control;
 mod daemon;
 mod diagnose;

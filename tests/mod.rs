@@ -28,6 +28,7 @@ mod model_mismatch;
 mod paper_benches;
 mod profiles;
 mod protocol;
+mod rig_check;
 mod run_files;
 mod run_next;
 mod serial;

@@ -14,7 +14,7 @@ use crate::protocol::serial_framing::{Decoder, PACKET_MAX, encode};
 
 const NODE: u8 = 5;
 /// Far beyond what a loaded machine needs; only a lost frame waits this long.
-const PATIENCE: Duration = Duration::from_secs(20);
+const PATIENCE: Duration = Duration::from_secs(120);
 
 fn address(terminal: &Terminal) -> String {
     format!("serial:{}", terminal.port)

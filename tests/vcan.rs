@@ -11,7 +11,7 @@ use socketcan::{CanFrame, CanRemoteFrame, CanSocket, EmbeddedFrame, ExtendedId, 
 
 const NODE: u8 = 5;
 /// Longest wait for a frame: far longer than a busy virtual machine needs.
-const PATIENCE: Duration = Duration::from_secs(20);
+const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Whether `vcan0` exists; if not, the caller returns.
 fn vcan0(test: &str) -> bool {

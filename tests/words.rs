@@ -4,6 +4,7 @@
 //! which would leave an older program there); read the difference before the commit. Numbers of the reports are `#`, so that only words are compared.
 
 use std::fmt::Write as _;
+use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 
 use super::support::{config, leafbench};
@@ -19,13 +20,20 @@ fn compare(name: &str, text: &str) {
     settings.bind(|| insta::assert_snapshot!(name, text));
 }
 
-/// What the program says on stdout and stderr, with the exit code. `DIR` stands for `folder` in arguments and answer.
+/// What the program says on stdout and stderr, with the exit code. In arguments and answer, `DIR` stands for `folder` and
+/// `PORT` for a port that another program has.
 fn said(arguments: &[&str], folder: &Path) -> (i32, String, String) {
     let folder = folder.to_str().expect("UTF-8");
-    let arguments: Vec<String> = arguments.iter().map(|a| a.replace("DIR", folder)).collect();
+    let taken = TcpListener::bind("127.0.0.1:0").expect("a free port");
+    let address = taken.local_addr().expect("an address").to_string();
+    let filled_in = |a: &&str| a.replace("DIR", folder).replace("127.0.0.1:PORT", &address);
+    let arguments: Vec<String> = arguments.iter().map(filled_in).collect();
     let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let output = leafbench(&arguments).output().expect("the program starts");
-    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).replace(folder, "DIR");
+    let text = |bytes: &[u8]| {
+        let text = String::from_utf8_lossy(bytes);
+        text.replace(folder, "DIR").replace(&address, "127.0.0.1:PORT")
+    };
     let code = output.status.code().expect("no signal ended it");
     (code, text(&output.stdout), text(&output.stderr))
 }
@@ -56,7 +64,9 @@ const BAD_ROWS: [(&str, usize, &str); 6] = [
     ("time-falls.csv", 5, "0.01,4.02,1.5"),
 ];
 /// A bench with one line changed: name of the file, the key, the new line.
-const BAD_BENCHES: [(&str, &str, &str); 4] = [
+const BAD_BENCHES: [(&str, &str, &str); 6] = [
+    ("bench-mock.toml", "seed", "sed = 1"),
+    ("bench-sign.toml", "sign", "sign = -1"),
     ("bench-key.toml", "force_max_n", "force_maximum_n = 3500.0"),
     ("bench-limit.toml", "force_max_n", "force_max_n = 3500000.0"),
     ("bench-address.toml", "address", "address = \"usb:0\""),
@@ -89,12 +99,13 @@ const BAD_TEXTS: [(&str, &str); 7] = [
     ),
 ];
 /// What a technician does wrong. `DIR` is the folder with the files above.
-const MISTAKES: [&[&str]; 36] = [
+const MISTAKES: [&[&str]; 41] = [
     &["fly"],
     &["run"],
     &["run", "static-ramp", "--data", "DIR/data"],
     &["status", "--data", "DIR/data"],
     &["daemon", "--listen", "0.0.0.0:80", "--data", "DIR/data"],
+    &["daemon", "--listen", "127.0.0.1:PORT", "--data", "DIR/daemon"],
     &["mock-rig", "--link", "serial:DIR/no-such-port"],
     &["mock-rig", "--link", "can:can7"],
     &["export", "latest", "--data", "DIR/data"],
@@ -108,6 +119,9 @@ const MISTAKES: [&[&str]; 36] = [
     &["plan", "static-ramp", "--bench", "DIR/bench-limit.toml"],
     &["plan", "static-ramp", "--bench", "DIR/bench-address.toml"],
     &["plan", "static-ramp", "--bench", "DIR/bench-unit.toml"],
+    &["plan", "static-ramp", "--bench", "DIR/bench-sign.toml"],
+    &["plan", "static-ramp", "--bench", "DIR/bench-mock.toml"],
+    &["plan", "static-ramp", "--bench", "/dev/zero"],
     &["simulate", "static-ramp-12s", "--out", "DIR/no-such-folder/a.csv"],
     &["identify", "--model", "equivalent"],
     &["identify", "DIR/good.csv"],
@@ -129,6 +143,7 @@ const MISTAKES: [&[&str]; 36] = [
         "DIR/good.csv",
     ],
     &["diagnose", "DIR/no-such-recording.csv"],
+    &["diagnose", "DIR/pipe.csv"],
     &["diagnose", "DIR/empty.csv"],
     &["diagnose", "DIR/short.csv"],
     &["diagnose", "DIR/metres.csv"],
@@ -165,6 +180,7 @@ fn write_mistakes(folder: &Path) {
     let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).expect("written");
     let good = loops(600, 1.0, 1.0);
     write("good.csv", &good);
+    nix::unistd::mkfifo(&folder.join("pipe.csv"), nix::sys::stat::Mode::S_IRWXU).expect("made");
     write("short.csv", &loops(10, 1.0, 1.0));
     write("metres.csv", &loops(600, 1e-3, 1.0));
     write("kilonewtons.csv", &loops(600, 1.0, 1e-3));

@@ -16,6 +16,7 @@ mod papers;
 mod plan;
 mod reset;
 mod resume;
+mod rig_check;
 mod run;
 mod runs;
 mod shared;
@@ -94,6 +95,7 @@ static COMMANDS: &[CommandEntry] = &[
     CommandEntry::of::<identify::IdentifyArgs>(),
     CommandEntry::of::<papers::PapersArgs>(),
     CommandEntry::of::<mock_rig::MockRigArgs>(),
+    CommandEntry::of::<rig_check::RigCheckArgs>(),
     CommandEntry::of::<diagnose::DiagnoseArgs>(),
     CommandEntry::of::<blind::BlindArgs>(),
     CommandEntry::of::<demo::DemoArgs>(),

@@ -42,6 +42,10 @@ impl Bench {
             ack_timeout_ms: ACK_TIMEOUT_MS.max(self.link.silence_ms),
             detectors: DetectorLimits {
                 silence_ms: self.link.silence_ms,
+                // A bench that allows the samples a longer silence allows it the status too.
+                status_silence_ms: DetectorLimits::default()
+                    .status_silence_ms
+                    .max(self.link.silence_ms),
                 ..DetectorLimits::default()
             },
             tare_limit_n: self.limits.tare_max_n,

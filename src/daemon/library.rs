@@ -12,8 +12,12 @@ use crate::regular_file::{self, WRITTEN_MAX_BYTES};
 pub(crate) enum LibraryError {
     #[error("the profiles folder {path} cannot be read: give the right folder with --profiles")]
     Folder { path: PathBuf, source: std::io::Error },
-    #[error("profile {path} cannot be read: check the name and the permissions of the file")]
-    File { path: PathBuf, source: std::io::Error },
+    #[error("profile {path} cannot be read ({reason}): check the name and the permissions of the file")]
+    File {
+        path: PathBuf,
+        /// What the operating system says, or what the path leads to.
+        reason: String,
+    },
     /// The folder has no profile with this name.
     #[error("there is no profile \"{name}\": choose one of {known}")]
     Unknown {
@@ -92,9 +96,9 @@ fn name_of(path: &Path) -> &str {
 
 /// Reads one profile file. Returns the profile and the text of the file.
 pub(crate) fn read(path: &Path) -> Result<(Profile, String), LibraryError> {
-    let text = regular_file::read_text(path, WRITTEN_MAX_BYTES).map_err(|source| LibraryError::File {
+    let text = regular_file::read_text(path, WRITTEN_MAX_BYTES).map_err(|error| LibraryError::File {
         path: path.to_owned(),
-        source,
+        reason: error.to_string(),
     })?;
     Ok((Profile::from_toml(&text, &path.display().to_string())?, text))
 }

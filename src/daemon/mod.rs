@@ -87,7 +87,7 @@ const CONTROL_AT_EXIT: Duration = Duration::from_secs(1);
 /// frame and opens no link.
 pub(crate) struct Daemon {
     settings: DaemonSettings,
-    /// Released last.
+    /// The claims on data folder and link, released last.
     lock: DaemonLock,
     endpoint: EndpointFile,
     listener: TcpListener,

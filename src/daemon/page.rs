@@ -50,4 +50,16 @@ mod tests {
             );
         }
     }
+
+    #[test]
+    fn the_stop_button_is_enabled_in_every_phase() {
+        let script = include_str!("page/page.js");
+        assert!(script.contains("$(\"stop\").disabled = !status;"));
+        assert_eq!(
+            script.matches("\"stop\"").count(),
+            2,
+            "set in one place, pressed in one"
+        );
+        assert!(script.contains("press(\"stop\", () => ask(\"api/stop\""));
+    }
 }

@@ -42,10 +42,16 @@ async fn start_claimed(
         .await
         .map_err(|_| ApiError::internal("preparing the run failed"))??;
     let _turn = state.starts.turn().await;
-    if let Err(withdrawn) = claim.wanted().check() {
+    // The rig may have tripped in the meantime.
+    let refusal = claim
+        .wanted()
+        .check()
+        .err()
+        .or_else(|| busy(&state.control.status().0));
+    if let Some(refusal) = refusal {
         // Waits for the recording thread, also if this task no longer does.
         let _ = tokio::task::spawn_blocking(move || prepared.discard()).await;
-        return Err(withdrawn);
+        return Err(refusal);
     }
     begin(&state, prepared).await
 }

@@ -32,7 +32,7 @@ const UNREAD_MS: u32 = 10_000;
 /// Limits of the HTTP interface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct ServerLimits {
-    /// Most connections.
+    /// Most connections that are open at one time.
     pub connections: usize,
     /// Further connections on which only a stop is answered.
     pub reserve: usize,

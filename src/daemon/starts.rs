@@ -10,12 +10,12 @@ use super::wanted::{Wanted, Withdrawal};
 /// The run that is being prepared, if there is one. Clones share it.
 #[derive(Clone, Default)]
 pub(super) struct Starts {
-    pending: Arc<Mutex<Pending>>,
+    pending: Arc<Mutex<PendingStart>>,
     turn: Arc<tokio::sync::Mutex<()>>,
 }
 
 #[derive(Default)]
-struct Pending {
+struct PendingStart {
     start: Option<Wanted>,
     /// Set when the daemon ends: no further start is taken.
     ends: Option<Withdrawal>,
@@ -28,7 +28,7 @@ pub(super) struct StartClaim {
 }
 
 impl Starts {
-    fn lock(&self) -> MutexGuard<'_, Pending> {
+    fn lock(&self) -> MutexGuard<'_, PendingStart> {
         self.pending.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -103,7 +103,7 @@ mod tests {
     #[test]
     fn one_run_at_a_time_is_prepared() {
         let starts = Starts::default();
-        let first = starts.claim().ok().expect("free");
+        let first = starts.claim().expect("free");
         assert!(starts.is_pending() && starts.claim().is_err());
         drop(first);
         assert!(!starts.is_pending() && starts.claim().is_ok());
@@ -113,7 +113,7 @@ mod tests {
     fn a_stop_withdraws_the_start_for_good_and_spares_the_next_one() {
         let starts = Starts::default();
         assert!(!starts.withdraw(stopped()), "nothing is prepared");
-        let first = starts.claim().ok().expect("free");
+        let first = starts.claim().expect("free");
         assert!(starts.withdraw(stopped()));
         drop(first.wanted().while_client_waits());
         assert_eq!(
@@ -122,14 +122,14 @@ mod tests {
             "the first reason stays"
         );
         drop(first);
-        let next = starts.claim().ok().expect("free");
+        let next = starts.claim().expect("free");
         assert!(next.wanted().check().is_ok());
     }
 
     #[test]
     fn a_daemon_that_ends_takes_no_further_start() {
         let starts = Starts::default();
-        let first = starts.claim().ok().expect("free");
+        let first = starts.claim().expect("free");
         starts.end(Withdrawal::DaemonEnds("SIGTERM".to_owned()));
         assert!(first.wanted().check().is_err());
         drop(first);

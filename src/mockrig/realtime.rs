@@ -9,7 +9,7 @@ use nix::time::{ClockId, ClockNanosleepFlags, clock_gettime, clock_nanosleep};
 use super::MockRig;
 use crate::link::Link;
 use crate::protocol::tick;
-use crate::units::NS_PER_S;
+use crate::units::{NS_PER_MS, NS_PER_S};
 
 /// Period of the firmware's loop in ns.
 const TICK_NS: i64 = tick::TICK_NS as i64;
@@ -20,7 +20,7 @@ const SECOND_NS: i64 = NS_PER_S as i64;
 pub(crate) struct Punctuality {
     /// Number of ticks.
     pub ticks: u64,
-    /// Ticks that began more than one period after their deadline.
+    /// Wakes more than one period after their deadline.
     pub late_ticks: u64,
     /// Largest delay of a tick in ns.
     pub worst_ns: u64,
@@ -28,34 +28,71 @@ pub(crate) struct Punctuality {
     pub stalls: u64,
 }
 
-/// Largest delay that is caught up tick by tick. After a longer one the ticks go on from there: a burst of ticks would leave
-/// the host no time to answer, and a real rig does not tick in bursts either.
-const CATCH_UP_NS: i64 = 3 * TICK_NS;
+/// Largest delay that is made up. After a longer one, which is a fault to every host, the ticks go on from there.
+const CATCH_UP_NS: i64 = 500 * NS_PER_MS as i64;
+/// Ticks in one period while a delay is made up. A burst would leave the host no time to answer, and a real rig does not
+/// tick in bursts either; a clock that stays behind would make every later sample late.
+const CATCH_UP_TICKS: u32 = 2;
+
+/// When the rig wakes up, and how many ticks it then makes.
+struct Schedule {
+    /// When the next tick is due, ns.
+    due_ns: i64,
+    /// When the rig last woke up, ns.
+    woke_ns: i64,
+    punctuality: Punctuality,
+}
+
+impl Schedule {
+    fn new(now_ns: i64) -> Self {
+        Schedule {
+            due_ns: now_ns + TICK_NS,
+            woke_ns: now_ns,
+            punctuality: Punctuality::default(),
+        }
+    }
+
+    /// Time of the next wake: at least one period after the one before.
+    fn next_ns(&self) -> i64 {
+        self.due_ns.max(self.woke_ns + TICK_NS)
+    }
+
+    /// Number of ticks to make now.
+    fn wake(&mut self, now_ns: i64) -> u32 {
+        let late_ns = (now_ns - self.due_ns).max(0);
+        self.woke_ns = now_ns;
+        let punctuality = &mut self.punctuality;
+        punctuality.worst_ns = punctuality.worst_ns.max(late_ns as u64);
+        punctuality.late_ticks += u64::from(late_ns > TICK_NS);
+        let ticks = if late_ns > CATCH_UP_NS {
+            punctuality.stalls += 1;
+            self.due_ns += late_ns;
+            1
+        } else if late_ns >= TICK_NS {
+            CATCH_UP_TICKS
+        } else {
+            1
+        };
+        punctuality.ticks += u64::from(ticks);
+        self.due_ns += i64::from(ticks) * TICK_NS;
+        ticks
+    }
+}
 
 impl MockRig {
-    /// Ticks in real time until `stop` is set or the other end is closed. Each tick has an absolute deadline. No tick is skipped;
-    /// after a stall the rig's clock is behind the host's by the length of the stall.
+    /// Ticks in real time until `stop` is set or the other end is closed. Each tick has an absolute deadline. No tick is
+    /// skipped; after a stall that is too long to make up, the rig's clock is behind the host's by the length of the stall.
     pub(crate) fn run_realtime(mut self, mut link: Link, stop: &AtomicBool) -> Result<Punctuality, Errno> {
-        let mut punctuality = Punctuality::default();
-        let mut due_ns = now_ns()?;
+        let mut schedule = Schedule::new(now_ns()?);
         while !stop.load(Ordering::Relaxed) && link.health.is_open() {
-            due_ns += TICK_NS;
-            let late_ns = now_ns()? - due_ns;
-            if late_ns < 0 {
-                sleep_until(due_ns)?;
+            sleep_until(schedule.next_ns())?;
+            let woke_ns = now_ns()?;
+            for _ in 0..schedule.wake(woke_ns) {
+                self.tick(&mut link);
             }
-            let late_ns = (now_ns()? - due_ns).max(0);
-            punctuality.worst_ns = punctuality.worst_ns.max(late_ns as u64);
-            punctuality.late_ticks += u64::from(late_ns > TICK_NS);
-            punctuality.ticks += 1;
-            if late_ns > CATCH_UP_NS {
-                punctuality.stalls += 1;
-                due_ns += late_ns;
-            }
-            self.tick(&mut link);
-            link.flush(now_ns()? as u64);
+            link.flush(woke_ns as u64);
         }
-        Ok(punctuality)
+        Ok(schedule.punctuality)
     }
 }
 
@@ -80,6 +117,43 @@ mod tests {
     use crate::link::loopback;
     use crate::mockrig::MockRigConfig;
     use crate::model::equivalent::Equivalent;
+
+    const MS: i64 = TICK_NS;
+
+    /// Every wake is punctual; the ticks of each until `until_ms`.
+    fn run_until(schedule: &mut Schedule, until_ms: i64) -> Vec<u32> {
+        let mut ticks = Vec::new();
+        while schedule.next_ns() <= until_ms * MS {
+            let now_ns = schedule.next_ns();
+            ticks.push(schedule.wake(now_ns));
+        }
+        ticks
+    }
+
+    #[test]
+    fn a_stall_is_made_up_at_double_speed() {
+        let mut schedule = Schedule::new(0);
+        assert_eq!(run_until(&mut schedule, 100).len(), 100);
+        // The computer stops the process for 80 ms.
+        assert_eq!(schedule.wake(180 * MS), 2);
+        let after = run_until(&mut schedule, 280);
+        assert!(after.iter().all(|&ticks| ticks <= 2), "{after:?}");
+        assert_eq!(after.len(), 100, "one wake a period");
+        assert_eq!(schedule.punctuality.ticks, 280, "the clock is right again");
+        assert_eq!(schedule.punctuality.stalls, 0);
+    }
+
+    #[test]
+    fn a_stall_of_seconds_is_not_made_up() {
+        let mut schedule = Schedule::new(0);
+        run_until(&mut schedule, 100);
+        assert_eq!(schedule.wake(3_100 * MS), 1);
+        assert!(run_until(&mut schedule, 3_200).iter().all(|&ticks| ticks == 1));
+        assert_eq!(
+            (schedule.punctuality.stalls, schedule.punctuality.ticks),
+            (1, 201)
+        );
+    }
 
     #[test]
     fn ticks_keep_up_with_the_clock() {

@@ -91,12 +91,7 @@ pub(crate) fn dry_run_with(
                 force_error_n = force_error_n.max((specimen.force_n - n).abs());
             }
         }
-        let predicted = Predicted {
-            slot,
-            displacement_mm: specimen.displacement_mm,
-            force_n: specimen.force_n,
-        };
-        if watcher(&predicted).is_break() {
+        if watcher(&specimen.predicted(slot)).is_break() {
             break;
         }
         let moved_mm = specimen.displacement_mm - from_mm;
@@ -181,6 +176,15 @@ impl Inverse {
             // Where the force needs a faster motion than the limit allows, the displacement lags behind.
             step_max_mm: limits.velocity_max_mm_s * dt_s,
             dt_s,
+        }
+    }
+
+    /// The specimen as it is after the command of `slot`.
+    fn predicted(&self, slot: Slot) -> Predicted {
+        Predicted {
+            slot,
+            displacement_mm: self.displacement_mm,
+            force_n: self.force_n,
         }
     }
 

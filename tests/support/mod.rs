@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// Longest wait for a condition: far longer than a busy machine needs.
-pub const PATIENCE: Duration = Duration::from_secs(60);
+/// Longest wait for a condition: far longer than a machine needs that is busy with four times its cores.
+pub const PATIENCE: Duration = Duration::from_secs(300);
 /// Pause between two looks at a condition.
 const LOOK_PERIOD: Duration = Duration::from_millis(20);
 
