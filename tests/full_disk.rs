@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+use super::run_files::get;
 use super::support::{Daemon, json, leafbench, program, until};
 use crate::recording::run_file::{EXTENSION, RunFile};
 
@@ -85,14 +86,11 @@ fn run_into_a_full_disk(daemon: &Daemon) -> (std::process::Child, PathBuf) {
     (run, fill(&daemon.data))
 }
 
+/// The newest run as the daemon lists it: SQLite of this process cannot open a file in the mount namespace of another one.
 fn newest(daemon: &Daemon) -> serde_json::Value {
-    json(&daemon.data, &["runs"])
-        .0
-        .as_array()
-        .expect("a list")
-        .last()
-        .expect("a run")
-        .clone()
+    let (_, _, body) = get(daemon, "/api/runs");
+    let runs: serde_json::Value = serde_json::from_str(&body).expect("JSON");
+    runs[0].clone()
 }
 
 #[test]
