@@ -70,7 +70,7 @@ fn a_killed_daemon_leaves_a_readable_file_that_the_next_daemon_closes_with_the_c
         run["cause"]
             .as_str()
             .expect("a cause")
-            .contains("the daemon ended while the run was under way")
+            .contains("the file was left open")
     );
     assert!(again.status()["run"].is_null(), "the new daemon only observes");
 }
