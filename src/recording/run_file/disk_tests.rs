@@ -332,7 +332,8 @@ fn calls_of_a_short_run() -> u64 {
     let mut bench = FaultyRun::new(broken_calls, FaultTime::default(), ROOM_SAMPLES);
     bench.run_ms(300);
     bench.end();
-    *Arc::clone(&bench.calls).lock().unwrap()
+    let calls = bench.calls.lock().unwrap();
+    *calls
 }
 
 #[test]
