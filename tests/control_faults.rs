@@ -4,7 +4,7 @@ use std::cell::Cell;
 use std::rc::Rc;
 use std::sync::atomic::Ordering;
 
-use super::support::virtual_rig::{MS, NODE, VirtualRig, order, sine, static_ramp};
+use super::support::virtual_rig::{MS, NODE, VirtualRig, Wire, order, sine, static_ramp};
 use crate::control::{Phase, Refusal};
 use crate::mockrig::MockRigConfig;
 use crate::protocol::cob;
@@ -31,7 +31,7 @@ fn request(frame: &Frame) -> Option<RequestCode> {
 }
 
 /// All frames but those of a function.
-fn without(function: u16) -> Box<dyn FnMut(Frame) -> Option<Frame>> {
+fn without(function: u16) -> Wire {
     Box::new(move |frame| (!is(&frame, function)).then_some(frame))
 }
 
@@ -217,7 +217,7 @@ fn an_emergency_alone_ends_the_run() {
 #[test]
 fn damaged_frames_abort_the_run_two_do_not() {
     let mut bench = running();
-    let damage = |count: u32| -> Box<dyn FnMut(Frame) -> Option<Frame>> {
+    let damage = |count: u32| -> Wire {
         let mut left = count;
         Box::new(move |mut frame| {
             if left > 0 && is(&frame, cob::SAMPLE) {
@@ -248,8 +248,11 @@ fn samples_that_arrive_late_abort_the_run() {
     is_aborted_and_latched(&mut bench, "late (limit 20 ms)");
 }
 
+/// What becomes of a sample on its way.
+type ChangeSample = fn(&mut SampleMessage);
+
 /// Samples of the rig as the host sees them, changed by `change`.
-fn samples_read(change: fn(&mut SampleMessage)) -> Box<dyn FnMut(Frame) -> Option<Frame>> {
+fn samples_read(change: ChangeSample) -> Wire {
     Box::new(move |frame| {
         let Ok(FromRig::Sample(mut sample)) = FromRig::decode(&frame, NODE) else {
             return Some(frame);
@@ -261,7 +264,7 @@ fn samples_read(change: fn(&mut SampleMessage)) -> Box<dyn FnMut(Frame) -> Optio
 
 #[test]
 fn readings_beyond_the_limits_abort_where_the_rig_does_not() {
-    let cases: [(fn(&mut SampleMessage), &str); 4] = [
+    let cases: [(ChangeSample, &str); 4] = [
         (|s| s.force_counts = 55_260, "force 5526.00 N"),
         (|s| s.force_counts = -16_340, "force -1634.00 N"),
         (|s| s.force_counts = -131_072, "load cell"),

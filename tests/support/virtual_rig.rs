@@ -23,7 +23,7 @@ pub const MS: u64 = 1_000_000;
 pub const NODE: u8 = 1;
 
 /// What arrives of a frame at the other end; `None`: it is lost.
-type Wire = Box<dyn FnMut(Frame) -> Option<Frame>>;
+pub type Wire = Box<dyn FnMut(Frame) -> Option<Frame>>;
 
 /// The virtual bench. One tick is a millisecond.
 pub struct VirtualRig {
