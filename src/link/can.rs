@@ -105,7 +105,7 @@ struct Sockets {
     urgent: CanSocket,
 }
 
-/// One interface.
+/// The link over one interface.
 struct CanPort {
     /// `None` once the interface is gone: from then on there is no call of the system.
     sockets: Option<Sockets>,
