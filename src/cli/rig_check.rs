@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::shared::local;
 use super::{CliCommand, CliError, Done, Output};
 use crate::config::Bench;
-use crate::conformance::{Clock, Part, Probe, Reach, RowReport, RowVerdict, walk};
+use crate::conformance::{Probe, ProbeClock, Reach, RowReport, RowVerdict, WalkPart, walk};
 use crate::link::priority::raise_this_thread;
 use crate::link::{self, Side, loopback};
 
@@ -77,15 +77,15 @@ impl CliCommand for RigCheckArgs {
                 let _ = writeln!(std::io::stdout().lock(), "{}", line(row));
             }
         };
-        let mut rows = walk(&mut probe, Part::Still, show);
+        let mut rows = walk(&mut probe, WalkPart::Still, show);
         if self.motion {
             self.confirm(&rows)?;
             probe.catch_up();
-            rows.extend(walk(&mut probe, Part::Moving, show));
+            rows.extend(walk(&mut probe, WalkPart::Moving, show));
         } else {
-            rows.extend(walk(&mut probe, Part::Skipped, show));
+            rows.extend(walk(&mut probe, WalkPart::Skipped, show));
         }
-        rows.extend(walk(&mut probe, Part::Whole, show));
+        rows.extend(walk(&mut probe, WalkPart::Whole, show));
         let result = self.result(rows);
         output.result(&result, || {
             format!(
@@ -105,7 +105,7 @@ impl RigCheckArgs {
             let mut rig = local::mock_rig(&bench, None)?;
             let (host, mut rig_end) = loopback::pair();
             let step = Box::new(move || rig.tick(&mut rig_end));
-            return Ok(Probe::new(host, Clock::Virtual(step), self.node, SESSION));
+            return Ok(Probe::new(host, ProbeClock::Virtual(step), self.node, SESSION));
         }
         let side = Side::Host { rig_node: self.node };
         let link = link::open(&self.link, side)?;
@@ -116,7 +116,7 @@ impl RigCheckArgs {
             std::thread::sleep(LOOK);
             u64::try_from(began.elapsed().as_millis()).unwrap_or(u64::MAX)
         });
-        Ok(Probe::new(link, Clock::Real(wait), self.node, SESSION))
+        Ok(Probe::new(link, ProbeClock::Real(wait), self.node, SESSION))
     }
 
     fn reach(&self, probe: &mut Probe) -> Result<(), CliError> {

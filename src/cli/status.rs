@@ -6,6 +6,7 @@ use super::shared::client::DataArg;
 use super::shared::progress::duration;
 use super::{CliCommand, CliError, Done, Output};
 use crate::control::Phase;
+use crate::control::realtime::LoopHealth;
 use crate::daemon::client_types::Status;
 use crate::protocol::message::Cause;
 
@@ -48,6 +49,44 @@ fn word(cause: &Cause) -> String {
     word.unwrap_or_default().to_owned()
 }
 
+/// The run under way or the last one, and what is wrong with its disk.
+fn run_lines(s: &Status) -> Vec<String> {
+    let mut lines = Vec::new();
+    if let (Some(run), Some(profile)) = (&s.rig.run_id, &s.rig.profile) {
+        lines.push(format!(
+            "run           {run} ({profile}), cycle {} of {}, {} left",
+            s.rig.cycles_completed,
+            s.rig.cycles_total,
+            duration(s.rig.remaining_s)
+        ));
+    } else if let Some(run) = &s.run {
+        let ending = run.ending.as_deref().unwrap_or("not started");
+        lines.push(format!(
+            "last run      {} ({}), {ending} {}",
+            run.run_id, run.profile, run.cause
+        ));
+    }
+    let problem = s.run.as_ref().map(|run| &run.disk_problem);
+    if let Some(problem) = problem.filter(|text| !text.is_empty()) {
+        lines.push(format!("disk          {problem}"));
+    }
+    lines
+}
+
+/// The line of the control loop's punctuality.
+fn control_loop(health: &LoopHealth) -> String {
+    let skipped = match health.skipped_ms {
+        0 => String::new(),
+        ms => format!("; this computer was too slow for the mock rig, which stood still for {ms} ms"),
+    };
+    format!(
+        "control loop  {} of {} turns late, worst {:.1} ms{skipped}",
+        health.late_turns,
+        health.turns,
+        health.worst_lateness_us as f64 / 1000.0
+    )
+}
+
 fn text(s: &Status, page: &str) -> String {
     let reading = |value: Option<f64>, digits: usize, unit: &str| {
         value.map_or("no reading".to_owned(), |v| format!("{v:.digits$} {unit}"))
@@ -66,23 +105,7 @@ fn text(s: &Status, page: &str) -> String {
     if s.rig.cause != Cause::None {
         lines.push(format!("cause         {}", word(&s.rig.cause)));
     }
-    if let (Some(run), Some(profile)) = (&s.rig.run_id, &s.rig.profile) {
-        lines.push(format!(
-            "run           {run} ({profile}), cycle {} of {}, {} left",
-            s.rig.cycles_completed,
-            s.rig.cycles_total,
-            duration(s.rig.remaining_s)
-        ));
-    } else if let Some(run) = &s.run {
-        let ending = run.ending.as_deref().unwrap_or("not started");
-        lines.push(format!(
-            "last run      {} ({}), {ending} {}",
-            run.run_id, run.profile, run.cause
-        ));
-    }
-    if let Some(problem) = s.run.as_ref().map(|r| &r.disk_problem).filter(|p| !p.is_empty()) {
-        lines.push(format!("disk          {problem}"));
-    }
+    lines.extend(run_lines(s));
     lines.push(format!(
         "link          {}, {} samples, {} lost, {} late, {} frames refused, {} bus errors",
         if s.link_open { "open" } else { "closed" },
@@ -92,18 +115,7 @@ fn text(s: &Status, page: &str) -> String {
         s.rig.counters.frames_refused,
         s.rig.counters.bus_errors
     ));
-    lines.push(format!(
-        "control loop  {} of {} turns late, worst {:.1} ms{}",
-        s.control_loop.late_turns,
-        s.control_loop.turns,
-        s.control_loop.worst_lateness_us as f64 / 1000.0,
-        match s.control_loop.skipped_ms {
-            0 => String::new(),
-            skipped_ms => format!(
-                "; this computer was too slow for the mock rig, which stood still for {skipped_ms} ms"
-            ),
-        }
-    ));
+    lines.push(control_loop(&s.control_loop));
     if !s.rig.notice.is_empty() {
         lines.push(format!("notice        {}", s.rig.notice));
     }
@@ -115,7 +127,6 @@ fn text(s: &Status, page: &str) -> String {
 mod tests {
     use super::*;
     use crate::control::RigStatus;
-    use crate::control::realtime::LoopHealth;
 
     fn status() -> Status {
         Status {

@@ -18,7 +18,7 @@ mod stream;
 mod whole;
 
 pub(crate) use asking::Reach;
-pub(crate) use probe::{Clock, Probe};
+pub(crate) use probe::{Probe, ProbeClock};
 use row::CheckRow;
 pub(crate) use row::{RowReport, RowVerdict};
 
@@ -42,7 +42,7 @@ const TRIES: u32 = 4;
 
 /// Rows of one walk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Part {
+pub(crate) enum WalkPart {
     /// The rows without motion.
     Still,
     /// The rows that move the rig.
@@ -54,20 +54,20 @@ pub(crate) enum Part {
 }
 
 /// Checks the rows of one part. `on_row` gets each result at once. Afterwards the rig is at rest, with the default limits.
-pub(crate) fn walk(probe: &mut Probe, part: Part, mut on_row: impl FnMut(&RowReport)) -> Vec<RowReport> {
+pub(crate) fn walk(probe: &mut Probe, part: WalkPart, mut on_row: impl FnMut(&RowReport)) -> Vec<RowReport> {
     let rows = match part {
-        Part::Whole => &[whole::ROWS],
+        WalkPart::Whole => &[whole::ROWS],
         _ => TABLE,
     };
     let in_part = rows.iter().copied().flatten().filter(|row| match part {
-        Part::Still => !row.moves,
-        Part::Moving | Part::Skipped => row.moves,
-        Part::Whole => true,
+        WalkPart::Still => !row.moves,
+        WalkPart::Moving | WalkPart::Skipped => row.moves,
+        WalkPart::Whole => true,
     });
     let mut reports = Vec::new();
     for row in in_part {
         let (verdict, seen) = match part {
-            Part::Skipped => (RowVerdict::Skipped, "moves the rig, see --motion".to_owned()),
+            WalkPart::Skipped => (RowVerdict::Skipped, "moves the rig, see --motion".to_owned()),
             _ => checked(row, probe),
         };
         let report = RowReport {
@@ -80,7 +80,7 @@ pub(crate) fn walk(probe: &mut Probe, part: Part, mut on_row: impl FnMut(&RowRep
         on_row(&report);
         reports.push(report);
     }
-    if matches!(part, Part::Still | Part::Moving) {
+    if matches!(part, WalkPart::Still | WalkPart::Moving) {
         probe.begin_row();
         // Where this fails, a row has said why.
         let _ = probe

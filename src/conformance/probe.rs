@@ -33,7 +33,7 @@ pub(crate) struct Heard {
 }
 
 /// How time passes between two looks at the link.
-pub(crate) enum Clock {
+pub(crate) enum ProbeClock {
     /// The rig is in this process: the function steps it by one tick.
     Virtual(Box<dyn FnMut()>),
     /// The function waits for about a millisecond and returns the time in ms.
@@ -46,7 +46,7 @@ pub(super) type SetPoints = Box<dyn Fn(i64) -> Option<(i32, bool)>>;
 /// A host that checks a rig.
 pub(crate) struct Probe {
     link: Link,
-    clock: Clock,
+    clock: ProbeClock,
     now_ms: u64,
     longest_pause_ms: u64,
     pub(super) node: u8,
@@ -71,7 +71,7 @@ pub(crate) struct Probe {
 
 impl Probe {
     /// A host of the rig `node` behind `link`. `session` is its session number, 1 to 255.
-    pub(crate) fn new(link: Link, clock: Clock, node: u8, session: u8) -> Self {
+    pub(crate) fn new(link: Link, clock: ProbeClock, node: u8, session: u8) -> Self {
         Probe {
             link,
             clock,
@@ -119,8 +119,8 @@ impl Probe {
     /// pauses in real time.
     pub(super) fn allowance_ms(&self) -> i64 {
         match self.clock {
-            Clock::Virtual(_) => 1,
-            Clock::Real(_) => (TRANSPORT_MS + self.longest_pause_ms) as i64,
+            ProbeClock::Virtual(_) => 1,
+            ProbeClock::Real(_) => (TRANSPORT_MS + self.longest_pause_ms) as i64,
         }
     }
 
@@ -203,11 +203,11 @@ impl Probe {
     pub(super) fn turn(&mut self) {
         let before = self.now_ms;
         match &mut self.clock {
-            Clock::Virtual(step) => {
+            ProbeClock::Virtual(step) => {
                 step();
                 self.now_ms += 1;
             }
-            Clock::Real(wait) => self.now_ms = wait(),
+            ProbeClock::Real(wait) => self.now_ms = wait(),
         }
         if before > 0 {
             self.longest_pause_ms = self.longest_pause_ms.max(self.now_ms.saturating_sub(before));
@@ -290,8 +290,8 @@ impl Probe {
 
     fn patience_ms(&self) -> u64 {
         match self.clock {
-            Clock::Virtual(_) => 2,
-            Clock::Real(_) => PATIENCE_MS,
+            ProbeClock::Virtual(_) => 2,
+            ProbeClock::Real(_) => PATIENCE_MS,
         }
     }
 
@@ -330,8 +330,8 @@ impl Probe {
     /// flow; then, in real time, the rig's time is not known and nothing is held against it.
     fn rig_time_ms(&self, ticks: i64, waited_ms: i64) -> i64 {
         match self.clock {
-            Clock::Virtual(_) => waited_ms,
-            Clock::Real(_) => ticks.min(waited_ms),
+            ProbeClock::Virtual(_) => waited_ms,
+            ProbeClock::Real(_) => ticks.min(waited_ms),
         }
     }
 

@@ -105,7 +105,7 @@ struct Sockets {
     urgent: CanSocket,
 }
 
-/// The link over one interface.
+/// Sockets and counters of one interface.
 struct CanPort {
     /// `None` once the interface is gone: from then on there is no call of the system.
     sockets: Option<Sockets>,

@@ -17,8 +17,8 @@ pub(crate) struct HostSide {
     pub control_tick: Option<u16>,
     pub leases: CounterCheck,
     pub commands: CounterCheck,
-    pub corrupt: Burst<3>,
-    pub foreign: Burst<6>,
+    pub corrupt: FrameBurst<3>,
+    pub foreign: FrameBurst<6>,
     pub dropped: Dropped,
 }
 
@@ -35,7 +35,7 @@ pub(super) struct Dropped {
 
 /// Detects `N` events within [`BURST_TICKS`].
 #[derive(Debug, Clone)]
-pub(super) struct Burst<const N: usize> {
+pub(super) struct FrameBurst<const N: usize> {
     at: [Option<u64>; N],
     next: usize,
 }
@@ -43,16 +43,16 @@ pub(super) struct Burst<const N: usize> {
 /// Window of the frame fault counters: 100 ms.
 const BURST_TICKS: u64 = ticks_in_ms(100);
 
-impl<const N: usize> Default for Burst<N> {
+impl<const N: usize> Default for FrameBurst<N> {
     fn default() -> Self {
-        Burst {
+        FrameBurst {
             at: [None; N],
             next: 0,
         }
     }
 }
 
-impl<const N: usize> Burst<N> {
+impl<const N: usize> FrameBurst<N> {
     /// Takes an event. Returns true if it is the `N`th within the window.
     pub(super) fn hit(&mut self, tick: u64) -> bool {
         if let Some(slot) = self.at.get_mut(self.next) {

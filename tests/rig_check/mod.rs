@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use super::support::leafbench;
 use super::support::wire::Wire;
 use super::two_processes::{ONE_BENCH, vcan0_is_there};
-use crate::conformance::{Clock, Part, Probe, Reach, RowReport, RowVerdict, walk};
+use crate::conformance::{Probe, ProbeClock, Reach, RowReport, RowVerdict, WalkPart, walk};
 use crate::link::{self, Side, loopback};
 use crate::mockrig::{MockRig, MockRigConfig};
 use crate::model::equivalent::Equivalent;
@@ -27,9 +27,9 @@ fn mock_rig() -> MockRig {
 /// All rows, with motion.
 fn all(probe: &mut Probe) -> Vec<RowReport> {
     assert_eq!(probe.reach(), Reach::Free);
-    let mut rows = walk(probe, Part::Still, |_| {});
-    rows.extend(walk(probe, Part::Moving, |_| {}));
-    rows.extend(walk(probe, Part::Whole, |_| {}));
+    let mut rows = walk(probe, WalkPart::Still, |_| {});
+    rows.extend(walk(probe, WalkPart::Moving, |_| {}));
+    rows.extend(walk(probe, WalkPart::Whole, |_| {}));
     rows
 }
 
@@ -46,7 +46,7 @@ fn the_mock_rig_passes_every_row_in_memory() {
     let (host, mut rig_end) = loopback::pair();
     let mut rig = mock_rig();
     let step = Box::new(move || rig.tick(&mut rig_end));
-    let rows = all(&mut Probe::new(host, Clock::Virtual(step), NODE, SESSION));
+    let rows = all(&mut Probe::new(host, ProbeClock::Virtual(step), NODE, SESSION));
     assert_eq!(failed(&rows), [""; 0]);
     let mut ids: Vec<&str> = rows.iter().map(|row| row.id).collect();
     ids.sort_unstable();
@@ -69,7 +69,7 @@ fn each_deviation_fails_exactly_its_row() {
 fn deviant(deviation: Deviation) -> Vec<RowReport> {
     let (mut rig, host) = DeviantRig::new(deviation, mock_rig());
     let step = Box::new(move || rig.step());
-    all(&mut Probe::new(host, Clock::Virtual(step), NODE, SESSION))
+    all(&mut Probe::new(host, ProbeClock::Virtual(step), NODE, SESSION))
 }
 
 /// All rows over two addresses of one wire, in real time.
@@ -92,7 +92,7 @@ fn passes_over(rig_address: &str, host_address: &str) {
         // In a thread of its own, whose priority ends with it.
         let host = scope.spawn(move || {
             let _ = link::priority::raise_this_thread();
-            all(&mut Probe::new(host_link, Clock::Real(wait), NODE, SESSION))
+            all(&mut Probe::new(host_link, ProbeClock::Real(wait), NODE, SESSION))
         });
         let rows = host.join().expect("no panic");
         stop.store(true, Ordering::Relaxed);
