@@ -6,6 +6,7 @@ use super::shared::client::DataArg;
 use super::shared::progress::duration;
 use super::{CliCommand, CliError, Done, Output};
 use crate::control::Phase;
+use crate::control::realtime::LoopHealth;
 use crate::daemon::client_types::Status;
 use crate::protocol::message::Cause;
 
@@ -72,6 +73,20 @@ fn run_lines(s: &Status) -> Vec<String> {
     lines
 }
 
+/// The line of the control loop's punctuality.
+fn control_loop(health: &LoopHealth) -> String {
+    let skipped = match health.skipped_ms {
+        0 => String::new(),
+        ms => format!("; this computer was too slow for the mock rig, which stood still for {ms} ms"),
+    };
+    format!(
+        "control loop  {} of {} turns late, worst {:.1} ms{skipped}",
+        health.late_turns,
+        health.turns,
+        health.worst_lateness_us as f64 / 1000.0
+    )
+}
+
 fn text(s: &Status, page: &str) -> String {
     let reading = |value: Option<f64>, digits: usize, unit: &str| {
         value.map_or("no reading".to_owned(), |v| format!("{v:.digits$} {unit}"))
@@ -100,18 +115,7 @@ fn text(s: &Status, page: &str) -> String {
         s.rig.counters.frames_refused,
         s.rig.counters.bus_errors
     ));
-    lines.push(format!(
-        "control loop  {} of {} turns late, worst {:.1} ms{}",
-        s.control_loop.late_turns,
-        s.control_loop.turns,
-        s.control_loop.worst_lateness_us as f64 / 1000.0,
-        match s.control_loop.skipped_ms {
-            0 => String::new(),
-            skipped_ms => format!(
-                "; this computer was too slow for the mock rig, which stood still for {skipped_ms} ms"
-            ),
-        }
-    ));
+    lines.push(control_loop(&s.control_loop));
     if !s.rig.notice.is_empty() {
         lines.push(format!("notice        {}", s.rig.notice));
     }
@@ -123,7 +127,6 @@ fn text(s: &Status, page: &str) -> String {
 mod tests {
     use super::*;
     use crate::control::RigStatus;
-    use crate::control::realtime::LoopHealth;
 
     fn status() -> Status {
         Status {
