@@ -34,6 +34,7 @@ fn header() -> Header {
         twin: String::new(),
         first_cycle: 1,
         resumes_run: String::new(),
+        continues: String::new(),
         cycles_planned: 0,
         duration_planned_s: 120.0,
         remarks: Vec::new(),
@@ -73,6 +74,7 @@ pub fn recording(criterion: &mut Criterion) {
         lost: 0,
         late: 0,
         cycles_completed: 0,
+        unsaved: None,
     };
     let folder = tempfile::tempdir().expect("the temporary folder can be made");
     let mut group = criterion.benchmark_group("recording");

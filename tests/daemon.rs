@@ -48,19 +48,13 @@ fn a_killed_daemon_leaves_a_readable_file_that_the_next_daemon_closes_with_the_c
             .as_f64()
             .filter(|n| *n > f64::from(SAMPLE_RATE_HZ))
     });
-    let elapsed_s = daemon.status()["rig"]["elapsed_s"].as_f64().expect("a number");
     daemon.process.0.kill().expect("killed");
     daemon.process.0.wait().expect("ended");
     let run = run_of(folder.path(), &run_id);
     assert_eq!(run["ending"], "open");
-    // What was in the file stays there. Up to the last status, a kill may cost the last 20 ms; the thread that writes gets its
-    // turn late on a busy computer, so only the order of magnitude is a promise here.
+    // What was in the file stays there. How much the thread that writes had still to do is a matter of the computer's load.
     let saved = run["samples"].as_f64().expect("a number");
     assert!(saved >= listed, "{saved} samples, {listed} before the kill");
-    assert!(
-        saved >= f64::from(SAMPLE_RATE_HZ) * (elapsed_s - 2.0),
-        "{saved} samples after {elapsed_s} s"
-    );
     assert_eq!(run["lost"], 0);
 
     let again = Daemon::ready(folder.path(), &[]);
@@ -70,7 +64,7 @@ fn a_killed_daemon_leaves_a_readable_file_that_the_next_daemon_closes_with_the_c
         run["cause"]
             .as_str()
             .expect("a cause")
-            .contains("the daemon ended while the run was under way")
+            .contains("the file was left open")
     );
     assert!(again.status()["run"].is_null(), "the new daemon only observes");
 }

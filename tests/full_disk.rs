@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+use super::run_files::get;
 use super::support::{Daemon, json, leafbench, program, until};
+use crate::recording::run_file::{EXTENSION, RunFile};
 
 /// Size of the file system in MiB: more than the space check before a short run asks for.
 const DISK_MIB: u64 = 400;
@@ -84,14 +86,11 @@ fn run_into_a_full_disk(daemon: &Daemon) -> (std::process::Child, PathBuf) {
     (run, fill(&daemon.data))
 }
 
+/// The newest run as the daemon lists it: SQLite of this process cannot open a file in the mount namespace of another one.
 fn newest(daemon: &Daemon) -> serde_json::Value {
-    json(&daemon.data, &["runs"])
-        .0
-        .as_array()
-        .expect("a list")
-        .last()
-        .expect("a run")
-        .clone()
+    let (_, _, body) = get(daemon, "/api/runs");
+    let runs: serde_json::Value = serde_json::from_str(&body).expect("JSON");
+    runs[0].clone()
 }
 
 #[test]
@@ -148,4 +147,43 @@ fn a_disk_that_has_space_again_gets_every_sample_of_the_run() {
     );
     let report: serde_json::Value = serde_json::from_str(&said).expect("JSON");
     assert_eq!(listed["samples"], report["samples"]);
+}
+
+/// Blocks of 512 bytes that a file of the daemon may have: about two seconds of a live run.
+const FILE_LIMIT_BLOCKS: u32 = 4096;
+
+#[test]
+fn a_run_whose_files_reach_the_limit_of_the_system_goes_on_in_further_files() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let data = folder.path().join("data");
+    let mut command = Command::new("sh");
+    command.arg("-c").arg(format!(
+        "trap '' XFSZ; ulimit -f {FILE_LIMIT_BLOCKS}; exec {} daemon --json --listen 127.0.0.1:0 --data {}",
+        program().display(),
+        data.display()
+    ));
+    command
+        .env_remove("LEAFBENCH_DATA")
+        .current_dir(env!("CARGO_MANIFEST_DIR"));
+    let daemon = Daemon::start_command(command, |_| data.clone());
+    daemon.until_phase("ready");
+    let (report, code) = json(&data, &["run", RUN]);
+    assert_eq!((code, &report["samples_not_saved"]), (1, &0.into()), "{report}");
+    let problem = report["disk_problem"].as_str().expect("text");
+    assert!(problem.contains("keep all of its files"), "{problem}");
+    let (runs, _) = json(&data, &["runs"]);
+    let runs = runs.as_array().expect("a list");
+    assert!(runs.len() > 1, "{runs:?}");
+    let mut ticks = std::collections::BTreeSet::new();
+    for run in runs {
+        assert_eq!(run["problem"], "", "{run}");
+        let id = run["run_id"].as_str().expect("an id");
+        let file = RunFile::open(&data.join(format!("{id}.{EXTENSION}"))).expect("readable");
+        ticks.extend(file.samples().map(|s| s.tick));
+    }
+    assert_eq!(
+        ticks.len() as u64,
+        report["samples"].as_u64().expect("a number"),
+        "{runs:?}"
+    );
 }

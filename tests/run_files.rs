@@ -40,7 +40,7 @@ fn damage(path: &Path) {
 }
 
 /// GET of an address; status, head and body.
-fn get(daemon: &Daemon, path: &str) -> (u16, String, String) {
+pub(super) fn get(daemon: &Daemon, path: &str) -> (u16, String, String) {
     let mut stream = TcpStream::connect(daemon.authority()).expect("the daemon listens");
     stream.set_read_timeout(Some(PATIENCE)).expect("set");
     let host = daemon.authority();

@@ -59,6 +59,11 @@ fn run_profile(daemon: &Daemon, profile: &str, cycles: u32, samples_at_least: us
         let run = RunFile::open(&file).expect("the run's file opens");
         let outcome = run.outcome().expect("the run ended").clone();
         if code != 0 {
+            eprintln!(
+                "DISTURBED {profile}: {}; control loop {}",
+                outcome.cause,
+                daemon.status()["control_loop"]
+            );
             causes.push(outcome.cause);
             daemon.back_to_ready();
             continue;

@@ -39,7 +39,7 @@ fn text(runs: &[RunSummary]) -> String {
         return "no runs yet: `leafbench run PROFILE` makes one".to_owned();
     }
     let mut lines = vec![format!(
-        "{:<22}{:<22}{:<24}{:>8}{:>10}{:>6}{:>6}  {}",
+        "{:<25}{:<22}{:<24}{:>8}{:>10}{:>6}{:>6}  {}",
         "run", "started (UTC)", "profile", "cycles", "samples", "lost", "late", "ended"
     )];
     lines.extend(runs.iter().map(|r| {
@@ -54,7 +54,7 @@ fn text(runs: &[RunSummary]) -> String {
             first => format!("{ended} (continues {first})"),
         };
         format!(
-            "{:<22}{:<22}{:<24}{:>8}{:>10}{:>6}{:>6}  {ended}",
+            "{:<25}{:<22}{:<24}{:>8}{:>10}{:>6}{:>6}  {ended}",
             r.run_id, r.started_utc, r.profile, r.cycles_completed, r.samples, r.lost, r.late
         )
     }));

@@ -48,6 +48,30 @@ fn word(cause: &Cause) -> String {
     word.unwrap_or_default().to_owned()
 }
 
+/// The run under way or the last one, and what is wrong with its disk.
+fn run_lines(s: &Status) -> Vec<String> {
+    let mut lines = Vec::new();
+    if let (Some(run), Some(profile)) = (&s.rig.run_id, &s.rig.profile) {
+        lines.push(format!(
+            "run           {run} ({profile}), cycle {} of {}, {} left",
+            s.rig.cycles_completed,
+            s.rig.cycles_total,
+            duration(s.rig.remaining_s)
+        ));
+    } else if let Some(run) = &s.run {
+        let ending = run.ending.as_deref().unwrap_or("not started");
+        lines.push(format!(
+            "last run      {} ({}), {ending} {}",
+            run.run_id, run.profile, run.cause
+        ));
+    }
+    let problem = s.run.as_ref().map(|run| &run.disk_problem);
+    if let Some(problem) = problem.filter(|text| !text.is_empty()) {
+        lines.push(format!("disk          {problem}"));
+    }
+    lines
+}
+
 fn text(s: &Status, page: &str) -> String {
     let reading = |value: Option<f64>, digits: usize, unit: &str| {
         value.map_or("no reading".to_owned(), |v| format!("{v:.digits$} {unit}"))
@@ -66,23 +90,7 @@ fn text(s: &Status, page: &str) -> String {
     if s.rig.cause != Cause::None {
         lines.push(format!("cause         {}", word(&s.rig.cause)));
     }
-    if let (Some(run), Some(profile)) = (&s.rig.run_id, &s.rig.profile) {
-        lines.push(format!(
-            "run           {run} ({profile}), cycle {} of {}, {} left",
-            s.rig.cycles_completed,
-            s.rig.cycles_total,
-            duration(s.rig.remaining_s)
-        ));
-    } else if let Some(run) = &s.run {
-        let ending = run.ending.as_deref().unwrap_or("not started");
-        lines.push(format!(
-            "last run      {} ({}), {ending} {}",
-            run.run_id, run.profile, run.cause
-        ));
-    }
-    if let Some(problem) = s.run.as_ref().map(|r| &r.disk_problem).filter(|p| !p.is_empty()) {
-        lines.push(format!("disk          {problem}"));
-    }
+    lines.extend(run_lines(s));
     lines.push(format!(
         "link          {}, {} samples, {} lost, {} late, {} frames refused, {} bus errors",
         if s.link_open { "open" } else { "closed" },

@@ -20,7 +20,7 @@ const STRETCHES: usize = 11;
 
 /// The fastest arrival within one stretch.
 #[derive(Debug, Clone, Copy, Default)]
-struct Stretch {
+struct FastestArrival {
     /// Start of the stretch on the host's clock, ns.
     since_ns: u64,
     /// Host time of tick 0 by the fastest arrival, ns.
@@ -48,7 +48,7 @@ pub(crate) struct RigClock {
     newest: Option<u64>,
     is_fitted: bool,
     /// The stretches, the one under way last.
-    stretches: [Stretch; STRETCHES],
+    stretches: [FastestArrival; STRETCHES],
     /// Number of stretches in use, from the end of the array.
     used: usize,
 }
@@ -133,7 +133,7 @@ impl RigClock {
         self.stretches.rotate_left(1);
         self.used = (self.used + 1).min(STRETCHES);
         if let Some(current) = self.stretches.last_mut() {
-            *current = Stretch {
+            *current = FastestArrival {
                 since_ns: now_ns,
                 origin_ns: seen_ns,
             };
@@ -153,7 +153,7 @@ fn origin_ns(tick: u64, at_ns: u64) -> i64 {
 }
 
 /// Rate error of the rig's clock from one stretch to a later one, ppm. A rig clock that is fast moves its tick 0 back.
-fn rate_ppm(from: &Stretch, to: &Stretch) -> i64 {
+fn rate_ppm(from: &FastestArrival, to: &FastestArrival) -> i64 {
     let span_ns = to.since_ns.saturating_sub(from.since_ns).max(1) as i64;
     (from.origin_ns - to.origin_ns).saturating_mul(1_000_000) / span_ns
 }

@@ -148,17 +148,15 @@ impl Rig {
         let waits = self.next_request.is_some() || self.session.awaits_answer();
         let passed = |since_ns: u64| turn.now_ns.saturating_sub(since_ns);
         match &self.activity {
-            Activity::Stopping { since_ns, .. } if passed(*since_ns) > UNLOAD_TIMEOUT_NS => {
+            Activity::Stopping { since_ns, .. }
+                if passed(*since_ns) > UNLOAD_TIMEOUT_NS
+                    || (without_pressure && !waits && passed(*since_ns) > AFTER_STOP_NS) =>
+            {
                 self.close_stopped_run(turn);
-            }
-            Activity::Stopping { since_ns, .. } if without_pressure && !waits => {
-                if passed(*since_ns) > AFTER_STOP_NS {
-                    self.close_stopped_run(turn);
-                }
             }
             Activity::Unloading { .. } if without_pressure && !waits => self.activity = Activity::Idle,
             Activity::Stopping { since_ns, .. } | Activity::Unloading { since_ns } => {
-                let unloads = self.state == Some(RigState::Unload);
+                let unloads = without_pressure || self.state == Some(RigState::Unload);
                 if !unloads && self.abort.is_none() && passed(*since_ns) > UNLOAD_PATIENCE_NS {
                     let text = "the rig was asked to unload and does not: aborting it";
                     self.event(turn, EventKind::Limit, text.to_owned());

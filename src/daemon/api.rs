@@ -396,7 +396,7 @@ mod tests {
             while state.planning.available_permits() > 0 {
                 tokio::task::yield_now().await;
             }
-            let _start = state.starts.claim().ok().expect("free");
+            let _start = state.starts.claim().expect("free");
             let checked = tokio::time::timeout(PATIENCE, check).await;
             let refusal = checked
                 .expect("in time")
@@ -412,7 +412,7 @@ mod tests {
         let state = DaemonState::without_rig(folder.path());
         let runtime = tokio::runtime::Runtime::new().expect("a runtime");
         runtime.block_on(async {
-            let claim = state.starts.claim().ok().expect("free");
+            let claim = state.starts.claim().expect("free");
             let request = extract::Request::new(axum::body::Body::from("not JSON"));
             let answer = stop(State(Arc::clone(&state)), request).await.expect("accepted");
             assert_eq!(answer.0.message, "the run that was being prepared does not start");

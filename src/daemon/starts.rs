@@ -103,7 +103,7 @@ mod tests {
     #[test]
     fn one_run_at_a_time_is_prepared() {
         let starts = Starts::default();
-        let first = starts.claim().ok().expect("free");
+        let first = starts.claim().expect("free");
         assert!(starts.is_pending() && starts.claim().is_err());
         drop(first);
         assert!(!starts.is_pending() && starts.claim().is_ok());
@@ -113,7 +113,7 @@ mod tests {
     fn a_stop_withdraws_the_start_for_good_and_spares_the_next_one() {
         let starts = Starts::default();
         assert!(!starts.withdraw(stopped()), "nothing is prepared");
-        let first = starts.claim().ok().expect("free");
+        let first = starts.claim().expect("free");
         assert!(starts.withdraw(stopped()));
         drop(first.wanted().while_client_waits());
         assert_eq!(
@@ -122,14 +122,14 @@ mod tests {
             "the first reason stays"
         );
         drop(first);
-        let next = starts.claim().ok().expect("free");
+        let next = starts.claim().expect("free");
         assert!(next.wanted().check().is_ok());
     }
 
     #[test]
     fn a_daemon_that_ends_takes_no_further_start() {
         let starts = Starts::default();
-        let first = starts.claim().ok().expect("free");
+        let first = starts.claim().expect("free");
         starts.end(Withdrawal::DaemonEnds("SIGTERM".to_owned()));
         assert!(first.wanted().check().is_err());
         drop(first);

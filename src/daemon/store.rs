@@ -10,8 +10,8 @@ use std::time::SystemTime;
 use crate::recording::run_file::{self, EXTENSION, RunFile, RunFileError, RunListing};
 
 /// The cause of a run that was closed by the next daemon.
-const LEFT_OPEN: &str = "the daemon ended while the run was under way, without closing its file (killed or crashed, power \
-                         lost, or a disk that could not be written); the rig unloaded by itself when the lease expired";
+const LEFT_OPEN: &str = "the file was left open: the daemon was killed or crashed, the power failed, or the disk could not \
+                         be written; a rig that was running unloaded by itself when its lease expired";
 
 /// The folder of run files. Clones share what they know of the files.
 #[derive(Debug, Clone)]

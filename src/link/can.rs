@@ -49,9 +49,9 @@ fn open(name: &str, side: Side) -> Result<Link, String> {
         );
     }
     let port = CanPort {
-        socket,
-        urgent,
+        sockets: Some(Sockets { socket, urgent }),
         dropped: 0,
+        control: nix::cmsg_space!(u32),
     };
     Ok(Link::over(port, Arc::new(LinkHealth::opened())))
 }
@@ -99,39 +99,49 @@ fn prepare(socket: &CanSocket, urgent: &CanSocket, side: Side) -> io::Result<usi
 }
 
 /// The sockets of one interface.
-struct CanPort {
+struct Sockets {
     socket: CanSocket,
     /// Sends the abort, so that it does not wait in the other socket's queue.
     urgent: CanSocket,
+}
+
+/// Sockets and counters of one interface.
+struct CanPort {
+    /// `None` once the interface is gone: from then on there is no call of the system.
+    sockets: Option<Sockets>,
     /// The kernel's count of dropped frames at the last read.
     dropped: u32,
+    /// Space for that count, used again in every read, so that reading does not allocate.
+    control: Vec<u8>,
 }
 
 impl Port for CanPort {
     /// A frame is refused if the kernel's queue is full (the caller tries again at its next turn) or the interface was removed.
     fn send(&mut self, frame: Frame, urgent: bool, health: &LinkHealth) -> bool {
-        let socket = if urgent { &self.urgent } else { &self.socket };
-        let written = match StandardId::new(frame.id).and_then(|id| CanFrame::new(id, frame.bytes())) {
-            Some(frame) => socket.write_frame(&frame),
-            None => Err(io::ErrorKind::InvalidInput.into()),
+        let can_frame = StandardId::new(frame.id).and_then(|id| CanFrame::new(id, frame.bytes()));
+        let written = match (&self.sockets, can_frame) {
+            (Some(sockets), Some(frame)) if urgent => sockets.urgent.write_frame(&frame),
+            (Some(sockets), Some(frame)) => sockets.socket.write_frame(&frame),
+            _ => Err(io::ErrorKind::InvalidInput.into()),
         };
         if let Err(error) = &written {
             health.send_failures.fetch_add(1, Ordering::Relaxed);
-            close_if_gone(error, health);
+            self.close_if_gone(error, health);
         }
         written.is_ok()
     }
 
     fn receive(&mut self, health: &LinkHealth) -> Option<Frame> {
         loop {
-            match self.read(health) {
+            let socket = &self.sockets.as_ref()?.socket;
+            match read(socket, &mut self.control, &mut self.dropped, health) {
                 Ok(Some(frame)) => return Some(frame),
                 Ok(None) => {}
                 Err(nix::Error::EAGAIN) => return None,
                 Err(nix::Error::EINTR) => {}
                 Err(error) => {
                     health.bus_errors.fetch_add(1, Ordering::Relaxed);
-                    close_if_gone(&error.into(), health);
+                    self.close_if_gone(&error.into(), health);
                     return None;
                 }
             }
@@ -140,46 +150,51 @@ impl Port for CanPort {
 }
 
 impl CanPort {
-    /// Reads one frame; `None` if it was an error frame or no data frame of the protocol. Not the reader of the
-    /// `socketcan` crate, because that one does not return the kernel's count of dropped frames.
-    fn read(&mut self, health: &LinkHealth) -> Result<Option<Frame>, nix::Error> {
-        let mut control = nix::cmsg_space!(u32);
-        let mut bytes = [0; CAN_FRAME_BYTES];
-        let mut parts = [IoSliceMut::new(&mut bytes)];
-        let message = recvmsg::<()>(
-            self.socket.as_raw_fd(),
-            &mut parts,
-            Some(&mut control),
-            MsgFlags::MSG_DONTWAIT,
-        )?;
-        for part in message.cmsgs()? {
-            if let ControlMessageOwned::RxqOvfl(dropped) = part {
-                // The count is the total of the socket and wraps around.
-                let more = dropped.wrapping_sub(self.dropped);
-                self.dropped = dropped;
-                health.overflows.fetch_add(u64::from(more), Ordering::Relaxed);
-            }
+    /// Closes the link if the interface went down or was removed.
+    fn close_if_gone(&mut self, error: &io::Error, health: &LinkHealth) {
+        if matches!(
+            error.raw_os_error(),
+            Some(libc::ENODEV | libc::ENXIO | libc::ENETDOWN)
+        ) {
+            self.sockets = None;
+            health.open.store(false, Ordering::Relaxed);
         }
-        let whole = message.bytes == CAN_FRAME_BYTES;
-        let [a, b, c, d, len, _, _, _, data @ ..] = bytes;
-        Ok(match data.get(..usize::from(len)) {
-            Some(data) if whole => data_frame(u32::from_ne_bytes([a, b, c, d]), data, health),
-            _ => {
-                health.bus_errors.fetch_add(1, Ordering::Relaxed);
-                None
-            }
-        })
     }
 }
 
-/// Closes the link if the interface went down or was removed.
-fn close_if_gone(error: &io::Error, health: &LinkHealth) {
-    if matches!(
-        error.raw_os_error(),
-        Some(libc::ENODEV | libc::ENXIO | libc::ENETDOWN)
-    ) {
-        health.open.store(false, Ordering::Relaxed);
+/// Reads one frame; `None` if it was an error frame or no data frame of the protocol. Not the reader of the `socketcan` crate,
+/// because that one does not return the kernel's count of dropped frames. `dropped` is that count at the last read.
+fn read(
+    socket: &CanSocket,
+    control: &mut [u8],
+    dropped: &mut u32,
+    health: &LinkHealth,
+) -> Result<Option<Frame>, nix::Error> {
+    let mut bytes = [0; CAN_FRAME_BYTES];
+    let mut parts = [IoSliceMut::new(&mut bytes)];
+    let message = recvmsg::<()>(
+        socket.as_raw_fd(),
+        &mut parts,
+        Some(control),
+        MsgFlags::MSG_DONTWAIT,
+    )?;
+    for part in message.cmsgs()? {
+        if let ControlMessageOwned::RxqOvfl(total) = part {
+            // The count is the total of the socket and wraps around.
+            let more = total.wrapping_sub(*dropped);
+            *dropped = total;
+            health.overflows.fetch_add(u64::from(more), Ordering::Relaxed);
+        }
     }
+    let whole = message.bytes == CAN_FRAME_BYTES;
+    let [a, b, c, d, len, _, _, _, data @ ..] = bytes;
+    Ok(match data.get(..usize::from(len)) {
+        Some(data) if whole => data_frame(u32::from_ne_bytes([a, b, c, d]), data, health),
+        _ => {
+            health.bus_errors.fetch_add(1, Ordering::Relaxed);
+            None
+        }
+    })
 }
 
 /// The data frame, or `None` after an error frame was counted. `word` is the identifier with its flags.

@@ -33,6 +33,8 @@ const CATCH_UP_NS: i64 = 500 * NS_PER_MS as i64;
 /// Ticks in one period while a delay is made up. A burst would leave the host no time to answer, and a real rig does not
 /// tick in bursts either; a clock that stays behind would make every later sample late.
 const CATCH_UP_TICKS: u32 = 2;
+/// Rest after such a period. A thread with real-time priority that never sleeps keeps the host from its processor.
+const REST_NS: i64 = TICK_NS / 4;
 
 /// When the rig wakes up, and how many ticks it then makes.
 struct Schedule {
@@ -55,6 +57,11 @@ impl Schedule {
     /// Time of the next wake: at least one period after the one before.
     fn next_ns(&self) -> i64 {
         self.due_ns.max(self.woke_ns + TICK_NS)
+    }
+
+    /// The ticks of a period that made up a delay were done at `done_ns`: the next wake leaves others some time.
+    fn rest_from(&mut self, done_ns: i64) {
+        self.woke_ns = self.woke_ns.max(done_ns + REST_NS - TICK_NS);
     }
 
     /// Number of ticks to make now.
@@ -87,10 +94,14 @@ impl MockRig {
         while !stop.load(Ordering::Relaxed) && link.health.is_open() {
             sleep_until(schedule.next_ns())?;
             let woke_ns = now_ns()?;
-            for _ in 0..schedule.wake(woke_ns) {
+            let ticks = schedule.wake(woke_ns);
+            for _ in 0..ticks {
                 self.tick(&mut link);
             }
             link.flush(woke_ns as u64);
+            if ticks > 1 {
+                schedule.rest_from(now_ns()?);
+            }
         }
         Ok(schedule.punctuality)
     }
@@ -141,6 +152,19 @@ mod tests {
         assert_eq!(after.len(), 100, "one wake a period");
         assert_eq!(schedule.punctuality.ticks, 280, "the clock is right again");
         assert_eq!(schedule.punctuality.stalls, 0);
+    }
+
+    #[test]
+    fn a_rig_that_is_too_slow_for_its_computer_still_sleeps() {
+        let mut schedule = Schedule::new(0);
+        let mut now_ns = 10 * MS;
+        for _ in 0..100 {
+            assert_eq!(schedule.wake(now_ns), 2);
+            // Two ticks take 3 ms.
+            schedule.rest_from(now_ns + 3 * MS);
+            assert!(schedule.next_ns() >= now_ns + 3 * MS + REST_NS);
+            now_ns = schedule.next_ns();
+        }
     }
 
     #[test]

@@ -332,8 +332,8 @@ fn calls_of_a_short_run() -> u64 {
     let mut bench = FaultyRun::new(broken_calls, FaultTime::default(), ROOM_SAMPLES);
     bench.run_ms(300);
     bench.end();
-    let calls = *bench.calls.lock().unwrap();
-    calls
+    let calls = bench.calls.lock().unwrap();
+    *calls
 }
 
 #[test]

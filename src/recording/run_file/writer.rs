@@ -242,7 +242,10 @@ impl RunFileWriter {
         };
         self.trouble.last_cause.clone_from(&self.trouble.cause);
         let cause = &self.trouble.cause;
-        tracing::error!("{cause}");
+        // A disk that stays full is tried each second; the status tells it all the time, the log once.
+        if first || next.is_some() {
+            tracing::error!("{cause}");
+        }
         self.trouble.retry_at = Some(self.clock.now() + RETRY_PERIOD);
         if let Some(next) = next {
             // The new file is tried at once: each error is final for its file, so this ends.
