@@ -3,6 +3,7 @@
 mod architecture;
 mod bench_configs;
 mod blind;
+mod clean_runs;
 mod cli;
 mod control;
 mod control_faults;
@@ -35,6 +36,7 @@ mod serial;
 mod starts;
 mod support;
 mod templates;
+mod twin_sensitivity;
 mod two_processes;
 mod vcan;
 mod words;

@@ -67,7 +67,7 @@ fn a_helper_leaf_that_the_twin_lacks_is_reported_once_where_it_makes_contact() {
     let events = reports(&memory);
     assert_eq!(events.len(), 1, "{events:?}");
     let [from, to] = interval(&events[0].text);
-    // 14 mm is the top. The residual exceeds six standard deviations 0.4 mm beyond the knee.
+    // 14 mm is the top. The residual exceeds four standard deviations 0.3 mm beyond the knee.
     assert!((from - 9.0).abs() < 1.0 && to > 13.0, "{}", events[0].text);
     assert!(events[0].text.contains("above the twin"), "{}", events[0].text);
     // Within the first cycles and not at the end: two seconds of ramp, two per cycle.

@@ -19,10 +19,13 @@ const LEAST_POWER: f64 = 0.005;
 const LEAST_POWER_SLOW: f64 = 0.2;
 /// RMS force that an effect must take away, as a share of the range: one seventh of `data::LINEARITY`.
 const LEAST_FORCE_SHARE: f64 = 3e-5;
+/// RMS change of the force, as a share of the range, below which an effect changes nothing: a hundredth of the above.
+const ZERO_FORCE_SHARE: f64 = 3e-7;
 /// Share of the required gain that must also show on selecting cycles alone.
 const LEAST_HELD_OUT: f64 = 0.25;
-/// An amplitude below this share of its bounds is zero.
-const ZERO_AMPLITUDE: f64 = 1e-9;
+/// A displacement that an effect takes must be this many standard deviations of the LVDT noise: a turning point is known to about
+/// one, and lost motion is the difference of two.
+const LEAST_NOISES: f64 = 2.0;
 
 /// Index of the chosen set. Sets that are needed for the comparison and not fitted yet are added to `nodes`.
 pub(super) fn choose(context: &FitContext<'_>, nodes: &mut Vec<Node>, likelihood: LikelihoodScale) -> usize {
@@ -115,7 +118,7 @@ fn explained_force_n(data: &Data, without: &Node, with: &Node) -> f64 {
     (sum.max(0.0) / f64::max(weights, f64::MIN_POSITIVE)).sqrt()
 }
 
-/// True for an effect that moves the displacement by less than the LVDT noise. Its mean over many reversals may be significant,
+/// True for an effect that moves the displacement by less than the LVDT resolves. Its mean over many reversals may be significant,
 /// but the errors of the reversals are too.
 fn below_displacement_noise(context: &FitContext<'_>, node: &Node, place: usize) -> bool {
     let from = context.offset(&node.attached, place);
@@ -128,19 +131,28 @@ fn below_displacement_noise(context: &FitContext<'_>, node: &Node, place: usize)
         .enumerate();
     sizes
         .filter(|(_, (p, neutral))| p.unit == "mm" && **neutral == 0.0)
-        .any(|(i, _)| node.values[from + i].abs() < noise_mm)
+        .any(|(i, _)| node.values[from + i].abs() < LEAST_NOISES * noise_mm)
 }
 
-/// True for an effect whose amplitudes are zero. What its node gained is then due to the other effects.
+/// True for an effect that changes no force at its values, such as a limit above every force. What its node gained is then due to
+/// the other parameters.
 fn is_zero(context: &FitContext<'_>, node: &Node, place: usize) -> bool {
     let from = context.offset(&node.attached, place);
-    let attached = &node.attached[place];
-    let amplitudes = attached.effect.amplitudes;
-    !amplitudes.is_empty()
-        && amplitudes.iter().all(|&i| {
-            let [low, high] = attached.parameters[i].bounds;
-            node.values[from + i].abs() < ZERO_AMPLITUDE * (high - low)
-        })
+    let neutral = node.attached[place].effect.neutral;
+    let mut values = node.values.clone();
+    values.splice(from..from + neutral.len(), neutral.iter().copied());
+    let Some(without) = Node::new(&context.structure(node.attached.clone()), values) else {
+        return false;
+    };
+    changed_force_n(context.data, &without, node) < ZERO_FORCE_SHARE * context.data.force_range_n
+}
+
+/// RMS change of the force in N from one node to another; points count by their weight.
+fn changed_force_n(data: &Data, from: &Node, to: &Node) -> f64 {
+    let weights: f64 = data.weight.iter().map(|weight| weight * weight).sum();
+    let pairs = from.residuals.iter().zip(&to.residuals);
+    let sum: f64 = pairs.map(|(a, b)| (a - b).powi(2)).sum();
+    (sum / weights.max(f64::MIN_POSITIVE)).sqrt()
 }
 
 /// Number of the baseline's parameters that are at a bound outside their plausible range.

@@ -36,10 +36,10 @@ impl Baseline {
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum BaselineError {
     /// The model refuses the structure or the start values.
-    #[error("the baseline cannot be built: {0}")]
+    #[error("the baseline cannot be built")]
     Build(#[from] BuildError),
     /// A known code is not a code of physics (`docs/formats.md`).
-    #[error("known physics: {0}")]
+    #[error("known physics")]
     Known(#[from] EffectError),
 }
 
@@ -220,6 +220,9 @@ mod tests {
         let mut baseline = Baseline::of(crate::model::find("equivalent").expect("listed"));
         baseline.known = Some(vec!["magnetism".to_owned()]);
         let error = Setup::new(&baseline).err().expect("refused");
-        assert!(error.to_string().contains("magnetism"));
+        // Each part of the chain is printed once, so the text of the cause is not in the message.
+        assert_eq!(error.to_string(), "known physics");
+        let cause = std::error::Error::source(&error).expect("a cause").to_string();
+        assert!(cause.contains("magnetism"), "{cause}");
     }
 }

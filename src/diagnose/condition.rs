@@ -76,6 +76,8 @@ pub(crate) struct Track {
     pub motion: Vec<Motion>,
     /// Error of the last turning point in mm.
     pub turn_error_mm: Vec<f64>,
+    /// Motion against the direction of travel that is too small for a reversal of its own, in mm above the noise: a servo at rest.
+    pub hidden_mm: Vec<f64>,
     /// Duration of the bin in s.
     pub width_s: Vec<f64>,
     /// Cycle, from 1.
@@ -107,6 +109,7 @@ struct TrackPoint {
     since_reversal_mm: f64,
     motion: Motion,
     turn_error_mm: f64,
+    hidden_mm: f64,
     width_s: f64,
     cycle: u32,
 }
@@ -267,6 +270,7 @@ impl<'a> RawTrack<'a> {
                 reach_mm: motion.travel.reach(last, &motion.turning_points),
             },
             turn_error_mm: motion.travel.turn_error_mm(last, &motion.turning_points),
+            hidden_mm: (largest(&motion.back_mm[bin]) - self.noise_mm).max(0.0),
             width_s: n / self.sample_hz(),
             cycle: cycle[last],
         }
@@ -307,6 +311,7 @@ impl<'a> RawTrack<'a> {
             since_reversal_mm: column(|p| p.since_reversal_mm),
             motion: points.iter().map(|p| p.motion).collect(),
             turn_error_mm: column(|p| p.turn_error_mm),
+            hidden_mm: column(|p| p.hidden_mm),
             width_s: column(|p| p.width_s),
             cycle: points.iter().map(|p| p.cycle).collect(),
             split: vec![Split::Fit; points.len()],
@@ -326,6 +331,8 @@ struct SmoothMotion {
     locals: Vec<Local>,
     /// Displacement in mm, monotone between reversals.
     steady_mm: Vec<f64>,
+    /// Way back from the farthest point since the last turn, mm.
+    back_mm: Vec<f64>,
     travel: Travel,
     turning_points: Vec<TurningPoint>,
 }
@@ -342,13 +349,33 @@ impl SmoothMotion {
         smooth_dwells(time_s, raw_mm, &turns, noise_mm, &mut locals);
         let smooth_mm: Vec<f64> = locals.iter().map(|l| l.mm).collect();
         let steady_mm = monotone(&smooth_mm, &turns);
+        let travel = Travel::new(&steady_mm, &turns);
         SmoothMotion {
-            travel: Travel::new(&steady_mm, &turns),
+            back_mm: way_back(&locals, &travel),
+            travel,
             turning_points: turning_points(time_s, &locals, &steady_mm, &turns, noise_mm),
             locals,
             steady_mm,
         }
     }
+}
+
+/// Way back in mm of every sample from the farthest point that the motion has reached since its last turn. It is the part of
+/// the motion that is too small for a turn.
+fn way_back(locals: &[Local], travel: &Travel) -> Vec<f64> {
+    let mut farthest_mm = f64::NEG_INFINITY;
+    let mut half = None;
+    let samples = locals.iter().zip(&travel.half).zip(&travel.direction);
+    samples
+        .map(|((local, of_sample), direction)| {
+            let along_mm = direction * local.mm;
+            if half != Some(of_sample) {
+                (half, farthest_mm) = (Some(of_sample), along_mm);
+            }
+            farthest_mm = farthest_mm.max(along_mm);
+            farthest_mm - along_mm
+        })
+        .collect()
 }
 
 /// Refuses columns of different length, values that are not finite and time that does not rise.
@@ -404,6 +431,11 @@ fn usable(recording: &Recording, remarks: &mut Vec<String>) -> Vec<usize> {
         ));
     }
     kept
+}
+
+/// Largest value.
+fn largest(values: &[f64]) -> f64 {
+    values.iter().copied().fold(f64::NEG_INFINITY, f64::max)
 }
 
 /// Largest minus smallest value.

@@ -16,6 +16,7 @@ const LEAST_POINTS: usize = 20;
 const NOISE_RANGE: [f64; 2] = [0.05, 200.0];
 
 /// Columns over the points of all tracks.
+#[derive(Clone)]
 pub(super) struct Data {
     pub tracks: Vec<Track>,
     pub force_n: Vec<f64>,
@@ -68,6 +69,14 @@ impl Data {
             .count()
     }
 
+    /// The same with no cycle held out.
+    pub(super) fn all_fitted(&self) -> Data {
+        Data {
+            split: vec![Split::Fit; self.len()],
+            ..self.clone()
+        }
+    }
+
     /// Number of points that are fitted or compared.
     pub(super) fn counted(&self) -> usize {
         self.count(Split::Fit) + self.count(Split::Select)
@@ -97,12 +106,14 @@ impl Data {
     }
 
     /// Sets the weights by a fit of the baseline. First errors in variables: displacement noise counts by the local slope of the
-    /// force, which after a reversal is far above the mean rate. Then the white noise of the residuals, track by track.
+    /// force, which after a reversal is far above the mean rate. Then the white noise of the residuals, track by track. Last, motion
+    /// that the track does not have.
     pub(super) fn set_weights(&mut self, residuals: &mut [f64], model_n: &[f64]) {
         let mut from = 0;
         for (track, &length) in self.tracks.iter().zip(&self.lengths) {
             let points = from..from + length;
-            for (i, factor) in slope_factors(track, &model_n[points.clone()]) {
+            let slopes = slopes(track, &model_n[points.clone()]);
+            for (i, factor) in slope_factors(track, &slopes) {
                 self.weight[from + i] *= factor;
                 residuals[from + i] *= factor;
             }
@@ -115,9 +126,14 @@ impl Data {
             if counted.len() > LEAST_POINTS && white > 0.0 {
                 let finest = 1.0 / (LINEARITY * self.force_range_n);
                 let [low, high] = NOISE_RANGE;
-                for i in points {
+                for i in points.clone() {
                     self.weight[i] = (self.weight[i] / white.clamp(low, high)).min(finest);
                 }
+            }
+            // What a track does not have of the motion is no noise: it does not average out. The specimen turned there.
+            let steepest = slopes.into_iter().fold(0.0, f64::max);
+            for (weight, hidden_mm) in self.weight[points].iter_mut().zip(&track.hidden_mm) {
+                *weight /= (1.0f64).hypot(*weight * steepest * hidden_mm);
             }
             from += length;
         }
@@ -131,23 +147,29 @@ impl Data {
     }
 }
 
-/// Points of a track whose force is steeper than the mean rate, with the factor for their weight.
-fn slope_factors(track: &Track, model_n: &[f64]) -> Vec<(usize, f64)> {
-    let rate = range(&track.force_n) / range(&track.displacement_mm);
-    let plain_n = track.noise_n.hypot(rate * track.noise_mm);
+/// Slope of the force at each point of a track from the second on, N/mm.
+fn slopes(track: &Track, model_n: &[f64]) -> Vec<f64> {
+    let rate = mean_rate(track);
     let slope = |i: usize| {
         let dx = (track.displacement_mm[i] - track.displacement_mm[i - 1]).abs();
         let df = (model_n[i] - model_n[i - 1]).abs();
         (df / dx.max(0.5 * track.noise_mm).max(1e-9)).min(STEEPEST * rate)
     };
-    let factor = |i: usize| {
-        // The geometric mean of both sides is the exact slope of an exponential, however sparse the samples are.
-        let next = if i + 1 < track.len() {
-            slope(i + 1)
-        } else {
-            slope(i)
-        };
-        let here = (slope(i) * next).sqrt();
+    // The geometric mean of both sides is the exact slope of an exponential, however sparse the samples are.
+    let next = |i: usize| slope(if i + 1 < track.len() { i + 1 } else { i });
+    (1..track.len()).map(|i| (slope(i) * next(i)).sqrt()).collect()
+}
+
+/// Mean rate of a track, N/mm.
+fn mean_rate(track: &Track) -> f64 {
+    range(&track.force_n) / range(&track.displacement_mm)
+}
+
+/// Points of a track whose force is steeper than the mean rate, with the factor for their weight.
+fn slope_factors(track: &Track, slopes: &[f64]) -> Vec<(usize, f64)> {
+    let rate = mean_rate(track);
+    let plain_n = track.noise_n.hypot(rate * track.noise_mm);
+    let factor = |(i, &here): (usize, &f64)| {
         // Friction depends on the travel since the reversal: its error is an error of the force.
         let reversal_n = (here - rate).max(0.0) * track.turn_error_mm[i];
         let steep_n = track
@@ -157,5 +179,5 @@ fn slope_factors(track: &Track, model_n: &[f64]) -> Vec<(usize, f64)> {
             .max(plain_n);
         (plain_n > 0.0 && steep_n > plain_n).then(|| (i, plain_n / steep_n))
     };
-    (1..track.len()).filter_map(factor).collect()
+    (1..track.len()).zip(slopes).filter_map(factor).collect()
 }

@@ -6,6 +6,7 @@ use super::alternatives::{JudgedEffect, RivalSet, alternative, judge, nearest};
 use super::binning;
 use super::context::{FitContext, Node};
 use super::diagnosis::*;
+use super::fit::converge;
 use super::friction_law;
 use super::intervals::intervals;
 use super::lack_of_fit::{LackOfFit, lack_of_fit};
@@ -13,6 +14,7 @@ use super::location::{locate, words};
 use super::next_test;
 use super::search::SearchResult;
 use super::splits::Split;
+use super::structure::ModelStructure;
 use super::tables::{baseline_parameters, candidates, curves, errors, not_testable, values_of};
 use crate::effect::Axis;
 use crate::identify::Residuals;
@@ -127,7 +129,27 @@ fn is_unexplained(
     // The rest on reporting cycles exceeds the noise and is a considerable share of what the baseline leaves there.
     let reported_before = data.sum(&before.residuals, Split::Report) / reporting;
     let above_noise = reported > 1.0 + REPORT_POWER && reported - 1.0 > LACK_SHARE * (reported_before - 1.0);
-    repeats || no_fit || changed || above_noise || power > FAR_OFF_POWER
+    let late = (changed || above_noise) && !fits_every_cycle(context, after);
+    repeats || no_fit || late || power > FAR_OFF_POWER
+}
+
+/// True if one set of values fits the cycles of every split to within the noise. What the fitted cycles leave undetermined, such as
+/// the friction where only unloading was fitted, is then no structure. A slow model is not fitted again.
+fn fits_every_cycle(context: &FitContext<'_>, node: &Node) -> bool {
+    if context.setup.model.slow {
+        return false;
+    }
+    let every = context.data.all_fitted();
+    let structure = ModelStructure::new(context.setup, &every, node.attached.clone());
+    let Some((refitted, _)) = converge(&structure, node.values.clone()) else {
+        return false;
+    };
+    [Split::Fit, Split::Select, Split::Report]
+        .into_iter()
+        .all(|split| {
+            let counted = context.data.count(split).max(1) as f64;
+            context.data.sum(&refitted.residuals, split) / counted < 1.0 + REPORT_POWER
+        })
 }
 
 fn finding(

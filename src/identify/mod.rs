@@ -32,7 +32,7 @@ use evaluator::Evaluator;
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub(crate) enum IdentifyError {
     /// The model refuses the start values or the structure.
-    #[error("the fit cannot start: {0}")]
+    #[error("the fit cannot start")]
     Build(#[from] BuildError),
     /// Fewer residuals than free parameters.
     #[error(

@@ -2,21 +2,21 @@
 //!
 //! ```text
 //! e = mean of (measured - twin) over 10 ms, in units of the noise: force noise, and displacement noise times stiffness;
-//!     less the force that the play in front of the twin makes
+//!     less the force by which the play in front of the twin shifts it (`lost_motion`)
 //! a stretch begins at |e| > ENTER and ends at |e| < LEAVE, at a change of sign or at a reversal
 //! ```
 //! A leg is the travel between two reversals. A stretch shorter than 5 % of the leg before it is ignored. The first long
 //! stretch starts an observation; after one whole cycle more (or [`LATEST_S`] in a slow test) the largest stretch is reported.
 //! The next report needs a whole cycle without a long stretch first. What a report does to the run is up to `daemon`.
 
-use std::collections::VecDeque;
-
-use crate::recording::play::Play;
+use super::lost_motion::{LostMotion, ShiftError, TwinStep};
+use super::moving_mean::MovingMean;
+use crate::model::Plant;
 
 /// Residual at which a stretch begins, in units of the noise.
-const ENTER: f64 = 6.0;
+const ENTER: f64 = 4.0;
 /// Residual at which a stretch ends, in units of the noise.
-const LEAVE: f64 = 3.0;
+const LEAVE: f64 = 2.0;
 /// Window of the mean of the residual, s.
 const SMOOTH_S: f64 = 0.01;
 /// Shortest stretch that counts, as a share of the samples of a leg.
@@ -25,8 +25,6 @@ const LEAST_SHARE: f64 = 0.05;
 const LEAST_S: f64 = 0.03;
 /// A mismatch is reported after this time even if no cycle has ended, s.
 const LATEST_S: f64 = 5.0;
-/// Share of the estimated stiffness that is kept from step to step: the high stiffness after a reversal fades slowly.
-const FADE: f64 = 0.9;
 /// A reversal is a way back of this many standard deviations of the displacement noise.
 const BAND: f64 = 20.0;
 /// A reversal is a way back of at least this, mm: the servo's ripple at rest is no reversal.
@@ -120,12 +118,11 @@ pub(crate) struct MismatchWatch {
     leg: Option<Leg>,
     leg_before: u64,
     legs: u64,
-    /// Estimated stiffness of the twin, N/mm: that of the last step, or a larger one before it, faded.
-    stiffness: f64,
-    last: Option<(f64, f64)>,
-    /// Residuals of the last [`SMOOTH_S`].
-    recent_n: VecDeque<f64>,
-    recent_sum_n: f64,
+    /// Displacement at the first sample, mm.
+    first_mm: Option<f64>,
+    lost_motion: LostMotion,
+    /// Residual over the last [`SMOOTH_S`], N.
+    residual_n: MovingMean,
     open: Option<Stretch>,
     largest: Option<Stretch>,
     /// Leg at which the observation began, and samples since then.
@@ -139,17 +136,22 @@ pub(crate) struct MismatchWatch {
 impl MismatchWatch {
     /// A watch before its first run.
     pub(crate) fn new(noise: Noise) -> Self {
+        MismatchWatch::at_rate(noise, 1.0)
+    }
+
+    fn at_rate(noise: Noise, rate_hz: f64) -> Self {
+        let band_mm = (BAND * noise.displacement_mm).max(LEAST_BAND);
+        let window = (SMOOTH_S * rate_hz).max(1.0) as usize;
         MismatchWatch {
             noise,
-            rate_hz: 1.0,
-            band_mm: (BAND * noise.displacement_mm).max(LEAST_BAND),
+            rate_hz,
+            band_mm,
             leg: None,
             leg_before: 0,
             legs: 0,
-            stiffness: 0.0,
-            last: None,
-            recent_n: VecDeque::new(),
-            recent_sum_n: 0.0,
+            first_mm: None,
+            lost_motion: LostMotion::new(noise.displacement_mm, band_mm, window),
+            residual_n: MovingMean::over(window),
             open: None,
             largest: None,
             observing: None,
@@ -160,20 +162,18 @@ impl MismatchWatch {
 
     /// Starts a run with this sample rate.
     pub(crate) fn begin(&mut self, rate_hz: f64) {
-        *self = MismatchWatch {
-            rate_hz,
-            ..MismatchWatch::new(self.noise)
-        };
+        *self = MismatchWatch::at_rate(self.noise, rate_hz);
     }
 
-    /// Takes one sample and returns a mismatch when it is time to report one.
-    pub(crate) fn sample(&mut self, displacement_mm: f64, measured_n: f64, twin_n: f64) -> Option<Mismatch> {
-        self.follow_stiffness(displacement_mm, twin_n);
+    /// Takes one sample and returns a mismatch when it is time to report one. `twin` is the model that made this step.
+    pub(super) fn sample(&mut self, step: &TwinStep, force_n: f64, twin: &dyn Plant) -> Option<Mismatch> {
+        let displacement_mm = step.twin_mm;
+        self.lost_motion.take(step);
         let reversed = self.follow_leg(displacement_mm);
         let leg = self.leg?;
-        let residual_n = measured_n - twin_n;
-        let smooth_n = self.smoothed(residual_n);
-        let in_noise = self.in_noise(smooth_n);
+        let residual_n = force_n - step.twin_n;
+        let smooth_n = self.residual_n.take(residual_n);
+        let in_noise = self.judged(smooth_n, twin);
         let over = reversed || self.open.is_some_and(|s| in_noise * s.sign < LEAVE);
         if over {
             self.close();
@@ -204,42 +204,30 @@ impl MismatchWatch {
         self.due()
     }
 
-    /// Mean residual over the last [`SMOOTH_S`].
-    fn smoothed(&mut self, residual_n: f64) -> f64 {
-        self.recent_n.push_back(residual_n);
-        self.recent_sum_n += residual_n;
-        if self.recent_n.len() as f64 > (SMOOTH_S * self.rate_hz).max(1.0) {
-            self.recent_sum_n -= self.recent_n.pop_front().unwrap_or_default();
+    /// A residual in units of the noise. The twin is asked for its stiffness at a turn only where the residual is large.
+    fn judged(&mut self, residual_n: f64, twin: &dyn Plant) -> f64 {
+        let along = self.in_noise(residual_n, self.lost_motion.along_branch());
+        if along.abs() < LEAVE {
+            return along;
         }
-        self.recent_sum_n / self.recent_n.len() as f64
+        let at_a_turn = self.lost_motion.at_a_turn(twin);
+        at_a_turn.map_or(along, |error| self.in_noise(residual_n, error))
     }
 
-    /// A residual in units of the noise. The play in front of the twin shifts the displacement by its half width, and noise adds
-    /// one standard deviation: the force of that shift is subtracted first.
-    fn in_noise(&self, residual_n: f64) -> f64 {
+    /// What the error of the twin's displacement leaves of a residual, in units of the noise.
+    fn in_noise(&self, residual_n: f64, error: ShiftError) -> f64 {
         let noise_n = self
             .noise
             .force_n
-            .hypot(self.stiffness * self.noise.displacement_mm);
-        let shift_n = (Play::SIGMAS + 1.0) * self.noise.displacement_mm * self.stiffness;
-        residual_n.signum() * (residual_n.abs() - shift_n).max(0.0) / noise_n.max(f64::MIN_POSITIVE)
-    }
-
-    fn follow_stiffness(&mut self, displacement_mm: f64, twin_n: f64) {
-        let (from_mm, from_n) = *self.last.get_or_insert((displacement_mm, twin_n));
-        let step_mm = displacement_mm - from_mm;
-        if step_mm.abs() > self.band_mm {
-            let here = (twin_n - from_n).abs() / step_mm.abs();
-            self.stiffness = here.max(FADE * self.stiffness);
-            self.last = Some((displacement_mm, twin_n));
-        }
+            .hypot(error.stiffness * self.noise.displacement_mm);
+        residual_n.signum() * (residual_n.abs() - error.shift_n).max(0.0) / noise_n.max(f64::MIN_POSITIVE)
     }
 
     /// Follows the leg; true at a reversal.
     fn follow_leg(&mut self, displacement_mm: f64) -> bool {
         let Some(leg) = &mut self.leg else {
             // Before the first motion there is no leg.
-            let (from_mm, _) = self.last.unwrap_or((displacement_mm, 0.0));
+            let from_mm = *self.first_mm.get_or_insert(displacement_mm);
             if (displacement_mm - from_mm).abs() >= 0.5 * self.band_mm {
                 self.leg = Some(Leg {
                     loading: displacement_mm > from_mm,
@@ -338,6 +326,20 @@ mod tests {
         displacement_mm: 0.001,
     };
 
+    /// 80 N/mm without friction.
+    #[derive(Clone)]
+    struct Linear;
+
+    impl Plant for Linear {
+        fn reset(&mut self) {}
+        fn step(&mut self, displacement_mm: f64, _dt_s: f64) -> f64 {
+            80.0 * displacement_mm
+        }
+        fn boxed_clone(&self) -> Box<dyn Plant> {
+            Box::new(self.clone())
+        }
+    }
+
     /// Reports with their time, s, over 1 Hz sines of 6 mm at 1 kHz; `residual` of displacement, loading, cycle.
     fn reports(cycles: u32, residual: impl Fn(f64, bool, u32) -> f64) -> Vec<(f64, Mismatch)> {
         let mut watch = MismatchWatch::new(NOISE);
@@ -350,7 +352,13 @@ mod tests {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             let noise = (f64::from(state >> 8) / f64::from(1u32 << 24) - 0.5) * 12f64.sqrt() * NOISE.force_n;
             let twin = 80.0 * x;
-            let report = watch.sample(x, twin + noise + residual(x, loading, k / 1000), twin);
+            let step = TwinStep {
+                measured_mm: x,
+                twin_mm: x,
+                twin_n: twin,
+            };
+            let force_n = twin + noise + residual(x, loading, k / 1000);
+            let report = watch.sample(&step, force_n, &Linear);
             out.extend(report.map(|r| (f64::from(k) / 1000.0, r)));
         }
         out

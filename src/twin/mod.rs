@@ -4,7 +4,9 @@
 //! the difference between measurement and model. None of them uses the load frame, and the twin never delays the recording.
 
 mod dry_run;
+mod lost_motion;
 mod mismatch;
+mod moving_mean;
 
 #[cfg(test)]
 pub(crate) use dry_run::dry_run;
@@ -14,6 +16,7 @@ pub(crate) use mismatch::{Mismatch, MismatchWatch, Noise};
 use crate::model::Plant;
 use crate::recording::play::Play;
 use crate::recording::{Event, EventKind, Flags, Header, Outcome, Recorder, Sample};
+use lost_motion::TwinStep;
 
 /// A recorder that steps a model at the measured displacement and fills `twin_force_n`.
 pub(crate) struct Twin {
@@ -72,7 +75,12 @@ impl Twin {
         if sample.force_n.is_finite() && !sample.flags.contains(Flags::FORCE_INVALID) {
             // Samples outside the profile, such as the unloading after the run, are no test of the model.
             let watch = self.watch.as_mut().filter(|_| sample.segment > 0);
-            self.mismatch = watch.and_then(|w| w.sample(displacement_mm, sample.force_n, force_n));
+            let step = TwinStep {
+                measured_mm: sample.displacement_mm,
+                twin_mm: displacement_mm,
+                twin_n: force_n,
+            };
+            self.mismatch = watch.and_then(|w| w.sample(&step, sample.force_n, self.plant.as_ref()));
         }
         Some(force_n)
     }

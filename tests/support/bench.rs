@@ -31,8 +31,37 @@ pub fn concealing(code: &str, parameters: &[(&str, f64)]) -> Bench {
     bench
 }
 
-/// Runs a profile's text on the bench in virtual time, its model as the twin; with a folder also into a run file and a CSV there.
-pub fn play(bench: &Bench, profile_toml: &str, folder: Option<&Path>) -> (Memory, Option<PathBuf>) {
+/// The shipped mock bench with another seed of the sensor noise.
+pub fn seeded(seed: u64) -> Bench {
+    let mut bench = mock();
+    let seed = i64::try_from(seed).expect("TOML has signed numbers");
+    bench.mock_rig.insert("seed".to_owned(), seed.into());
+    bench
+}
+
+/// Name and text of every shipped profile, sorted by name.
+pub fn shipped_profiles() -> Vec<(String, String)> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("bench-configs/profiles");
+    let files = std::fs::read_dir(folder)
+        .expect("shipped")
+        .map(|entry| entry.expect("readable").path());
+    let mut profiles: Vec<(String, String)> = files
+        .map(|path| {
+            let name = path
+                .file_stem()
+                .and_then(|name| name.to_str())
+                .expect("UTF-8")
+                .to_owned();
+            (name, std::fs::read_to_string(&path).expect("readable"))
+        })
+        .collect();
+    profiles.sort();
+    assert!(!profiles.is_empty());
+    profiles
+}
+
+/// The order of a run of a profile's text.
+pub fn order(bench: &Bench, profile_toml: &str) -> RunOrder {
     let profile = Profile::from_toml(profile_toml, "test").expect("a profile");
     let player = Player::new(&profile, 0.0, 1000.0).expect("plays");
     let planned = Planned {
@@ -41,23 +70,31 @@ pub fn play(bench: &Bench, profile_toml: &str, folder: Option<&Path>) -> (Memory
     };
     let now = "2026-01-01T00:00:00Z".parse().expect("a time");
     let text = profile_toml.to_owned();
-    let header = header::new(profile.name.clone(), now, bench, &profile, text, planned);
-    let kept = Arc::new(Mutex::new(Memory::default()));
-    let mut into: Vec<Box<dyn Recorder + Send>> = vec![Box::new(kept.clone())];
-    let file = folder.map(|f| f.join(format!("{}.leafrun", profile.name)));
-    if let Some(path) = &file {
-        into.push(Box::new(
-            RunFileWriter::create(path, &header).expect("scratch folder is writable"),
-        ));
-    }
-    let plant = bench.model.plant().expect("a sound model");
-    let noise_mm = bench.displacement_channel.noise_mm;
-    let mut chain = Twin::new(plant, noise_mm, Box::new(FanOut(into)), || false).watching(bench.noise());
-    let order = RunOrder {
-        header,
+    RunOrder {
+        header: header::new(profile.name.clone(), now, bench, &profile, text, planned),
         profile,
         first_cycle: 1,
-    };
+    }
+}
+
+/// The bench's model as a twin that watches, in front of `next`.
+pub fn twin(bench: &Bench, next: Box<dyn Recorder + Send>) -> Twin {
+    let plant = bench.model.plant().expect("a sound model");
+    Twin::new(plant, bench.displacement_channel.noise_mm, next, || false).watching(bench.noise())
+}
+
+/// Runs a profile's text on the bench in virtual time, its model as the twin; with a folder also into a run file and a CSV there.
+pub fn play(bench: &Bench, profile_toml: &str, folder: Option<&Path>) -> (Memory, Option<PathBuf>) {
+    let order = order(bench, profile_toml);
+    let kept = Arc::new(Mutex::new(Memory::default()));
+    let mut into: Vec<Box<dyn Recorder + Send>> = vec![Box::new(kept.clone())];
+    let file = folder.map(|f| f.join(format!("{}.leafrun", order.profile.name)));
+    if let Some(path) = &file {
+        into.push(Box::new(
+            RunFileWriter::create(path, &order.header).expect("scratch folder is writable"),
+        ));
+    }
+    let mut chain = twin(bench, Box::new(FanOut(into)));
     VirtualBench::new(bench, None)
         .and_then(|mut b| b.play(order, &mut chain, |_| {}))
         .expect("runs");

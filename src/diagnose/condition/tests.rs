@@ -153,3 +153,49 @@ fn whole_cycles_are_held_out() {
         assert!(track.split.contains(&split));
     }
 }
+
+/// The time of a sample is the tick of the rig, however late the controller saw it.
+#[test]
+fn late_samples_are_as_good_as_others() {
+    let recording = sine(200.0, 5.0, 0.005);
+    let late = Recording {
+        flags: Some(vec![Flags::LATE.bits(); recording.len()]),
+        ..recording.clone()
+    };
+    let [plain, late] = [&recording, &late].map(|r| one(r).expect("conditioned"));
+    assert_eq!((plain.weight, plain.remarks), (late.weight, late.remarks));
+}
+
+/// A servo overshoots by 8 um and goes back before the motion goes on: no reversal by the band, but the specimen turned.
+#[test]
+fn motion_that_the_band_hides_is_kept_as_an_error() {
+    let (rate_hz, back_mm) = (1000.0, 0.008);
+    let time_s: Vec<f64> = (0..6000).map(|i| f64::from(i) / rate_hz).collect();
+    let at_mm = |t: f64| match t {
+        t if t < 2.0 => 10.0 * t,
+        t if t < 2.5 => 20.0 - back_mm * (t - 2.0) / 0.5,
+        t if t < 4.0 => 20.0 - back_mm,
+        t => 20.0 - back_mm + 10.0 * (t - 4.0),
+    };
+    let noise = |i: usize| 5e-4 * f64::from(i as u32 % 3) - 5e-4;
+    let displacement_mm: Vec<f64> = (0..time_s.len()).map(|i| at_mm(time_s[i]) + noise(i)).collect();
+    let recording = Recording {
+        force_n: displacement_mm.iter().map(|x| 80.0 * x).collect(),
+        time_s,
+        displacement_mm,
+        ..Recording::default()
+    };
+    let track = one(&recording).expect("conditioned");
+    let worst = |from_s: f64, to_s: f64| {
+        let points = track.time_s.iter().zip(&track.hidden_mm);
+        let within = points.filter(|(t, _)| (from_s..to_s).contains(*t));
+        within.map(|(_, hidden_mm)| *hidden_mm).fold(0.0, f64::max)
+    };
+    // The noise is subtracted.
+    let at_rest = [worst(2.6, 3.0), worst(3.0, 3.9)];
+    assert!(
+        at_rest.iter().all(|mm| (0.006..back_mm).contains(mm)),
+        "{at_rest:?}"
+    );
+    assert_eq!((worst(0.5, 1.8), worst(4.2, 5.8)), (0.0, 0.0));
+}
