@@ -96,14 +96,14 @@ impl DeviantRig {
         self.state_age += 1;
         self.stop_age = self.stop_age.saturating_add(1);
         while let Some(frame) = self.outer.receive() {
-            if let Some(frame) = self.to_rig(frame) {
+            if let Some(frame) = self.frame_to_rig(frame) {
                 self.inner.send(frame);
             }
         }
         self.keep_the_lease();
         self.rig.tick(&mut self.rig_end);
         while let Some(frame) = self.inner.receive() {
-            if let Some(frame) = self.from_rig(frame) {
+            if let Some(frame) = self.frame_to_host(frame) {
                 self.outer.send(frame);
             }
         }
@@ -119,7 +119,7 @@ impl DeviantRig {
     }
 
     /// What the rig gets instead of a frame of the host.
-    fn to_rig(&mut self, frame: Frame) -> Option<Frame> {
+    fn frame_to_rig(&mut self, frame: Frame) -> Option<Frame> {
         let Ok(mut message) = ToRig::decode(&frame, NODE) else {
             return Some(frame);
         };
@@ -143,10 +143,11 @@ impl DeviantRig {
             ToRig::Command(command) if deviation == Deviation::ForeignCommandsAreTaken => {
                 (command.session, command.counter) = (self.owner().max(1), self.count(COMMANDS));
             }
-            ToRig::Lease(lease) if deviation == Deviation::SessionsKeepTheCounters => {
-                if self.leases.check(lease.counter) != Sequence::Usable {
-                    return None;
-                }
+            ToRig::Lease(lease)
+                if deviation == Deviation::SessionsKeepTheCounters
+                    && self.leases.check(lease.counter) != Sequence::Usable =>
+            {
+                return None;
             }
             ToRig::Lease(lease) if deviation == Deviation::LeaseNeverLapses => {
                 self.lease_age = 0;
@@ -177,7 +178,7 @@ impl DeviantRig {
     }
 
     /// What the host gets instead of a frame of the rig.
-    fn from_rig(&mut self, frame: Frame) -> Option<Frame> {
+    fn frame_to_host(&mut self, frame: Frame) -> Option<Frame> {
         let message = FromRig::decode(&frame, NODE).expect("the mock rig sends valid frames");
         let message = match message {
             FromRig::Sample(sample) => {
