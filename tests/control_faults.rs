@@ -488,3 +488,102 @@ fn a_silence_behind_a_pause_of_the_host_closes_the_run() {
         "{end:?}"
     );
 }
+
+#[test]
+fn an_emergency_does_not_confirm_an_abort() {
+    let mut bench = running();
+    let stops = Rc::new(Cell::new(0));
+    let stop = Rc::clone(&stops);
+    bench.to_rig = Box::new(move |frame| {
+        stop.set(stop.get() + u32::from(nmt(&frame) == Some(NmtCommand::Stop)));
+        Some(frame)
+    });
+    bench.to_host = without(cob::STATUS);
+    ends_within(&mut bench, 1_000);
+    bench.ticks(400);
+    assert_eq!(bench.rig.status().counters.emergencies, 1);
+    assert!(
+        stops.get() >= 40,
+        "{} stops in 400 ms without a status",
+        stops.get()
+    );
+}
+
+#[test]
+fn a_run_begins_where_the_rig_stands_not_where_it_was() {
+    let mut bench = VirtualRig::new();
+    bench.until(Phase::Ready, 2_000);
+    bench.ticks(600);
+    // Somebody moved the piston by 3 mm just before the start.
+    bench.to_host = samples_read(|s| s.displacement_counts += 6_000);
+    bench.ticks(100);
+    let first = Rc::new(Cell::new(None));
+    let seen = Rc::clone(&first);
+    bench.to_rig = Box::new(move |frame| {
+        if let (Ok(ToRig::Command(command)), None) = (ToRig::decode(&frame, NODE), seen.get()) {
+            seen.set(Some(command.counts));
+        }
+        Some(frame)
+    });
+    bench.rig.start(order(sine(6.0, 1.0, 3))).expect("ready");
+    bench.until(Phase::Running, 1_000);
+    bench.ticks(20);
+    let counts = first.get().expect("a command was sent");
+    assert!(
+        (counts - 6_000).abs() < 20,
+        "{counts} counts, the rig stands at 6000"
+    );
+}
+
+#[test]
+fn a_rig_that_is_loaded_without_a_run_is_unloaded() {
+    let mut bench = VirtualRig::new();
+    bench.until(Phase::Ready, 2_000);
+    let asked = Rc::new(Cell::new(false));
+    let unload = Rc::clone(&asked);
+    bench.to_rig = Box::new(move |frame| {
+        unload.set(unload.get() || request(&frame) == Some(RequestCode::Unload));
+        Some(frame)
+    });
+    bench.to_host = Box::new(|frame| {
+        let Ok(FromRig::Status(mut status)) = FromRig::decode(&frame, NODE) else {
+            return Some(frame);
+        };
+        status.state = RigState::Hold;
+        Some(FromRig::Status(status).encode(NODE))
+    });
+    bench.ticks(50);
+    assert!(asked.get(), "{:#?}", bench.rig.status());
+}
+
+#[test]
+fn a_tick_that_goes_back_aborts_the_run() {
+    let mut bench = running();
+    bench.to_host = samples_read(|s| s.tick = s.tick.wrapping_sub(5_000));
+    let ms = ends_within(&mut bench, 1_000);
+    assert!(ms <= 4, "{ms} ms");
+    bench.to_host = Box::new(Some);
+    is_aborted_and_latched(&mut bench, "damaged frames");
+}
+
+/// Number of NMT starts that the host sends in `ms`.
+fn starts_in(bench: &mut VirtualRig, ms: u64) -> u32 {
+    let starts = Rc::new(Cell::new(0));
+    let start = Rc::clone(&starts);
+    bench.to_rig = Box::new(move |frame| {
+        start.set(start.get() + u32::from(nmt(&frame) == Some(NmtCommand::Start)));
+        Some(frame)
+    });
+    bench.ticks(ms);
+    starts.get()
+}
+
+#[test]
+fn nmt_start_is_repeated_each_half_second_and_no_faster() {
+    let mut bench = VirtualRig::new();
+    bench.until(Phase::Ready, 2_000);
+    bench.to_host = without(cob::SAMPLE);
+    bench.ticks(1_000);
+    let starts = starts_in(&mut bench, 2_000);
+    assert_eq!(starts, 4, "in 2 s");
+}

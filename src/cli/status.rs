@@ -32,7 +32,7 @@ impl CliCommand for StatusArgs {
 /// The phase in words, with what to do where the rig waits for a person.
 fn phase_text(phase: Phase) -> &'static str {
     match phase {
-        Phase::Connecting => "no rig: no heartbeat received yet",
+        Phase::Connecting => "not connected",
         Phase::Ready => "ready",
         Phase::Arming => "arming",
         Phase::Running => "running",

@@ -34,12 +34,26 @@ impl Rig {
         }
     }
 
+    /// The mean of the window where the rig stands still and has stood there to the newest sample, else that sample: a mean
+    /// over a motion is a place where the rig is not.
     fn start_level(&self, mode: Mode) -> f64 {
-        match (self.stillness.measure(), &self.reading, mode) {
-            (Some(still), _, Mode::Force) => still.force_n,
-            (Some(still), _, Mode::Displacement) => still.displacement_mm,
-            (None, Some(reading), _) => Channels::feedback(mode, reading),
-            (None, None, _) => 0.0,
+        let Some(newest) = &self.reading else { return 0.0 };
+        let newest = Channels::feedback(mode, newest);
+        let Some(still) = self.stillness.measure() else {
+            return newest;
+        };
+        let (mean, sigma, largest_sigma) = match mode {
+            Mode::Force => (still.force_n, still.force_sigma_n, self.config.still_sigma_n),
+            Mode::Displacement => (
+                still.displacement_mm,
+                still.displacement_sigma_mm,
+                self.config.still_sigma_mm,
+            ),
+        };
+        if sigma <= largest_sigma && (newest - mean).abs() <= largest_sigma {
+            mean
+        } else {
+            newest
         }
     }
 

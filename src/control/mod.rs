@@ -280,7 +280,7 @@ impl Rig {
         {
             self.on_reboot(turn);
         }
-        self.session.on_owner(status.session);
+        self.session.on_owner(status.session, turn.now_ns);
         if let Some((code, result)) =
             self.session
                 .on_acknowledgement(status.ack_counter, status.ack_result, turn.now_ns)
@@ -288,6 +288,8 @@ impl Rig {
             let why = format!("the rig refused {code:?} ({result:?}): {}", remedy(result));
             self.give_up(why, turn);
         }
+        // Not by an emergency: that says what the rig chose when it was sent.
+        self.confirm_abort_by_state(status.state);
         self.on_state(status.state, status.cause, turn);
         self.check_progress(turn);
     }
@@ -342,7 +344,7 @@ fn remedy(result: RequestResult) -> &'static str {
         RequestResult::WrongState => "wait until the rig is at rest, then try again",
         RequestResult::WrongConfiguration => "restart the daemon, which then writes the limits again",
         RequestResult::CauseStands => {
-            "remove the cause (sensor without reading, emergency stop), then try again"
+            "remove the cause (sensor without reading, displacement beyond its limit, emergency stop), then try again"
         }
         RequestResult::Unknown => "install the firmware of this protocol version",
     }

@@ -28,7 +28,8 @@ impl Rig {
             return;
         }
         let TickOrder::Next { tick, lost } = self.ticks.place(message.tick) else {
-            self.counters.frames_out_of_sequence += 1;
+            // A new frame with an old tick: the rig's clock went back, or the frame is not of this rig.
+            self.on_out_of_sequence(Sequence::Wrong, turn);
             return;
         };
         let reading = self

@@ -19,7 +19,8 @@ impl Rig {
         if self.continue_abort(turn) {
             return;
         }
-        if let Some(unanswered) = self.session.poll(turn.now_ns, turn.link) {
+        let started = matches!(self.nmt, Some(NmtState::Operational | NmtState::Stopped));
+        if let Some(unanswered) = self.session.poll(started, turn.now_ns, turn.link) {
             self.on_unanswered(unanswered, turn);
         }
         self.start_node(turn);

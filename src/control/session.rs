@@ -13,6 +13,8 @@ use crate::units::NS_PER_MS;
 const CONFIG_TIMEOUT_NS: u64 = 50 * NS_PER_MS;
 /// Tries of one configuration access before the hello starts over.
 const CONFIG_TRIES: u32 = 4;
+/// Pause before a session that was lost is opened again, ns.
+const REOPEN_PAUSE_NS: u64 = 100 * NS_PER_MS;
 /// Pause before the hello starts over, ns.
 const HELLO_PAUSE_NS: u64 = 500 * NS_PER_MS;
 
@@ -215,13 +217,14 @@ impl Session {
     }
 
     /// Takes the session that owns the rig. If the lease lapsed, the session is opened again and nothing else is repeated.
-    pub(crate) fn on_owner(&mut self, owner: u8) {
+    pub(crate) fn on_owner(&mut self, owner: u8, now_ns: u64) {
         if self.owned && owner != self.id {
             self.owned = false;
             self.pending = None;
             if self.stage == SessionStage::Open {
                 self.stage = SessionStage::Opening;
             }
+            self.resume_at_ns = now_ns + REOPEN_PAUSE_NS;
         }
     }
 
@@ -250,8 +253,9 @@ impl Session {
     }
 
     /// Sends what is due. Returns a request that was sent twice without an answer.
-    pub(crate) fn poll(&mut self, now_ns: u64, link: &mut Link) -> Option<RequestCode> {
-        self.poll_hello(now_ns, link);
+    /// `started`: the node takes requests, not only the configuration.
+    pub(crate) fn poll(&mut self, started: bool, now_ns: u64, link: &mut Link) -> Option<RequestCode> {
+        self.poll_hello(started, now_ns, link);
         let pending = self.pending?;
         if now_ns.saturating_sub(pending.sent_ns) < self.ack_timeout_ns {
             return None;
@@ -272,12 +276,12 @@ impl Session {
         None
     }
 
-    fn poll_hello(&mut self, now_ns: u64, link: &mut Link) {
+    fn poll_hello(&mut self, started: bool, now_ns: u64, link: &mut Link) {
         if self.stage == SessionStage::Open || now_ns < self.resume_at_ns {
             return;
         }
         if self.stage == SessionStage::Opening {
-            if self.pending.is_none() {
+            if self.pending.is_none() && started {
                 self.request(RequestCode::OpenSession, 0, now_ns, link);
             }
             return;

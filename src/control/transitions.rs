@@ -8,7 +8,6 @@ impl Rig {
     pub(super) fn on_state(&mut self, state: RigState, cause: Cause, turn: &mut Turn) {
         let before = self.state.replace(state);
         self.cause = cause;
-        self.confirm_abort_by_state(state);
         if before == Some(state) {
             return;
         }
@@ -98,7 +97,6 @@ impl Rig {
         self.session.restart(turn.now_ns);
         self.forget_stream();
         self.state = None;
-        self.nmt_sent_ns = None;
     }
 
     pub(super) fn forget_stream(&mut self) {

@@ -19,6 +19,11 @@ const DRIFT_MAX_PPM: u64 = 1000;
 /// A stopped run is recorded at least this long: a trip at once is followed by its first movements.
 const AFTER_STOP_NS: u64 = 500 * NS_PER_MS;
 
+/// True in the states that keep a load until somebody unloads it.
+fn is_loaded(state: RigState) -> bool {
+    matches!(state, RigState::Armed | RigState::Running | RigState::Hold)
+}
+
 impl Rig {
     /// Does what a detector decided; only while a run is under way.
     pub(super) fn act(&mut self, action: Action, turn: &mut Turn) {
@@ -125,13 +130,13 @@ impl Rig {
             self.act(Action::Abort(text), turn);
             self.close_stopped_run(turn);
             self.activity = Activity::Idle;
-            if self.state.is_some() || self.session.is_owned() {
+            // Once for each loss, also where statuses go on.
+            if self.ticks.newest().is_some() || self.session.is_owned() {
                 self.session.restart(turn.now_ns);
                 self.forget_stream();
-                self.state = None;
                 self.nmt = None;
-                self.nmt_sent_ns = None;
             }
+            self.state = None;
         }
         if self
             .detectors
@@ -169,6 +174,10 @@ impl Rig {
                     "the rig was asked to arm and is not armed after 5 s: check the rig".to_owned(),
                     turn,
                 );
+            }
+            // The rig is ours, nothing is under way, and it carries load all the same.
+            Activity::Idle if self.session.is_open() && self.state.is_some_and(is_loaded) && !waits => {
+                self.unload(turn.now_ns);
             }
             _ => {}
         }
