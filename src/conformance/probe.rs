@@ -104,10 +104,12 @@ impl Probe {
 
     /// Drops what came while a person was asked.
     pub(crate) fn catch_up(&mut self) {
+        // One turn reads the clock: the first wait of the next row must not end before it began.
+        self.turn();
         while self.link.receive().is_some() {}
         self.forget_ticks();
         self.begin_row();
-        (self.now_ms, self.lease_sent_ms) = (0, 0);
+        self.lease_sent_ms = self.now_ms;
     }
 
     /// Longest time that this computer did not look at the link during the row, ms; 1 in virtual time.

@@ -433,7 +433,7 @@ fn usable(recording: &Recording, remarks: &mut Vec<String>) -> Vec<usize> {
     kept
 }
 
-/// Largest value.
+/// Largest value of the condition, in its own unit.
 fn largest(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::NEG_INFINITY, f64::max)
 }
