@@ -59,10 +59,13 @@ def run_a_profile(leafbench, folder):
     keys = {"address": f'"serial:{port}"', "lease_ms": "500", "silence_ms": "300"}
     lines = [f"{line.split('=')[0]}= {keys.pop(line.split()[0])}" if line.split() and line.split()[0] in keys else line
              for line in text.splitlines()]
-    bench = folder / "bench.toml"
+    bench = folder / "benches/bench.toml"
+    bench.parent.mkdir()
+    (folder / "specimens").symlink_to(BENCH.parent.parent / "specimens")
     bench.write_text("\n".join(lines).replace("[link]", "[link]\n" + "".join(f"{k} = {v}\n" for k, v in keys.items())))
     data = folder / "runs"
-    daemon = subprocess.Popen([leafbench, "daemon", "--bench", bench, "--data", data, "--listen", "127.0.0.1:0"])
+    daemon = subprocess.Popen([leafbench, "daemon", "--bench", bench, "--data", data, "--listen", "127.0.0.1:0",
+                               "--profiles", BENCH.parent.parent / "profiles"])
     try:
         deadline = time.monotonic() + 60
         while True:
