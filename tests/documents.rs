@@ -455,3 +455,35 @@ fn documented_flags_are_those_of_a_sample() {
     let bits: Vec<String> = Flags::all().iter().map(|f| f.bits().to_string()).collect();
     assert_eq!(first_cells("### Flags"), bits);
 }
+
+/// All Rust sources below a folder, one after the other.
+fn sources(folder: &Path) -> String {
+    let entries = std::fs::read_dir(folder).expect("a folder of the repository");
+    let mut text = String::new();
+    for path in entries.map(|entry| entry.expect("an entry").path()) {
+        if path.is_dir() {
+            text += &sources(&path);
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            text += &std::fs::read_to_string(&path).expect("a source");
+        }
+    }
+    text
+}
+
+#[test]
+fn the_tests_that_the_fault_matrix_names_exist() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let code = sources(&root.join("src")) + &sources(&root.join("tests"));
+    let text =
+        std::fs::read_to_string(root.join("docs/faults.md")).expect("the document is in the repository");
+    let rows = text.lines().filter(|line| line.starts_with('|'));
+    let names = rows.flat_map(|row| row.split('`').skip(1).step_by(2));
+    // Keys and causes have fewer parts than the name of a test.
+    let tests: Vec<&str> = names.filter(|name| name.matches('_').count() >= 4).collect();
+    assert!(tests.len() > 60, "{} names of tests", tests.len());
+    let missing: Vec<&&str> = tests
+        .iter()
+        .filter(|name| !code.contains(&format!("fn {name}(")))
+        .collect();
+    assert!(missing.is_empty(), "no such tests: {missing:?}");
+}
