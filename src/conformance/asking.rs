@@ -165,6 +165,21 @@ impl Probe {
         Ok(())
     }
 
+    /// Sends requests of another session, which the rig must refuse as busy.
+    pub(super) fn others_are_refused(&mut self, codes: [RequestCode; 3]) -> Result<(), String> {
+        let other = self.session % 255 + 1;
+        for code in codes {
+            let message = self.next_request(other, code, 0);
+            let result = self.ask(message)?;
+            same(
+                &format!("{code:?} of another session"),
+                result,
+                RequestResult::Busy,
+            )?;
+        }
+        Ok(())
+    }
+
     /// Brings the rig to rest: started, session open, state off, no cause.
     pub(super) fn rest(&mut self) -> Result<(), String> {
         self.network(NmtCommand::Start);

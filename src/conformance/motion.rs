@@ -247,16 +247,7 @@ fn unload(probe: &mut Probe) -> Result<String, String> {
 
 fn busy(probe: &mut Probe) -> Result<String, String> {
     probe.arm(|_| {})?;
-    let other = probe.session % 255 + 1;
-    for code in [RequestCode::OpenSession, RequestCode::Hold, RequestCode::Unload] {
-        let message = probe.next_request(other, code, 0);
-        let result = probe.ask(message)?;
-        same(
-            &format!("{code:?} of another session"),
-            result,
-            RequestResult::Busy,
-        )?;
-    }
+    probe.others_are_refused([RequestCode::OpenSession, RequestCode::Hold, RequestCode::Unload])?;
     same("state", probe.now()?, (RigState::Armed, Cause::None))?;
     Ok("busy, armed".to_owned())
 }

@@ -154,17 +154,8 @@ fn open(probe: &mut Probe) -> Result<String, String> {
 
 fn busy(probe: &mut Probe) -> Result<String, String> {
     with_a_long_lease(probe)?;
-    let other = probe.session % 255 + 1;
-    for code in [RequestCode::OpenSession, RequestCode::Reset, RequestCode::Unload] {
-        let message = probe.next_request(other, code, 0);
-        let result = probe.ask(message)?;
-        same(
-            &format!("{code:?} of another session"),
-            result,
-            RequestResult::Busy,
-        )?;
-        same("session in STATUS", owner(probe)?, probe.session)?;
-    }
+    probe.others_are_refused([RequestCode::OpenSession, RequestCode::Reset, RequestCode::Unload])?;
+    same("session in STATUS", owner(probe)?, probe.session)?;
     Ok("busy".to_owned())
 }
 

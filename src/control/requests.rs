@@ -143,12 +143,12 @@ impl Rig {
                 cause.clone_into(&mut self.notice);
                 self.unload(now_ns);
             }
-            // Under way already.
+            // The rig is asked to unload already.
             Activity::Stopping { .. } | Activity::Unloading { .. } => {}
             Activity::Idle => match self.state {
                 Some(RigState::Off | RigState::Tripped | RigState::Unload) => {}
                 Some(_) if self.session.is_owned() => self.unload(now_ns),
-                // Nobody knows what the rig does, or it belongs to another program: NMT stop needs neither.
+                // The state is unknown, or another program owns the rig: NMT stop needs neither state nor session.
                 _ => self.abort(now_ns, link),
             },
         }

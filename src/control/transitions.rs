@@ -43,7 +43,7 @@ impl Rig {
         let gap_ms = self.counters.worst_poll_gap_ms;
         if matches!(cause, Cause::LeaseLapsed | Cause::QueueDry) && 2 * gap_ms > lease_ms {
             return format!(
-                "the rig ended the run: {cause:?}; this computer held up control for {gap_ms} ms (lease {lease_ms} ms): end other programs or allow real-time priority"
+                "the rig ended the run: {cause:?}; control was delayed by {gap_ms} ms on this computer (lease {lease_ms} ms): end other programs or allow real-time priority"
             );
         }
         format!("the rig ended the run: {cause:?}")

@@ -118,7 +118,7 @@ impl Rig {
         }
     }
 
-    /// Without samples the rig is not connected; without status nobody knows its state.
+    /// Without samples the rig is not connected; without status its state is unknown.
     fn watch_silence(&mut self, turn: &mut Turn) {
         let silent_ns = self.detectors.age_ms(turn.now_ns).unwrap_or(0) * NS_PER_MS;
         if silent_ns > DEAD_STREAM_NS {
@@ -163,7 +163,7 @@ impl Rig {
             Activity::Stopping { since_ns, .. } | Activity::Unloading { since_ns } => {
                 let unloads = without_pressure || self.state == Some(RigState::Unload);
                 if !unloads && self.abort.is_none() && passed(*since_ns) > UNLOAD_PATIENCE_NS {
-                    let text = "the rig was asked to unload and does not: aborting it";
+                    let text = "the rig did not begin to unload within 1 s after the request: it is aborted by NMT stop";
                     self.event(turn, EventKind::Limit, text.to_owned());
                     self.fault = Some(text.to_owned());
                     self.abort(turn.now_ns, turn.link);

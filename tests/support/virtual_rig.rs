@@ -46,6 +46,8 @@ pub struct VirtualRig {
     pub memory: Memory,
     /// The host's program runs.
     pub host_alive: bool,
+    /// The rig's firmware runs; its clock stands still where it does not.
+    pub rig_alive: bool,
 }
 
 impl VirtualRig {
@@ -69,6 +71,7 @@ impl VirtualRig {
             now_ns: 0,
             memory: Memory::default(),
             host_alive: true,
+            rig_alive: true,
         }
     }
 
@@ -83,7 +86,9 @@ impl VirtualRig {
 
     pub fn tick(&mut self) {
         self.now_ns += MS;
-        self.mock.tick(&mut self.far);
+        if self.rig_alive {
+            self.mock.tick(&mut self.far);
+        }
         let mut sent = Vec::new();
         while let Some(frame) = self.wire[1].receive() {
             sent.extend((self.to_host)(frame));

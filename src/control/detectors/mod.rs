@@ -65,7 +65,7 @@ const CORRUPT_FRAMES: usize = 3;
 const CORRUPT_WINDOW_NS: u64 = 100 * NS_PER_MS;
 /// Fewer bad packets in a second than this are noise, whatever their share.
 const BAD_PACKETS_LEAST: u64 = 5;
-/// This many late samples in a row are an abort: one may be a frame that a bridge held back.
+/// This many late samples in a row are an abort. A single one can be a frame that a bridge held back.
 const LATE_SAMPLES: u32 = 3;
 
 /// Counters of a link at one moment, each since the link was opened.
@@ -218,7 +218,7 @@ impl Detectors {
         }
         self.status_silence_ms().map(|ms| {
             Action::Abort(format!(
-                "no status for {ms} ms (limit {} ms) while samples arrive, so nobody knows what the rig does: check the firmware and the link",
+                "no status for {ms} ms (limit {} ms) while samples arrive, so the state of the rig is unknown: check the firmware and the link",
                 self.limits.status_silence_ms
             ))
         })

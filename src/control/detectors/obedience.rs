@@ -37,13 +37,13 @@ impl ObedienceWatch {
         let empty = under_way && expected.last_tick.is_none() && queue_ms == 0;
         if stands(&mut self.idle_since, idle, tick) {
             return Some(format!(
-                "the rig follows no commands: its state is {state:?} {} ms after they were due: check that the firmware takes commands in this state",
+                "the rig does not follow the commands: for {} ms its state has been {state:?} instead of Running: check that the firmware accepts commands in this state",
                 ticks_since(self.idle_since, tick)
             ));
         }
         stands(&mut self.empty_since, empty, tick).then(|| {
             format!(
-                "the rig takes no commands: its queue has been empty for {} ms: check link and firmware",
+                "the rig does not accept the commands: its queue has been empty for {} ms: check link and firmware",
                 ticks_since(self.empty_since, tick)
             )
         })
