@@ -1,14 +1,18 @@
 //! Runs of the shipped profiles on a mock rig that conceals nothing: the twin raises no alarm, and `diagnose` finds nothing.
 
+use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use super::support::bench::{order, play, seeded, shipped_profiles, twin};
+use super::support::{Daemon, Process, config, json, leafbench, wire};
 use crate::cli::virtual_bench::VirtualBench;
+use crate::config::Bench;
 use crate::diagnose::{Baseline, DiagnoseOptions, Verdict, diagnose};
 use crate::model;
 use crate::recording::EventKind;
 use crate::recording::csv;
 use crate::recording::memory::Memory;
+use crate::recording::run_file::{EXTENSION, RunFile};
 
 /// Seeds of the sensor noise in CI; the long test draws its own.
 const SEEDS: [u64; 3] = [1, 2, 3];
@@ -87,7 +91,12 @@ fn finding(profile: &str, seed: u64) -> Option<String> {
     let folder = tempfile::tempdir().expect("a folder");
     let bench = seeded(seed);
     let (_, csv) = play(&bench, profile, Some(folder.path()));
-    let recording = csv::read_file(&csv.expect("exported")).expect("a recording");
+    found_in(&csv.expect("exported"), &bench)
+}
+
+/// The same for an exported run.
+fn found_in(csv: &Path, bench: &Bench) -> Option<String> {
+    let recording = csv::read_file(csv).expect("a recording");
     let mut baseline = Baseline::of(model::find(&bench.model.name).expect("listed"));
     baseline.start = Some(bench.model.values().expect("sound"));
     let found = diagnose(
@@ -135,4 +144,82 @@ fn a_hundred_clean_runs_of_every_shipped_profile() {
     println!("first seed {first}");
     let found = all_alarms(first..first + from_environment(RUNS, 50));
     assert!(found.is_empty(), "{}", found.join("\n"));
+}
+
+/// A shipped bench with a seed and with the longest lease and silence that are allowed, for a shared machine.
+fn patient(name: &str, seed: u64, folder: &Path) -> String {
+    let shipped = std::fs::read_to_string(config(&format!("benches/{name}.toml"))).expect("shipped");
+    let specimens = format!("file = \"{}", config("specimens").display());
+    let text = shipped
+        .replace("file = \"../specimens", &specimens)
+        .replace("lease_ms = 50", "lease_ms = 500")
+        .replace("node = 1\n", "node = 1\nqueue_lead_ms = 200\nsilence_ms = 500\n")
+        .replace("seed = 1", &format!("seed = {seed}"));
+    let path = folder.join("bench.toml");
+    std::fs::write(&path, text).expect("written");
+    path.display().to_string()
+}
+
+/// What a rig in real time showed in all shipped profiles, `rounds` times: completed runs, and alarms, findings and what disturbed it
+/// as lines. With `over_pty` the mock rig is another process behind a pair of pseudo-terminals, else it is in memory.
+fn real_time_rounds(rig: u64, rounds: u64, over_pty: bool) -> (usize, Vec<String>) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let wire = over_pty.then(wire::Wire::new);
+    let name = if over_pty { "mock-serial" } else { "mock" };
+    let bench = patient(name, rig, folder.path());
+    let mut arguments = vec!["--bench".to_owned(), bench.clone()];
+    let _rig = wire.as_ref().map(|wire| {
+        let [rig_port, host_port] = wire.ports.clone().map(|port| format!("serial:{port}"));
+        arguments.extend(["--link".to_owned(), host_port]);
+        let rig = leafbench(&["mock-rig", "--bench", &bench, "--link", &rig_port]).spawn();
+        Process(rig.expect("leafbench starts"))
+    });
+    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    let daemon = Daemon::ready(&folder.path().join("data"), &arguments);
+    let loaded = Bench::load(Path::new(&bench)).expect("a bench");
+    let (mut completed, mut lines) = (0, Vec::new());
+    for round in 1..=rounds {
+        for (profile, _) in shipped_profiles() {
+            let (ended, code) = json(&daemon.data, &["run", &profile]);
+            let id = ended["run_id"].as_str().unwrap_or_else(|| panic!("{ended}"));
+            let file = daemon.data.join(format!("{id}.{EXTENSION}"));
+            let run = RunFile::open(&file).expect("the run's file opens");
+            let at = format!("rig {rig}, {name}, round {round}, {profile}");
+            let alarms = run.events().into_iter().filter(|e| e.kind == EventKind::ModelMismatch);
+            lines.extend(alarms.map(|e| format!("ALARM {at}, {:.3} s: {}", e.time_s, e.text)));
+            if code == 0 {
+                completed += 1;
+                let (export, _) = json(&daemon.data, &["export", id, "--out", &folder.path().display().to_string()]);
+                let csv = folder.path().join(format!("{id}.csv"));
+                assert!(csv.is_file(), "{export}");
+                lines.extend(found_in(&csv, &loaded).map(|text| format!("FINDING {at}: {text}")));
+            } else {
+                lines.push(format!("DISTURBED {at}: {}", run.outcome().expect("ended").cause));
+                daemon.back_to_ready();
+            }
+            println!("{at}: {completed} runs completed, {} lines", lines.len());
+            std::fs::remove_file(&file).expect("ours");
+        }
+    }
+    (completed, lines)
+}
+
+/// `LEAFBENCH_CLEAN_RUNS=20 LEAFBENCH_CLEAN_RIGS=5 cargo test --lib in_real_time -- --ignored --nocapture`: 100 runs of every
+/// profile, 20 on each of five rigs that run at the same time, every second one over pseudo-terminals. A round takes 8 min.
+#[test]
+#[ignore = "hours: run it after a change of twin, control or link"]
+fn a_hundred_clean_runs_of_every_shipped_profile_in_real_time() {
+    let (rounds, rigs) = (from_environment(RUNS, 20), from_environment("LEAFBENCH_CLEAN_RIGS", 5));
+    let first = from_environment(FIRST_SEED, now_s() % 1_000_000);
+    println!("first seed {first}");
+    let results: Vec<_> = std::thread::scope(|scope| {
+        let rounds = (0..rigs).map(|rig| scope.spawn(move || real_time_rounds(first + rig, rounds, rig % 2 == 1)));
+        let threads: Vec<_> = rounds.collect();
+        threads.into_iter().map(|thread| thread.join().expect("a rig")).collect()
+    });
+    let completed: usize = results.iter().map(|(completed, _)| completed).sum();
+    let lines: Vec<String> = results.into_iter().flat_map(|(_, lines)| lines).collect();
+    println!("{completed} runs completed");
+    assert!(completed > 0);
+    assert!(lines.iter().all(|line| line.starts_with("DISTURBED")), "{}", lines.join("\n"));
 }

@@ -211,7 +211,7 @@ fn an_emergency_alone_ends_the_run() {
     assert!(ms <= 3, "{ms} ms");
     bench.mock.injection.emergency_stop = false;
     bench.to_host = Box::new(Some);
-    is_aborted_and_latched(&mut bench, "EmergencyStop");
+    is_aborted_and_latched(&mut bench, "emergency stop");
 }
 
 #[test]
@@ -451,7 +451,7 @@ fn a_direct_trip_is_shown_within_a_second() {
     assert!(ms < 1_000, "{ms} ms");
     let end = outcome(&bench);
     assert!(
-        end.ending == Ending::Aborted && end.cause.contains("EmergencyStop"),
+        end.ending == Ending::Aborted && end.cause.contains("emergency stop"),
         "{end:?}"
     );
 }

@@ -285,7 +285,7 @@ impl Rig {
             self.session
                 .on_acknowledgement(status.ack_counter, status.ack_result, turn.now_ns)
         {
-            let why = format!("the rig refused {code:?} ({result:?}): {}", remedy(result));
+            let why = format!("the rig refused {code} ({result}): {}", remedy(result));
             self.give_up(why, turn);
         }
         // Not by an emergency: that says what the rig chose when it was sent.
@@ -308,7 +308,7 @@ impl Rig {
             code, cause, state, ..
         } = emergency;
         self.counters.emergencies += 1;
-        let text = format!("emergency {code:#06x}: {cause:?}, the rig went to {state:?}");
+        let text = format!("emergency {code:#06x}: {cause}, the rig went to {state}");
         self.event(turn, EventKind::Limit, text);
         if code != 0 {
             self.on_state(state, cause, turn);

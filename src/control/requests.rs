@@ -22,7 +22,7 @@ pub(crate) enum Refusal {
     #[error("the CAN controller is error passive: check bit rate, termination and wiring, then start again")]
     ErrorPassive,
     /// The request is not possible in this phase.
-    #[error("{what} is not possible while the bench is {phase:?}: check the bench with `leafbench status`")]
+    #[error("{what} is not possible while the bench is {phase}: check the bench with `leafbench status`")]
     Phase {
         /// The request that was refused.
         what: &'static str,

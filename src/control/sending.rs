@@ -70,7 +70,7 @@ impl Rig {
     }
 
     fn on_unanswered(&mut self, code: RequestCode, turn: &mut Turn) {
-        let why = format!("the rig did not answer {code:?}, asked twice: check the link");
+        let why = format!("the rig did not answer {code}, asked twice: check the link");
         if matches!(self.activity, Activity::Running(_)) {
             self.act(Action::Abort(why), turn);
         } else {

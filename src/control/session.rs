@@ -56,7 +56,7 @@ pub(crate) enum HelloError {
     },
     /// The rig refused an access.
     #[error(
-        "the rig refused object {index:#06x}:{sub} ({abort:?}): check the limit in the bench file, and that the firmware follows this version of firmware-protocol.md"
+        "the rig refused object {index:#06x}:{sub} ({abort}): check the limit in the bench file, and that the firmware follows this version of firmware-protocol.md"
     )]
     Refused {
         /// Index of the object.

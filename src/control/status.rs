@@ -2,6 +2,7 @@
 
 use super::{Activity, Rig};
 use crate::protocol::message::{Cause, NmtState, RigState};
+use crate::protocol::wire_enum::as_words;
 use crate::recording::FirmwareIdentity;
 
 /// What the bench is doing, for people and scripts.
@@ -22,6 +23,12 @@ pub(crate) enum Phase {
     Unloading,
     /// The rig is latched by a fault and needs a reset.
     Interlocked,
+}
+
+impl std::fmt::Display for Phase {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        as_words(self, f)
+    }
 }
 
 /// Counts since the program started.
@@ -104,8 +111,8 @@ impl RigStatus {
     /// What the bench is latched by: the rig's cause, the host's fault, or both.
     pub(crate) fn interlock(&self) -> String {
         match (self.rig_state, self.fault.is_empty()) {
-            (Some(RigState::Tripped), true) => format!("{:?}", self.cause),
-            (Some(RigState::Tripped), false) => format!("{:?}; {}", self.cause, self.fault),
+            (Some(RigState::Tripped), true) => self.cause.to_string(),
+            (Some(RigState::Tripped), false) => format!("{}; {}", self.cause, self.fault),
             _ => self.fault.clone(),
         }
     }

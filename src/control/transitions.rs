@@ -14,14 +14,14 @@ impl Rig {
         self.event(
             turn,
             EventKind::RigState,
-            format!("rig {state:?}, cause {cause:?}"),
+            format!("rig {state}, cause {cause}"),
         );
         match (&mut self.activity, state) {
             (Activity::Running(run), RigState::Hold) => {
                 run.hold(self.ticks.newest().unwrap_or(0));
                 // A detector that asked for the hold has said why.
                 if cause != Cause::None || self.notice.is_empty() {
-                    self.notice = format!("the rig holds ({cause:?}): resume or stop");
+                    self.notice = format!("the rig holds ({cause}): resume or stop");
                 }
             }
             (Activity::Running(run), RigState::Armed) if run.is_held() => self.resume_run(turn),
@@ -30,7 +30,7 @@ impl Rig {
                 self.stop_run(Ending::Aborted, text, turn.now_ns);
             }
             (Activity::Arming { .. }, RigState::Tripped | RigState::Unload) => {
-                self.notice = format!("the rig did not arm ({cause:?}): remove the cause, then start again");
+                self.notice = format!("the rig did not arm ({cause}): remove the cause, then start again");
                 self.activity = Activity::Idle;
             }
             _ => {}
@@ -43,10 +43,10 @@ impl Rig {
         let gap_ms = self.counters.worst_poll_gap_ms;
         if matches!(cause, Cause::LeaseLapsed | Cause::QueueDry) && 2 * gap_ms > lease_ms {
             return format!(
-                "the rig ended the run: {cause:?}; control was delayed by {gap_ms} ms on this computer (lease {lease_ms} ms): end other programs or allow real-time priority"
+                "the rig ended the run: {cause}; control was delayed by {gap_ms} ms on this computer (lease {lease_ms} ms): end other programs or allow real-time priority"
             );
         }
-        format!("the rig ended the run: {cause:?}")
+        format!("the rig ended the run: {cause}")
     }
 
     /// The rig is armed again after a hold.

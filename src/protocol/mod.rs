@@ -12,4 +12,4 @@ pub(crate) mod protection;
 pub(crate) mod serial_framing;
 mod state;
 pub(crate) mod tick;
-mod wire_enum;
+pub(crate) mod wire_enum;

@@ -105,6 +105,12 @@ mod tests {
     use super::*;
 
     #[test]
+    fn names_for_a_person_are_words() {
+        assert_eq!(Cause::ForceLimit.to_string(), "force limit");
+        assert_eq!(RigState::Tripped.to_string(), "tripped");
+    }
+
+    #[test]
     fn every_cause_has_an_emergency_code_of_its_own() {
         let codes: std::collections::BTreeSet<u16> =
             Cause::ALL.iter().map(|cause| cause.emergency().0).collect();

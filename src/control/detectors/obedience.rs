@@ -37,7 +37,7 @@ impl ObedienceWatch {
         let empty = under_way && expected.last_tick.is_none() && queue_ms == 0;
         if stands(&mut self.idle_since, idle, tick) {
             return Some(format!(
-                "the rig does not follow the commands: for {} ms its state has been {state:?} instead of Running: check that the firmware accepts commands in this state",
+                "the rig does not follow the commands: for {} ms its state has been {state} instead of running: check that the firmware accepts commands in this state",
                 ticks_since(self.idle_since, tick)
             ));
         }
