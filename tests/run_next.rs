@@ -92,15 +92,15 @@ fn rounds_are_run_and_kept_until_the_diagnosis_is_settled() {
     assert_eq!(last["effects"], serde_json::json!(["progressive_stiffness"]));
 }
 
-/// In one sine, weak viscous damping and a channel delay are confounded. From 0.015 N s/mm on, one sine is enough; below
-/// 0.012 N s/mm it shows nothing, because the damping force is below the noise.
+/// Two cycles of one sine leave open how damping and a delay share what is seen; a second test settles it. Damping below
+/// 0.02 N s/mm stays below half the noise in this sine, so it is not named at all.
 #[test]
 fn damping_and_delay_are_separated_by_a_second_test() {
     let folder = tempfile::tempdir().expect("a folder");
-    let bench = concealing("viscous_damping", &[("damping_n_s_per_mm", 0.013)]);
+    let bench = concealing("viscous_damping", &[("damping_n_s_per_mm", 0.045)]);
     let file = folder.path().join("bench.toml");
     std::fs::write(&file, bench.to_toml()).expect("scratch folder is writable");
-    let (_, csv) = play(&bench, &sine("one", 12.0, 0.5, 4), Some(folder.path()));
+    let (_, csv) = play(&bench, &sine("one", 12.0, 0.5, 2), Some(folder.path()));
     let (ended, rounds) = virtual_rounds(folder.path(), &file, &csv.expect("exported"));
     assert_eq!(ended["settled"], true, "{} {:#}", ended["why"], ended["rounds"]);
     assert!(rounds.len() > 1, "one sine settled it");
