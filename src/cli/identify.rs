@@ -154,6 +154,7 @@ impl IdentifyArgs {
                 parameters: Default::default(),
                 structure: toml::Table::new(),
                 effects: Vec::new(),
+                law: None,
             },
         })
     }

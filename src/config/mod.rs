@@ -14,6 +14,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use crate::effect::law::Law;
 use crate::effect::{self, Effect, EffectError};
 use crate::model::{self, BuildError, Plant};
 use crate::profile::ProfileLimits;
@@ -235,6 +236,9 @@ pub(crate) struct ModelConfig {
     /// Effects attached to the model. They act in the order of their stages, not of the file.
     #[serde(default, rename = "effect", skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectConfig>,
+    /// A law that was read off recordings, around the model and below its effects.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub law: Option<Law>,
 }
 
 /// An effect attached to a model.
@@ -275,7 +279,15 @@ impl ModelConfig {
     }
 
     fn plant_without_effects(&self) -> Result<Box<dyn Plant>, BuildError> {
-        model::find(&self.name)?.plant(&self.values()?, &self.structure)
+        let model = model::find(&self.name)?;
+        let plant = model.plant(&self.values()?, &self.structure)?;
+        let Some(law) = &self.law else {
+            return Ok(plant);
+        };
+        law.attached(plant).map_err(|error| BuildError::Structure {
+            model: model.name,
+            reason: error.to_string(),
+        })
     }
 
     fn with_effects(&self, plant: Box<dyn Plant>) -> Result<Box<dyn Plant>, EffectError> {

@@ -114,6 +114,9 @@ fn compare(
     let distinct = likelihood.gain(DISTINCT_POWER * likelihood.variance * context.data.counted() as f64);
     let mut rivals: Vec<RivalSet> = Vec::new();
     let mut doubt = 0.0;
+    // What the chosen set leaves above the noise is the error of its forms: rivals that lack less are not excluded by it.
+    let left = search.nodes[search.chosen].cost() - context.data.counted() as f64;
+    let scale = DOUBT_FLOOR + (DOUBT_SHARE * loss).max(likelihood.gain(left.max(0.0)));
     for (i, node) in search.nodes.iter().enumerate() {
         if node.attached.len() != base.len() + extras + 1 {
             continue;
@@ -127,7 +130,7 @@ fn compare(
             continue;
         }
         let lack = likelihood.gain(node.cost() - search.nodes[search.chosen].cost());
-        doubt += (-lack / (DOUBT_FLOOR + DOUBT_SHARE * loss)).exp();
+        doubt += (-lack / scale).exp();
         if lack < distinguishable_lack(node, loss, distinct) {
             rivals.push(RivalSet {
                 code: other,

@@ -11,8 +11,9 @@ use super::splits::Split;
 pub(super) const PENALTY: f64 = 8.0;
 /// Share of the whole gain that an effect must bring.
 pub(super) const LEAST_SHARE: f64 = 5e-4;
-/// Share of the rest above the noise that an effect must take away: less is the error of another effect's form.
-const LEAST_SHARE_OF_REST: f64 = 0.2;
+/// Share of the rest above the noise that an effect must take away: one that leaves more than it takes is the error of another
+/// effect's form.
+const LEAST_SHARE_OF_REST: f64 = 0.5;
 /// Mean square that an effect must take away, in units of the noise: an RMS of 7 % of the noise is no finding.
 const LEAST_POWER: f64 = 0.005;
 /// The same for a slow model: the error of its coarse steps repeats in every cycle and does not average out.

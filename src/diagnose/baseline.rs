@@ -4,6 +4,7 @@
 //! switch off friction that is not known (`Model::limit_friction`).
 
 use super::surrogate::Surrogate;
+use crate::effect::law::Law;
 use crate::effect::{self, EFFECTS, Effect, EffectError, FORMS, Stage};
 use crate::model::{BuildError, Model, Parameter, Plant};
 
@@ -76,6 +77,8 @@ pub(super) struct Setup {
     pub candidates: Vec<Attached>,
     /// Replaces a slow model along the recordings.
     pub surrogate: Option<Surrogate>,
+    /// A law that was read off the recordings, around the model.
+    pub law: Option<Law>,
 }
 
 impl Setup {
@@ -126,6 +129,7 @@ impl Setup {
             form,
             candidates,
             surrogate: None,
+            law: None,
         })
     }
 }
@@ -138,7 +142,13 @@ pub(super) fn build(
     zero_n: f64,
 ) -> Result<Box<dyn Plant>, BuildError> {
     let (own, groups) = values.split_at(setup.model.parameters.len());
-    let plant = setup.model.plant(own, &setup.structure)?;
+    let mut plant = setup.model.plant(own, &setup.structure)?;
+    if let Some(law) = &setup.law {
+        plant = law.attached(plant).map_err(|error| BuildError::Structure {
+            model: setup.model.name,
+            reason: error.to_string(),
+        })?;
+    }
     Ok(wrap(plant, attached, groups, zero_n))
 }
 

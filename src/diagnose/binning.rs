@@ -18,7 +18,7 @@ pub(super) const AXES: [Axis; 6] = [
 pub(super) const BINS: usize = 24;
 
 /// Coordinate of a point on an axis; accelerations are not binned.
-fn coordinate(track: &Track, i: usize, axis: Axis) -> f64 {
+pub(super) fn coordinate(track: &Track, i: usize, axis: Axis) -> f64 {
     match axis {
         Axis::DistanceFromReversalMm => track.since_reversal_mm[i],
         Axis::DisplacementMm => track.displacement_mm[i],

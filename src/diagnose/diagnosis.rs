@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use crate::effect::law::Law;
 pub(crate) use crate::effect::{Axis, Branch};
 
 /// The answer of a diagnosis.
@@ -201,8 +202,38 @@ pub struct ImprovedModel {
     pub structure: toml::Table,
     /// Effects in the order in which they are attached, specimen first.
     pub effects: Vec<AttachedEffect>,
+    /// A law that was read off the recordings, around the model.
+    pub law: Option<Law>,
     /// Fitted zero of the force channel, N; not part of the model.
     pub force_zero_n: f64,
+}
+
+/// A power with its 95 % interval.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Exponent {
+    pub value: f64,
+    pub ci95: [f64; 2],
+}
+
+/// A law that no effect in the library has, read off the recordings.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct DiscoveredLaw {
+    /// Axis, branches and table.
+    #[serde(flatten)]
+    pub law: Law,
+    /// Standard deviation of each value of the table.
+    pub band: Vec<f64>,
+    /// The shortest equation within the band.
+    pub equation: String,
+    /// Power of the axis, where the equation has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exponent: Option<Exponent>,
+    /// Share of the baseline's error above the noise that it takes away on cycles that were not fitted.
+    pub explained_share: f64,
+    /// NRMSE on held-out cycles before and after.
+    pub nrmse_leftout: [f64; 2],
+    /// The law as a sentence.
+    pub statement: String,
 }
 
 /// The result of a diagnosis.
@@ -216,6 +247,9 @@ pub struct Diagnosis {
     pub effects: Vec<Finding>,
     /// Effects that could replace them.
     pub alternatives: Vec<Alternative>,
+    /// The law that was read off the recordings, where no effect explains them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub law: Option<DiscoveredLaw>,
     /// Where on the loop the baseline and the recordings differ.
     pub location: Vec<Location>,
     /// Errors before and after.
@@ -263,7 +297,10 @@ impl ImprovedModel {
     pub(crate) fn plant(&self) -> Result<Box<dyn crate::model::Plant>, crate::effect::EffectError> {
         let model = crate::model::find(&self.model)?;
         let values: Vec<f64> = self.parameters.iter().map(|p| p.1).collect();
-        let plant = model.plant(&values, &self.structure)?;
+        let mut plant = model.plant(&values, &self.structure)?;
+        if let Some(law) = &self.law {
+            plant = law.attached(plant).expect("a law that was fitted can be stepped");
+        }
         let effects = self
             .effects
             .iter()

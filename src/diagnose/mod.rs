@@ -13,6 +13,7 @@
 //! | `search` | beam search over sets of effects |
 //! | `backward_elimination` | the set that is chosen: largest penalised gain, then effects that bring too little are removed |
 //! | `lack_of_fit` | what no candidate explains (`near_replicates`) |
+//! | `law` | a law read off the recordings where no candidate explains them |
 //! | `location` | where on the loop model and recordings differ (`binning`) |
 //! | `alternatives`, `intervals` | what could replace a finding; confidence intervals |
 //! | `next_test` | the test that separates a finding from its alternatives (`test_profiles`) |
@@ -33,6 +34,7 @@ mod fit;
 mod friction_law;
 mod intervals;
 mod lack_of_fit;
+mod law;
 mod location;
 mod mains_hum;
 mod near_replicates;
@@ -49,6 +51,7 @@ mod test_profiles;
 mod thinning;
 mod travel;
 mod turning_points;
+mod varying_coefficient;
 mod verdict;
 
 pub use baseline::Baseline;

@@ -13,11 +13,11 @@ const CURVE_POINTS: usize = 600;
 const TESTABLE: f64 = 0.05;
 
 /// Errors of baseline and improved model, and of the steps between them. `refitted` is the baseline with its own friction law,
-/// `nominal` its residuals before the fit.
+/// `improved` the set that is delivered, `nominal` the baseline's residuals before the fit.
 pub(super) fn errors(
     context: &FitContext<'_>,
     search: &SearchResult,
-    refitted: &Node,
+    [refitted, improved]: [&Node; 2],
     nominal: Option<Vec<f64>>,
 ) -> FitErrors {
     let extras = context.setup.extras.len();
@@ -63,7 +63,7 @@ pub(super) fn errors(
         .collect();
     FitErrors {
         baseline: errors_of(data, &refitted.residuals),
-        improved: errors_of(data, &after.residuals),
+        improved: errors_of(data, &improved.residuals),
         noise_floor_nrmse: (floor.iter().sum::<f64>() / floor.len().max(1) as f64).sqrt()
             / data.force_range_n,
         ladder,

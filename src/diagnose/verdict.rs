@@ -10,6 +10,7 @@ use super::fit::converge;
 use super::friction_law;
 use super::intervals::intervals;
 use super::lack_of_fit::{LackOfFit, lack_of_fit};
+use super::law;
 use super::location::{locate, words};
 use super::next_test;
 use super::search::SearchResult;
@@ -66,6 +67,7 @@ pub(super) fn conclude(
         (false, false) => Verdict::MissingPhysics,
         (false, true) => Verdict::Adequate,
     };
+    let discovered = unexplained.then(|| law::discover(context, before)).flatten();
     let confidence = intervals(context, after, search.likelihood);
     let effects: Vec<Finding> = judged
         .iter()
@@ -77,10 +79,17 @@ pub(super) fn conclude(
     } else {
         effect_locations(context, [before, after], &judged)
     };
-    let fit = errors(context, &search, refitted, nominal);
+    // What was refused is not delivered: without a law, nothing is added to the baseline.
+    let after = match &discovered {
+        Some((node, _)) => node,
+        None if unexplained => before,
+        None => after,
+    };
+    let fit = errors(context, &search, [refitted, after], nominal);
+    let law = discovered.as_ref().map(|(_, law)| law.clone());
     Diagnosis {
         verdict,
-        summary: summary(verdict, &effects, &location, &fit),
+        summary: summary(verdict, &effects, law.as_ref(), &location, &fit),
         alternatives: alternatives(context, &search, refitted, &judged, unexplained),
         location,
         next_test: next_test(context, &search, &judged),
@@ -91,7 +100,8 @@ pub(super) fn conclude(
         unexplained_share,
         curves: curves(context.data, refitted, after),
         maps: binning::maps(context.data, &refitted.residuals, &after.residuals),
-        improved: improved(context, after),
+        improved: improved(context, after, law.as_ref()),
+        law,
         effects,
         fit,
     }
@@ -315,7 +325,7 @@ fn alarms(context: &FitContext<'_>, node: &Node, confidence: &Confidence) -> Vec
 }
 
 /// The model of a node, with its effects in the order in which they are attached.
-fn improved(context: &FitContext<'_>, node: &Node) -> ImprovedModel {
+fn improved(context: &FitContext<'_>, node: &Node, law: Option<&DiscoveredLaw>) -> ImprovedModel {
     let model = context.setup.model;
     let values = |parameters: &[Parameter], from: usize| -> Vec<(String, f64)> {
         parameters
@@ -337,11 +347,18 @@ fn improved(context: &FitContext<'_>, node: &Node) -> ImprovedModel {
                 parameters: values(&node.attached[k].parameters, context.offset(&node.attached, k)),
             })
             .collect(),
+        law: law.map(|l| l.law.clone()),
         force_zero_n: node.values[node.values.len() - 1],
     }
 }
 
-fn summary(verdict: Verdict, effects: &[Finding], location: &[Location], fit: &FitErrors) -> String {
+fn summary(
+    verdict: Verdict,
+    effects: &[Finding],
+    law: Option<&DiscoveredLaw>,
+    location: &[Location],
+    fit: &FitErrors,
+) -> String {
     let percent = |share: f64| format!("{:.2} %", 100.0 * share);
     let noise = percent(fit.noise_floor_nrmse);
     let improved = percent(fit.improved.nrmse_heldout);
@@ -359,11 +376,18 @@ fn summary(verdict: Verdict, effects: &[Finding], location: &[Location], fit: &F
                 codes.join(" and ")
             )
         }
-        Verdict::Unexplained => format!(
-            "No effect in the library explains the difference{}.",
-            location
+        Verdict::Unexplained => {
+            let baseline = percent(fit.baseline.nrmse_heldout);
+            let place = location
                 .first()
-                .map_or(String::new(), |l| format!(": {}", l.words))
-        ),
+                .map_or(String::new(), |l| format!(": {}", l.words));
+            let modelled = law.map_or(String::new(), |law| {
+                format!(
+                    " Modelled by a law read off the recordings, {}: the error on held-out cycles falls from {baseline} to {improved}, noise {noise}.",
+                    law.equation
+                )
+            });
+            format!("No effect in the library explains the difference{place}.{modelled}")
+        }
     }
 }

@@ -3,8 +3,8 @@
 //! ```text
 //! F = F_in + T r(x)
 //! ```
-//! T: `friction_n`, N. r: drag of the contact, -1 to 1; after a reversal it changes sign over `transition_mm`
-//! (see [`Drag`]). F_in: force of the plant inside, N.
+//! T: `friction_n`, N. r: drag of the contact, -1 to 1; after a reversal it changes sign over `transition_mm` with the form
+//! `shape` (see [`Drag`]): 1 is exponential, 0 a single elastic-plastic element. F_in: force of the plant inside, N.
 //! Sources: C. A. de Coulomb (1785); transition after a reversal: P. R. Dahl, A solid friction model (1968).
 //! Range: any motion; the friction is independent of load and speed. The loop width at a second mean load separates it
 //! from friction in proportion to the load.
@@ -34,11 +34,19 @@ pub(crate) const EFFECT: Effect = Effect {
             belief: [0.001, 1.0],
             what: "travel after a reversal over which the friction reverses",
         },
+        Parameter {
+            name: "shape",
+            unit: "",
+            start: 1.0,
+            bounds: [0.0, 1.5],
+            belief: [0.0, 1.5],
+            what: "form of the reversal: 1 is exponential, 0 is linear up to sliding",
+        },
     ],
-    neutral: &[0.0, 0.05],
+    neutral: &[0.0, 0.05, 1.0],
     amplitudes: &[0],
     kinks: &[],
-    starts: |_| vec![vec![10.0, 0.02], vec![10.0, 0.1], vec![10.0, 0.5]],
+    starts: |_| vec![vec![10.0, 0.02, 0.8], vec![10.0, 0.1, 0.8], vec![10.0, 0.5, 0.8]],
     statement: |v| {
         format!(
             "A dry friction of {:.1} N acts against every motion and does not depend on the load. Possible causes: bushings, pusher on its board, guides or seals.",
@@ -49,7 +57,7 @@ pub(crate) const EFFECT: Effect = Effect {
         wrapped(
             CoulombFriction {
                 friction_n: v[0],
-                drag: Drag::new(v[1], 1.0),
+                drag: Drag::new(v[1], v[2]),
             },
             inside,
         )
@@ -111,13 +119,13 @@ mod tests {
     #[test]
     fn force_by_hand() {
         // Full sliding in both directions: 100 + 80 x, plus and minus 25 N.
-        let mut plant = (EFFECT.attach)(&[25.0, 0.01], spring());
+        let mut plant = (EFFECT.attach)(&[25.0, 0.01, 1.0], spring());
         assert!((plant.step(5.0, 0.1) - 525.0).abs() < 1e-9);
         assert!((plant.step(4.0, 0.1) - 395.0).abs() < 1e-9);
     }
 
     #[test]
     fn parameters_are_recovered_from_clean_data() {
-        parameters_are_recovered(&EFFECT, &[25.0, 0.12]);
+        parameters_are_recovered(&EFFECT, &[25.0, 0.12, 0.6]);
     }
 }

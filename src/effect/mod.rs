@@ -12,6 +12,7 @@ pub(crate) mod coulomb_friction;
 pub(crate) mod friction_form;
 pub(crate) mod geometric_stiffness;
 pub(crate) mod inertia;
+pub(crate) mod law;
 pub(crate) mod lift_off;
 pub(crate) mod load_dependent_friction;
 pub(crate) mod motion;

@@ -183,6 +183,11 @@ impl Reversals {
         }
     }
 
+    /// Travel since the last reversal in mm, at a displacement of this branch.
+    pub(crate) fn since_mm(&self, displacement_mm: f64) -> f64 {
+        (displacement_mm - self.turned_mm).abs()
+    }
+
     /// Number of cycles so far; a cycle has two reversals.
     pub(crate) fn cycles(&self) -> f64 {
         0.5 * f64::from(self.count)

@@ -1,15 +1,18 @@
 //! Stiffness that rises beyond a deflection, as when a helper leaf touches.
 //!
 //! ```text
-//! F = F_in + k (u + sqrt(u^2 + w^2)) / 2,  u = x - x_k
+//! F = F_in + k u_0 (e / u_0)^p,  e = (u + sqrt(u^2 + w^2)) / 2,  u = x - x_k,  u_0 = 5 mm
 //! ```
-//! k: `extra_rate_n_per_mm`. x_k: `knee_mm`. w: `width_mm`, width of the knee. x: displacement, mm. F_in: force of the plant
-//! inside, N. For w = 0 this is k max(0, u).
+//! k: `extra_rate_n_per_mm`. x_k: `knee_mm`. w: `width_mm`, width of the knee. p: `exponent`. x: displacement, mm. F_in: force of the plant
+//! inside, N. For w = 0 and p = 1 this is k max(0, u).
 //! Source: bilinear stiffness of Polach and Hajzman, eq. 1, here as a force over displacement and with a hyperbolic knee.
-//! Range: one knee; both stiffnesses are constant outside the width of the knee.
+//! A power above 1 is a contact that grows, as of a leaf that rolls onto the next or a rubber stop. Range: one knee.
 
 use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, with_more_load, wrapped};
 use crate::model::{Parameter, Plant};
+
+/// Travel past the knee at which the added force is `extra_rate_n_per_mm` times the travel for every exponent, mm.
+const REFERENCE_MM: f64 = 5.0;
 
 /// The entry of [`super::EFFECTS`].
 pub(crate) const EFFECT: Effect = Effect {
@@ -40,13 +43,21 @@ pub(crate) const EFFECT: Effect = Effect {
             belief: [0.001, 3.0],
             what: "width of the transition at the knee",
         },
+        Parameter {
+            name: "exponent",
+            unit: "",
+            start: 1.0,
+            bounds: [1.0, 3.0],
+            belief: [1.0, 3.0],
+            what: "power of the travel beyond the knee: 1 for a constant added rate",
+        },
     ],
-    neutral: &[0.0, 5.0, 0.3],
+    neutral: &[0.0, 5.0, 0.3, 1.0],
     amplitudes: &[0],
     kinks: &[(1, Axis::DisplacementMm)],
     starts: |s| {
         [0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9]
-            .map(|p| vec![1.0, s.displacement_at(p), 0.2])
+            .map(|p| vec![1.0, s.displacement_at(p), 0.2, 1.1])
             .to_vec()
     },
     statement: |v| {
@@ -61,6 +72,7 @@ pub(crate) const EFFECT: Effect = Effect {
                 extra_rate_n_per_mm: v[0],
                 knee_mm: v[1],
                 width_mm: v[2],
+                exponent: v[3],
                 extra_n: 0.0,
             },
             inside,
@@ -87,6 +99,7 @@ struct ProgressiveStiffness {
     extra_rate_n_per_mm: f64,
     knee_mm: f64,
     width_mm: f64,
+    exponent: f64,
     extra_n: f64,
 }
 
@@ -96,7 +109,8 @@ impl Wrap for ProgressiveStiffness {
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let past_mm = displacement_mm - self.knee_mm;
         let engaged_mm = 0.5 * (past_mm + past_mm.hypot(self.width_mm));
-        self.extra_n = self.extra_rate_n_per_mm * engaged_mm;
+        self.extra_n =
+            self.extra_rate_n_per_mm * REFERENCE_MM * (engaged_mm / REFERENCE_MM).powf(self.exponent);
         let force_n = inside.step(displacement_mm, dt_s);
         with_more_load(&**inside, force_n, self.extra_n)
     }
@@ -119,12 +133,12 @@ mod tests {
     #[test]
     fn force_by_hand() {
         // 3 mm past a knee of 4 mm width, 10 N/mm: 10 * (3 + 5) / 2 = 40 N over the spring.
-        let mut plant = (EFFECT.attach)(&[10.0, 2.0, 4.0], spring());
+        let mut plant = (EFFECT.attach)(&[10.0, 2.0, 4.0, 1.0], spring());
         assert!((plant.step(5.0, 0.1) - 540.0).abs() < 1e-9);
     }
 
     #[test]
     fn parameters_are_recovered_from_clean_data() {
-        parameters_are_recovered(&EFFECT, &[12.0, 7.0, 0.4]);
+        parameters_are_recovered(&EFFECT, &[12.0, 7.0, 0.4, 1.3]);
     }
 }

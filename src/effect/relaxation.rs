@@ -1,15 +1,20 @@
-//! Force that decays at constant displacement: one Maxwell element in parallel with the spring.
+//! Force that decays at constant displacement: three Maxwell arms in parallel with the spring.
 //!
 //! ```text
-//! F = F_in + q,  dq/dt = k dx/dt - q / tau
+//! F = F_in + sum q_i,  dq_i/dt = (k / 3) dx/dt - q_i / tau_i,  tau_i = tau 10^(s (i - 1)),  i = 0, 1, 2
+//! q_i(0) = (1 - r) (k / 3) x(0)
 //! ```
-//! q: force of the Maxwell element, N. k: `arm_rate_n_per_mm`. tau: `time_constant_s`. x: displacement, mm. F_in: force of
+//! q_i: force of an arm, N. k: `arm_rate_n_per_mm`, of all arms. tau: `time_constant_s`. s: `spread_decades`; at 0 the arms are
+//! one. r: `relaxed_share`, how far they had relaxed before the recording began. x: displacement, mm. F_in: force of
 //! the plant inside, N. Each step is exact for constant speed within the step.
-//! Source: standard linear solid, C. Zener, Elasticity and Anelasticity of Metals (1948).
-//! Range: small strain, one time constant. Friction cannot produce this decay, because it does not change at rest.
+//! Source: standard linear solid, C. Zener, Elasticity and Anelasticity of Metals (1948); arms in parallel, E. Wiechert (1893).
+//! Range: small strain, a spectrum of up to three decades. Friction cannot produce this decay, because it does not change at rest.
 
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Parameter, Plant};
+
+/// Number of arms: with three, any spectrum over two decades is met to some percent.
+const ARMS: usize = 3;
 
 /// The entry of [`super::EFFECTS`].
 pub(crate) const EFFECT: Effect = Effect {
@@ -32,13 +37,29 @@ pub(crate) const EFFECT: Effect = Effect {
             belief: [0.5, 1000.0],
             what: "time after which 37 % of its force is left",
         },
+        Parameter {
+            name: "spread_decades",
+            unit: "",
+            start: 0.0,
+            bounds: [0.0, 1.5],
+            belief: [0.0, 1.5],
+            what: "decades from one arm's time constant to the next: 0 for a single time constant",
+        },
+        Parameter {
+            name: "relaxed_share",
+            unit: "",
+            start: 0.0,
+            bounds: [0.0, 1.0],
+            belief: [0.0, 1.0],
+            what: "share of the force at the start that had relaxed before the recording",
+        },
     ],
-    neutral: &[0.0, 10.0],
+    neutral: &[0.0, 10.0, 0.0, 0.0],
     amplitudes: &[0],
     kinks: &[],
     starts: |s| {
         [0.1, 1.0, 0.05 * s.duration_s, 0.3 * s.duration_s]
-            .map(|tau| vec![0.5, tau.clamp(0.3, 1e4)])
+            .map(|tau| vec![0.5, tau.clamp(0.3, 1e4), 0.3, 0.5])
             .to_vec()
     },
     statement: |v| {
@@ -50,10 +71,11 @@ pub(crate) const EFFECT: Effect = Effect {
     attach: |v, inside| {
         wrapped(
             Relaxation {
-                arm_rate_n_per_mm: v[0],
-                time_constant_s: v[1],
-                displacement_mm: 0.0,
-                arm_n: 0.0,
+                rate_n_per_mm: v[0] / ARMS as f64,
+                times_s: std::array::from_fn(|i| v[1] * 10f64.powf(v[2] * (i as f64 - 1.0))),
+                relaxed_share: v[3],
+                displacement_mm: None,
+                arms_n: [0.0; ARMS],
             },
             inside,
         )
@@ -76,30 +98,39 @@ pub(crate) const EFFECT: Effect = Effect {
 
 #[derive(Clone)]
 struct Relaxation {
-    arm_rate_n_per_mm: f64,
-    time_constant_s: f64,
-    displacement_mm: f64,
-    arm_n: f64,
+    /// Rate of one arm.
+    rate_n_per_mm: f64,
+    times_s: [f64; ARMS],
+    relaxed_share: f64,
+    /// Displacement of the last step; `None` before the first.
+    displacement_mm: Option<f64>,
+    arms_n: [f64; ARMS],
 }
 
 impl Wrap for Relaxation {
     fn reset(&mut self) {
-        self.displacement_mm = 0.0;
-        self.arm_n = 0.0;
+        self.displacement_mm = None;
+        self.arms_n = [0.0; ARMS];
     }
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
-        let loaded_n = self.arm_rate_n_per_mm * (displacement_mm - self.displacement_mm);
-        self.displacement_mm = displacement_mm;
-        let times = dt_s / self.time_constant_s;
-        // Mean of exp(-t / tau) over the step: the share of the force added in this step that is left at its end.
-        let kept = if times > 1e-9 {
-            -(-times).exp_m1() / times
-        } else {
-            1.0
+        // What was loaded before the recording has relaxed in part.
+        let travel_mm = match self.displacement_mm.replace(displacement_mm) {
+            Some(from_mm) => displacement_mm - from_mm,
+            None => (1.0 - self.relaxed_share) * displacement_mm,
         };
-        self.arm_n = self.arm_n * (-times).exp() + loaded_n * kept;
-        inside.step(displacement_mm, dt_s) + self.arm_n
+        let loaded_n = self.rate_n_per_mm * travel_mm;
+        for (arm_n, time_s) in self.arms_n.iter_mut().zip(&self.times_s) {
+            let times = dt_s / time_s;
+            // Mean of exp(-t / tau) over the step: the share of the force added in this step that is left at its end.
+            let kept = if times > 1e-9 {
+                -(-times).exp_m1() / times
+            } else {
+                1.0
+            };
+            *arm_n = *arm_n * (-times).exp() + loaded_n * kept;
+        }
+        inside.step(displacement_mm, dt_s) + self.arms_n.iter().sum::<f64>()
     }
 }
 
@@ -116,13 +147,13 @@ mod tests {
     #[test]
     fn force_by_hand() {
         // A step of 5 mm at 4 N/mm adds 20 N; after one time constant 20/e N are left.
-        let mut plant = (EFFECT.attach)(&[4.0, 10.0], spring());
+        let mut plant = (EFFECT.attach)(&[4.0, 10.0, 0.0, 0.0], spring());
         assert!((plant.step(5.0, 0.0) - 520.0).abs() < 1e-9);
         assert!((plant.step(5.0, 10.0) - (500.0 + 20.0 * (-1.0f64).exp())).abs() < 1e-9);
     }
 
     #[test]
     fn parameters_are_recovered_from_clean_data() {
-        parameters_are_recovered(&EFFECT, &[4.0, 8.0]);
+        parameters_are_recovered(&EFFECT, &[4.0, 8.0, 0.3, 0.2]);
     }
 }

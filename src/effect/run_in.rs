@@ -1,9 +1,9 @@
 //! Friction or stiffness that changes with the number of cycles.
 //!
 //! ```text
-//! F = F_in + g(n) (c E r(x) + k F_in),  g(n) = 1 - exp(-n / n_c)
+//! F = F_in + g(n) (c E r(x) + k F_in),  g(n) = 1 - exp(-(n / n_c)^p)
 //! ```
-//! n: cycles since the start of the recording. n_c: `cycles`. c: `friction_change`, final change of friction divided by load.
+//! n: cycles since the start of the recording. n_c: `cycles`. p: `power`. c: `friction_change`, final change of friction divided by load.
 //! k: `rate_change`, final change of the force as a share of the force. E: load that the contacts carry, N (F_in if the
 //! plant has none). F_in: force of the plant inside, N. r: drag of the friction inside, -1 to 1, that is its ratio to
 //! the load relative to that ratio where the friction was largest; if the plant has no friction, a drag of its own over
@@ -55,13 +55,21 @@ pub(crate) const EFFECT: Effect = Effect {
             belief: [0.01, 3.0],
             what: "travel after a reversal over which the changed friction reverses; used where the model has no friction",
         },
+        Parameter {
+            name: "power",
+            unit: "",
+            start: 1.0,
+            bounds: [0.3, 2.0],
+            belief: [0.4, 1.5],
+            what: "shape of the change: 1 is exponential, below 1 it begins fast and goes on for long",
+        },
     ],
-    neutral: &[0.0, 0.0, 10.0, 0.3],
+    neutral: &[0.0, 0.0, 10.0, 0.3, 1.0],
     amplitudes: &[0, 1],
     kinks: &[],
     starts: |s| {
         [0.2, 1.0]
-            .map(|p| vec![0.01, 0.0, (p * s.cycles).clamp(0.5, 1e4), 0.3])
+            .map(|p| vec![0.01, 0.0, (p * s.cycles).clamp(0.5, 1e4), 0.3, 1.0])
             .to_vec()
     },
     statement: |v| {
@@ -78,6 +86,7 @@ pub(crate) const EFFECT: Effect = Effect {
                 friction_change: v[0],
                 rate_change: v[1],
                 cycles: v[2],
+                power: v[4],
                 drag: Drag::new(v[3], 1.0),
                 largest: LargestFriction::default(),
                 reversals: Reversals::default(),
@@ -106,6 +115,7 @@ struct RunIn {
     friction_change: f64,
     rate_change: f64,
     cycles: f64,
+    power: f64,
     drag: Drag,
     largest: LargestFriction,
     reversals: Reversals,
@@ -149,7 +159,7 @@ impl Wrap for RunIn {
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let force_n = inside.step(displacement_mm, dt_s);
         self.reversals.step(displacement_mm);
-        let done = -(-self.reversals.cycles() / self.cycles).exp_m1();
+        let done = -(-(self.reversals.cycles() / self.cycles).powf(self.power)).exp_m1();
         let carried_n = load_n(&**inside, force_n);
         let own = self.drag.step(displacement_mm);
         let drag = self.largest.drag(force_n - carried_n, carried_n).unwrap_or(own);
@@ -171,7 +181,7 @@ mod tests {
     #[test]
     fn force_by_hand() {
         // Path 9, 0, 9, 0, 5: three reversals. Full sliding upwards: 500 N times 1 + 0.15 g.
-        let mut plant = (EFFECT.attach)(&[0.1, 0.05, 4.0, 0.3], spring());
+        let mut plant = (EFFECT.attach)(&[0.1, 0.05, 4.0, 0.3, 1.0], spring());
         let force_n = [9.0, 0.0, 9.0, 0.0, 5.0].map(|x| plant.step(x, 0.1))[4];
         let reversals = 3.0;
         let gain = 0.15 * (1.0 - (-0.5 * reversals / 4.0f64).exp());
@@ -186,7 +196,7 @@ mod tests {
                 .plant(&[100.0, 80.0, 0.1, 0.5], &toml::Table::new())
                 .expect("valid")
         };
-        let (mut plain, mut run_in) = (inside(), (EFFECT.attach)(&[0.1, 0.0, 1e-3, 0.3], inside()));
+        let (mut plain, mut run_in) = (inside(), (EFFECT.attach)(&[0.1, 0.0, 1e-3, 0.3, 1.0], inside()));
         // Run-in is complete at once: the friction is doubled, also while it reverses.
         for x in [20.0, 0.0, 20.0, 0.0, 10.0, 9.6] {
             let (force_n, more_n) = (plain.step(x, 0.1), run_in.step(x, 0.1));
@@ -200,6 +210,6 @@ mod tests {
 
     #[test]
     fn parameters_are_recovered_from_clean_data() {
-        parameters_are_recovered(&EFFECT, &[0.05, -0.02, 3.0, 0.4]);
+        parameters_are_recovered(&EFFECT, &[0.05, -0.02, 3.0, 0.4, 0.8]);
     }
 }

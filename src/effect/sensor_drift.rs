@@ -1,11 +1,11 @@
 //! Zero of the load cell that moves with time.
 //!
 //! ```text
-//! F = F_in + d t / 60
+//! F = F_in + d (1 - exp(-r t)) / r
 //! ```
-//! d: `drift_n_per_min`. t: time since the start of the recording, s. F_in: force of the plant inside, N.
-//! Source: thermal drift of the amplifier; first term of a Taylor series in time. Range: recordings that are short compared
-//! with the thermal time constant. Each recording starts from its own zero.
+//! d: `drift_n_per_min`, at the start. r: `settling_per_min`; at 0 the drift is d t. t: time since the start of the recording,
+//! min. F_in: force of the plant inside, N.
+//! Source: thermal drift of an amplifier that warms up, a first-order thermal system. Range: one time constant. Each recording starts from its own zero.
 
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Parameter, Plant};
@@ -14,18 +14,28 @@ use crate::model::{Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "sensor_drift",
     stage: Stage::Sensor,
-    parameters: &[Parameter {
-        name: "drift_n_per_min",
-        unit: "N/min",
-        start: 0.0,
-        bounds: [-10000.0, 10000.0],
-        belief: [-100.0, 100.0],
-        what: "change of the zero with time",
-    }],
-    neutral: &[0.0],
+    parameters: &[
+        Parameter {
+            name: "drift_n_per_min",
+            unit: "N/min",
+            start: 0.0,
+            bounds: [-10000.0, 10000.0],
+            belief: [-100.0, 100.0],
+            what: "change of the zero with time at the start",
+        },
+        Parameter {
+            name: "settling_per_min",
+            unit: "1/min",
+            start: 0.0,
+            bounds: [0.0, 60.0],
+            belief: [0.0, 20.0],
+            what: "share of the drift that settles in a minute: 0 for a drift that goes on",
+        },
+    ],
+    neutral: &[0.0, 0.0],
     amplitudes: &[0],
     kinks: &[],
-    starts: |_| vec![vec![1.0]],
+    starts: |_| vec![vec![1.0, 0.0], vec![1.0, 5.0]],
     statement: |v| {
         format!(
             "The zero of the force channel drifts by {:+.2} N per minute.",
@@ -36,6 +46,7 @@ pub(crate) const EFFECT: Effect = Effect {
         wrapped(
             SensorDrift {
                 drift_n_per_s: v[0] / 60.0,
+                settling_per_s: v[1] / 60.0,
                 time_s: 0.0,
             },
             inside,
@@ -60,6 +71,7 @@ pub(crate) const EFFECT: Effect = Effect {
 #[derive(Clone)]
 struct SensorDrift {
     drift_n_per_s: f64,
+    settling_per_s: f64,
     time_s: f64,
 }
 
@@ -70,7 +82,13 @@ impl Wrap for SensorDrift {
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         self.time_s += dt_s;
-        inside.step(displacement_mm, dt_s) + self.drift_n_per_s * self.time_s
+        let settled = self.settling_per_s * self.time_s;
+        let effective_s = if settled > 1e-9 {
+            -(-settled).exp_m1() / self.settling_per_s
+        } else {
+            self.time_s
+        };
+        inside.step(displacement_mm, dt_s) + self.drift_n_per_s * effective_s
     }
 }
 
@@ -86,13 +104,15 @@ mod tests {
 
     #[test]
     fn force_by_hand() {
-        // 30 s at 12 N/min.
-        let mut plant = (EFFECT.attach)(&[12.0], spring());
+        // 30 s at 12 N/min; with a settling of 2/min it is 6 (1 - 1/e) N.
+        let mut plant = (EFFECT.attach)(&[12.0, 0.0], spring());
         assert!((plant.step(5.0, 30.0) - 506.0).abs() < 1e-9);
+        let mut plant = (EFFECT.attach)(&[12.0, 2.0], spring());
+        assert!((plant.step(5.0, 30.0) - 500.0 - 6.0 * (1.0 - (-1.0f64).exp())).abs() < 1e-9);
     }
 
     #[test]
     fn parameters_are_recovered_from_clean_data() {
-        parameters_are_recovered(&EFFECT, &[-20.0]);
+        parameters_are_recovered(&EFFECT, &[-20.0, 1.5]);
     }
 }

@@ -3,7 +3,7 @@
 
 use maud::{Markup, html};
 
-use super::diagnosis_plots::{at_a_glance, loops, maps};
+use super::diagnosis_plots::{at_a_glance, law_plot, loops, maps};
 use super::figures::{figure, interval, percent, signed_percent, spaced, unbroken};
 use super::html::document;
 use crate::diagnose::Verdict;
@@ -41,6 +41,7 @@ pub(crate) fn page(diagnosis: &Diagnosis, context: &Context<'_>) -> String {
         (strip(d))
         (at_a_glance(d))
         (findings(d))
+        (law(d))
         (alternatives(d))
         (locations(d))
         (errors(d))
@@ -111,6 +112,31 @@ fn findings(d: &Diagnosis) -> Markup {
                 @for e in &d.effects {
                     tr { td { (spaced(&e.code)) } td { (e.statement) } td.n { (percent(e.confidence, 0)) } }
                 }
+            }
+        }
+    }
+}
+
+/// The law that was read off the recordings, with its table as a curve.
+fn law(d: &Diagnosis) -> Markup {
+    html! {
+        @if let Some(law) = &d.law {
+            h2 { "Law read off the recordings" }
+            div.pair.block {
+                div {
+                    p { (unbroken(&law.statement)) }
+                    @if let Some(power) = law.exponent {
+                        p {
+                            "The power is " (format!("{:.2}", power.value)) ", 95 % interval "
+                            (format!("{:.2} to {:.2}", power.ci95[0], power.ci95[1])) "."
+                        }
+                    }
+                    p {
+                        "It takes away " (percent(law.explained_share, 0)) " of the difference above the noise on cycles that were \
+                         not fitted. The improved model has the table, not the equation."
+                    }
+                }
+                div { (law_plot(law)) }
             }
         }
     }

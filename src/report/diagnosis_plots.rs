@@ -6,7 +6,7 @@ use maud::{Markup, PreEscaped, html};
 use super::figures::percent;
 use super::html::legend;
 use super::svg::{HALF, Ink, Plot, PlotCurve};
-use crate::diagnose::diagnosis::{Axis, Curve, Diagnosis, Map};
+use crate::diagnose::diagnosis::{Axis, Curve, Diagnosis, DiscoveredLaw, Map};
 
 /// The first screen: the loop with the largest baseline error, and the residuals over the first axis with a located region.
 pub(super) fn at_a_glance(d: &Diagnosis) -> Markup {
@@ -89,6 +89,31 @@ pub(super) fn maps(d: &Diagnosis) -> Markup {
                 }
             }
         }
+    }
+}
+
+/// A law over its axis, with two standard deviations on both sides.
+pub(super) fn law_plot(found: &DiscoveredLaw) -> Markup {
+    let law = &found.law;
+    let values = |deviations: f64| {
+        let value = move |(force, band): (&f64, &f64)| force + deviations * band;
+        let values = law.force.iter().zip(&found.band).map(value);
+        law.at.iter().copied().zip(values).collect()
+    };
+    let curves = [
+        line(values(0.0), Ink::Improved),
+        line(values(2.0), Ink::Twin),
+        line(values(-2.0), Ink::Twin),
+    ];
+    let label = match (law.per_load, law.opposes_motion) {
+        (false, false) => "force in N",
+        (false, true) => "force against the motion in N",
+        (true, false) => "force divided by load",
+        (true, true) => "force against the motion divided by load",
+    };
+    html! {
+        (plot(axis_label(law.axis), label, &curves, &[]))
+        (legend(&[("the law", Ink::Improved), ("two standard deviations", Ink::Twin)], ""))
     }
 }
 

@@ -257,6 +257,7 @@ fn improved_bench(bench: &Bench, improved: &ImprovedModel) -> Bench {
                 parameters: e.parameters.iter().cloned().collect(),
             })
             .collect(),
+        law: improved.law.clone(),
     };
     let mut bench = bench.clone();
     bench.specimen.model = model.clone();
@@ -283,6 +284,9 @@ fn text(d: &Diagnosis, folder: &Path) -> String {
             100.0 * e.confidence,
             e.statement
         ));
+    }
+    if let Some(law) = &d.law {
+        lines.push(format!("  modelled: {}", law.statement));
     }
     for a in &d.alternatives {
         lines.push(format!("  or {} instead of {}: {}", a.code, a.instead_of, a.why));

@@ -122,6 +122,7 @@ fn improved(fit: &Fit) -> ImprovedModel {
         parameters: named.map(|(p, value)| (p.name.to_owned(), *value)).collect(),
         structure: toml::Table::new(),
         effects: Vec::new(),
+        law: None,
         force_zero_n: 0.0,
     }
 }

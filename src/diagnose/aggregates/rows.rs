@@ -265,6 +265,7 @@ fn model_of(fit: &RowFit, mounting: Mounting) -> Option<ImprovedModel> {
         parameters: names.zip(values.to_array()).collect(),
         structure: toml::Table::try_from(&structure).ok()?,
         effects: Vec::new(),
+        law: None,
         force_zero_n: 0.0,
     })
 }
