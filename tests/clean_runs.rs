@@ -185,11 +185,17 @@ fn real_time_rounds(rig: u64, rounds: u64, over_pty: bool) -> (usize, Vec<String
             let file = daemon.data.join(format!("{id}.{EXTENSION}"));
             let run = RunFile::open(&file).expect("the run's file opens");
             let at = format!("rig {rig}, {name}, round {round}, {profile}");
-            let alarms = run.events().into_iter().filter(|e| e.kind == EventKind::ModelMismatch);
+            let alarms = run
+                .events()
+                .into_iter()
+                .filter(|e| e.kind == EventKind::ModelMismatch);
             lines.extend(alarms.map(|e| format!("ALARM {at}, {:.3} s: {}", e.time_s, e.text)));
             if code == 0 {
                 completed += 1;
-                let (export, _) = json(&daemon.data, &["export", id, "--out", &folder.path().display().to_string()]);
+                let (export, _) = json(
+                    &daemon.data,
+                    &["export", id, "--out", &folder.path().display().to_string()],
+                );
                 let csv = folder.path().join(format!("{id}.csv"));
                 assert!(csv.is_file(), "{export}");
                 lines.extend(found_in(&csv, &loaded).map(|text| format!("FINDING {at}: {text}")));
@@ -209,17 +215,28 @@ fn real_time_rounds(rig: u64, rounds: u64, over_pty: bool) -> (usize, Vec<String
 #[test]
 #[ignore = "hours: run it after a change of twin, control or link"]
 fn a_hundred_clean_runs_of_every_shipped_profile_in_real_time() {
-    let (rounds, rigs) = (from_environment(RUNS, 20), from_environment("LEAFBENCH_CLEAN_RIGS", 5));
+    let (rounds, rigs) = (
+        from_environment(RUNS, 20),
+        from_environment("LEAFBENCH_CLEAN_RIGS", 5),
+    );
     let first = from_environment(FIRST_SEED, now_s() % 1_000_000);
     println!("first seed {first}");
     let results: Vec<_> = std::thread::scope(|scope| {
-        let rounds = (0..rigs).map(|rig| scope.spawn(move || real_time_rounds(first + rig, rounds, rig % 2 == 1)));
+        let rounds =
+            (0..rigs).map(|rig| scope.spawn(move || real_time_rounds(first + rig, rounds, rig % 2 == 1)));
         let threads: Vec<_> = rounds.collect();
-        threads.into_iter().map(|thread| thread.join().expect("a rig")).collect()
+        threads
+            .into_iter()
+            .map(|thread| thread.join().expect("a rig"))
+            .collect()
     });
     let completed: usize = results.iter().map(|(completed, _)| completed).sum();
     let lines: Vec<String> = results.into_iter().flat_map(|(_, lines)| lines).collect();
     println!("{completed} runs completed");
     assert!(completed > 0);
-    assert!(lines.iter().all(|line| line.starts_with("DISTURBED")), "{}", lines.join("\n"));
+    assert!(
+        lines.iter().all(|line| line.starts_with("DISTURBED")),
+        "{}",
+        lines.join("\n")
+    );
 }

@@ -11,11 +11,7 @@ impl Rig {
         if before == Some(state) {
             return;
         }
-        self.event(
-            turn,
-            EventKind::RigState,
-            format!("rig {state}, cause {cause}"),
-        );
+        self.event(turn, EventKind::RigState, format!("rig {state}, cause {cause}"));
         match (&mut self.activity, state) {
             (Activity::Running(run), RigState::Hold) => {
                 run.hold(self.ticks.newest().unwrap_or(0));
