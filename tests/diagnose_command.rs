@@ -4,7 +4,9 @@ use super::support::program;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use crate::truth::{Case, sensors};
+use crate::config::Bench;
+use crate::recording::Recording;
+use crate::truth::{Case, Family, sensors};
 
 fn leafbench(arguments: &[&str]) -> Output {
     Command::new(program())
@@ -14,23 +16,27 @@ fn leafbench(arguments: &[&str]) -> Output {
         .expect("the program starts")
 }
 
-/// Writes two recordings of a case as CSV, every third sample: enough to check the files and not the digits.
-fn files(folder: &Path, code: &str) -> Vec<PathBuf> {
-    let case = Case::single(code, 2, 40.0).expect("visible");
-    let mut paths = Vec::new();
-    for recording in &case.recordings[..2] {
+/// Writes recordings as CSV with every `every`th sample.
+fn written(folder: &Path, recordings: &[Recording], every: usize) -> Vec<PathBuf> {
+    let write = |recording: &Recording| {
         let path = folder.join(&recording.name);
         let text = sensors::csv(recording);
         let thinned: Vec<&str> = text
             .lines()
             .enumerate()
-            .filter(|(i, _)| *i == 0 || i % 3 == 1)
+            .filter(|(i, _)| *i == 0 || i % every == 1 % every)
             .map(|(_, l)| l)
             .collect();
         std::fs::write(&path, thinned.join("\n")).expect("scratch folder is writable");
-        paths.push(path);
-    }
-    paths
+        path
+    };
+    recordings.iter().map(write).collect()
+}
+
+/// Two recordings of a case, every third sample: enough to check the files and not the digits.
+fn files(folder: &Path, code: &str) -> Vec<PathBuf> {
+    let case = Case::single(code, 2, 40.0).expect("visible");
+    written(folder, &case.recordings[..2], 3)
 }
 
 #[test]
@@ -74,6 +80,151 @@ fn a_diagnosis_leaves_three_files_and_its_model_runs_in_the_simulator() {
     let rows = std::fs::read_to_string(&csv).expect("written").lines().count();
     // 50 cycles of 1 s at 1 kHz, and the ramps.
     assert!(rows > 50_000, "{rows} rows");
+}
+
+/// Runs `leafbench diagnose` into `out` and returns diagnosis.json.
+fn diagnosed(out: &Path, recordings: &[PathBuf], more: &[&str]) -> serde_json::Value {
+    let mut arguments = vec!["diagnose", "--out", out.to_str().expect("UTF-8")];
+    arguments.extend(recordings.iter().map(|p| p.to_str().expect("UTF-8")));
+    arguments.extend(more);
+    let ran = leafbench(&arguments);
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    let json = std::fs::read_to_string(out.join("diagnosis.json")).expect("written");
+    serde_json::from_str(&json).expect("JSON")
+}
+
+fn number(value: &serde_json::Value) -> f64 {
+    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
+}
+
+#[test]
+fn the_written_model_does_what_the_report_says() {
+    let folder = tempfile::tempdir().expect("scratch folder");
+    for code in ["progressive_stiffness", "series_compliance", "coulomb_friction"] {
+        let out = folder.path().join(code);
+        let json = diagnosed(&out, &files(folder.path(), code), &[]);
+        let bench = Bench::load(&out.join("improved.toml")).expect("runs as it is");
+        let zero_n = number(&json["improved"]["force_zero_n"]);
+        assert!(zero_n != 0.0, "choose a case whose fit finds a zero");
+        for model in [&bench.model, &bench.specimen.model] {
+            assert_eq!(model.force_zero_n, zero_n, "{code}");
+        }
+        let (simulated, fitted) = (
+            number(&json["proof"]["simulated_nrmse"]),
+            number(&json["fit"]["improved"]["nrmse_heldout"]),
+        );
+        assert!(
+            (simulated / fitted - 1.0).abs() < 0.02,
+            "{code}: {simulated} and {fitted}"
+        );
+        assert!(simulated < number(&json["proof"]["baseline_nrmse"]), "{code}");
+        assert_eq!(json["proof"]["written"], true, "{code}");
+        let yardsticks = json["yardsticks"].as_array().expect("a list");
+        assert_eq!(yardsticks.len(), 3, "{yardsticks:?}");
+        assert!(yardsticks.iter().all(|y| number(&y["nrmse_leftout"]) > 0.0));
+    }
+}
+
+#[test]
+fn effects_that_the_diagnosis_refuses_are_not_written() {
+    let case = Case::hiding(Family::Outside, &["local_friction"], 31, 10.0).expect("visible");
+    let folder = tempfile::tempdir().expect("scratch folder");
+    let recordings = written(folder.path(), &case.recordings[..2], 2);
+    let out = folder.path().join("out");
+    let json = diagnosed(&out, &recordings, &[]);
+    assert_eq!(json["verdict"], "unexplained", "choose another case");
+    assert!(
+        json["candidates"]
+            .as_array()
+            .is_some_and(|c| c.iter().any(|c| c["chosen"] == true))
+    );
+    let effects = json["improved"]["effects"].as_array().expect("a list");
+    assert!(
+        effects.iter().all(|e| e["code"] == "friction_form"),
+        "{effects:?}"
+    );
+    if let Ok(bench) = Bench::load(&out.join("improved.toml")) {
+        assert!(bench.model.effects.iter().all(|e| e.code == "friction_form"));
+    }
+}
+
+#[test]
+fn a_recording_that_is_left_out_is_only_predicted() {
+    let case = Case::single("progressive_stiffness", 2, 40.0).expect("visible");
+    let folder = tempfile::tempdir().expect("scratch folder");
+    let recordings = written(folder.path(), &case.recordings[..3], 3);
+    let name = recordings[1]
+        .file_name()
+        .and_then(|n| n.to_str())
+        .expect("a name");
+    let json = diagnosed(&folder.path().join("out"), &recordings, &["--leave-out", name]);
+    assert_eq!(json["curves"].as_array().map(Vec::len), Some(2), "{json:#}");
+    let left_out = json["left_out"].as_array().expect("a list");
+    assert_eq!(left_out.len(), 1, "{left_out:?}");
+    let row = &left_out[0];
+    assert!(
+        row["recording"].as_str().is_some_and(|n| n.ends_with(name)),
+        "{row}"
+    );
+    assert!(number(&row["improved"]) < 0.5 * number(&row["baseline"]), "{row}");
+    assert_eq!(row["yardsticks"].as_array().map(Vec::len), Some(3), "{row}");
+    assert!(
+        json["proof"]["left_out"]
+            .as_str()
+            .is_some_and(|t| t.contains(name)),
+        "{}",
+        json["proof"]
+    );
+    // Without it nothing else changes: the same diagnosis as of the other two recordings alone.
+    let others = [recordings[0].clone(), recordings[2].clone()];
+    let alone = diagnosed(&folder.path().join("alone"), &others, &[]);
+    for field in ["verdict", "effects", "fit", "yardsticks", "improved"] {
+        assert_eq!(json[field], alone[field], "{field}");
+    }
+}
+
+/// A damper that pushes and pulls: friction of 400 N that reverses over 1 mm, and a weak spring about the middle of the stroke.
+fn two_sided() -> String {
+    let rows = (0..1600).map(|i| {
+        let (phase, stroke_mm) = (i % 200, 12.0);
+        let (direction, back) = if phase < 100 { (1.0, 0) } else { (-1.0, 100) };
+        let since_mm = stroke_mm * f64::from(phase - back) / 100.0;
+        let x = if direction > 0.0 {
+            since_mm
+        } else {
+            stroke_mm - since_mm
+        };
+        let noise_n = 2.0 * (f64::from(i) * 12.9898).sin();
+        let force_n = 10.0 * (x - 6.0) + 400.0 * direction * (1.0 - 2.0 * (-since_mm).exp()) + noise_n;
+        format!("{},{x},{force_n}\n", f64::from(i) * 0.01)
+    });
+    format!("time_s,displacement_mm,force_n\n{}", rows.collect::<String>())
+}
+
+#[test]
+fn a_device_that_no_model_of_a_spring_suits_is_said_to_be_met_better_by_a_yardstick() {
+    let folder = tempfile::tempdir().expect("scratch folder");
+    let path = folder.path().join("damper.csv");
+    std::fs::write(&path, two_sided()).expect("scratch folder is writable");
+    let out = folder.path().join("out");
+    let json = diagnosed(&out, &[path], &[]);
+    let improved = number(&json["fit"]["improved"]["nrmse_heldout"]);
+    let errors = json["yardsticks"].as_array().expect("a list").iter();
+    let best = errors
+        .map(|y| number(&y["nrmse_leftout"]))
+        .fold(f64::INFINITY, f64::min);
+    assert!(
+        best < 0.5 * improved,
+        "{best} and {improved}: choose another device"
+    );
+    let page = std::fs::read_to_string(out.join("report.html")).expect("written");
+    let said = page
+        .find("A model that knows nothing of springs predicts better")
+        .expect("said");
+    assert!(
+        said < page.find("<svg").expect("a plot"),
+        "it is not on the first screen"
+    );
 }
 
 /// A fair loop of a leaf spring with its columns in wrong units: the header says mm and N, the figures do not.

@@ -151,6 +151,7 @@ impl IdentifyArgs {
             model: ModelConfig {
                 name: name.clone(),
                 known: Vec::new(),
+                force_zero_n: 0.0,
                 parameters: Default::default(),
                 structure: toml::Table::new(),
                 effects: Vec::new(),

@@ -63,6 +63,9 @@ pub(super) fn specimen(document: &Document, table: &str, specimen: &Specimen) ->
     model(document, &format!("{table}model"), &specimen.model)
 }
 
+/// Largest zero of a force channel that is accepted, in N: above the zero of any load cell of a bench for leaf springs.
+const LARGEST_FORCE_ZERO_N: f64 = 1e5;
+
 /// Checks that name, parameters, structure and effects build a plant.
 pub(super) fn model(document: &Document, key: &str, config: &ModelConfig) -> Result<(), ConfigError> {
     let found =
@@ -75,6 +78,16 @@ pub(super) fn model(document: &Document, key: &str, config: &ModelConfig) -> Res
         let [low, high] = found.parameters.get(index).map_or([0.0, 0.0], |p| p.bounds);
         within(document, &key, *value, low, high, "the bounds of the model")?;
     }
+    let zero = format!("{key}.force_zero_n");
+    let largest = LARGEST_FORCE_ZERO_N;
+    within(
+        document,
+        &zero,
+        config.force_zero_n,
+        -largest,
+        largest,
+        "a zero, not a load",
+    )?;
     let plant = config
         .plant_without_effects()
         .map_err(|e| document.refuse(&format!("{key}.structure"), e.to_string()))?;

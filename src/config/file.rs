@@ -56,8 +56,7 @@ impl Bench {
     }
 
     /// Reads a bench from a text; `origin` is for messages. A specimen file is looked for in the working folder.
-    #[cfg(test)]
-    pub fn parse(text: &str, origin: &str) -> Result<Bench, ConfigError> {
+    pub(crate) fn parse(text: &str, origin: &str) -> Result<Bench, ConfigError> {
         Bench::parse_with(text, origin, &|file| Specimen::load(Path::new(file)))
     }
 

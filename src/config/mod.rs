@@ -227,6 +227,9 @@ pub(crate) struct ModelConfig {
     /// not report them as missing.
     #[serde(default)]
     pub known: Vec<String>,
+    /// Zero of the force channel in N that the tare left. It is added to the force of the model.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub force_zero_n: f64,
     /// Values of the parameters by name. A parameter that is not written has its start value.
     #[serde(default)]
     pub parameters: BTreeMap<String, f64>,
@@ -239,6 +242,15 @@ pub(crate) struct ModelConfig {
     /// A law that was read off recordings, around the model and below its effects.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub law: Option<Law>,
+}
+
+/// True for a value that is not written, because it changes nothing.
+#[allow(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde passes fields by reference"
+)]
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 /// An effect attached to a model.
@@ -296,7 +308,7 @@ impl ModelConfig {
             .iter()
             .map(EffectConfig::resolved)
             .collect::<Result<_, _>>()?;
-        effect::attach_all(&effects, plant)
+        effect::attach_all(&effects, self.force_zero_n, plant)
     }
 }
 

@@ -2,8 +2,17 @@
 
 use serde::Serialize;
 
+use super::course::Course;
 use crate::effect::law::Law;
 pub(crate) use crate::effect::{Axis, Branch};
+
+/// Share by which two errors differ before one of them is called worse: the written model repeats the error of the fit to 2 %.
+const WORSE_BY: f64 = 0.02;
+
+/// True if an error is larger than another by more than chance and rounding.
+pub(crate) fn is_worse(error: f64, other: f64) -> bool {
+    error > (1.0 + WORSE_BY) * other
+}
 
 /// The answer of a diagnosis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -204,8 +213,48 @@ pub struct ImprovedModel {
     pub effects: Vec<AttachedEffect>,
     /// A law that was read off the recordings, around the model.
     pub law: Option<Law>,
-    /// Fitted zero of the force channel, N; not part of the model.
+    /// Fitted zero of the force channel, N.
     pub force_zero_n: f64,
+}
+
+/// Error of a simple model of hysteresis that knows nothing of springs.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct YardstickError {
+    /// What the yardstick is made of.
+    pub name: String,
+    /// NRMSE on the points of [`Errors::nrmse_heldout`]; it was fitted to those of [`Errors::nrmse_train`].
+    pub nrmse_leftout: f64,
+}
+
+/// What the written model does when it is simulated, on points that no parameter was fitted to and no set chosen by.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Proof {
+    /// Which points were left out, in words.
+    pub left_out: String,
+    /// NRMSE of the improved model, read back from its file and stepped at the sampling rate along the motion without its noise;
+    /// `None` if the file is refused.
+    pub simulated_nrmse: Option<f64>,
+    /// The same over the samples of the displacement with all their noise, as a twin beside a run sees them.
+    pub twin_nrmse: Option<f64>,
+    /// NRMSE of the refitted baseline, written, read and stepped in the same way.
+    pub baseline_nrmse: Option<f64>,
+    /// True if `improved.toml` was written.
+    pub written: bool,
+    /// What follows, as a sentence.
+    pub words: String,
+}
+
+/// Errors of all models on a recording that nothing was fitted to. The NRMSE is over the force range of that recording.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LeftOutRecording {
+    /// Name of the recording.
+    pub recording: String,
+    /// NRMSE of the refitted baseline.
+    pub baseline: Option<f64>,
+    /// NRMSE of the improved model, as it is written.
+    pub improved: Option<f64>,
+    /// NRMSE of each yardstick.
+    pub yardsticks: Vec<YardstickError>,
 }
 
 /// A power with its 95 % interval.
@@ -272,6 +321,19 @@ pub struct Diagnosis {
     pub maps: Vec<Map>,
     /// The baseline with the missing effects, all parameters identified.
     pub improved: ImprovedModel,
+    /// Simple models on the same points, to compare with.
+    pub yardsticks: Vec<YardstickError>,
+    /// What the written model does; `None` until it is written.
+    pub proof: Option<Proof>,
+    /// Recordings that nothing was fitted to.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<LeftOutRecording>,
+    /// The baseline with its own parameters refitted.
+    #[serde(skip)]
+    pub(crate) refitted: ImprovedModel,
+    /// The recordings as models are driven over them.
+    #[serde(skip)]
+    pub(crate) courses: Vec<Course>,
 }
 
 impl Diagnosis {
@@ -282,6 +344,28 @@ impl Diagnosis {
             Verdict::MissingPhysics if self.alternatives.is_empty() => Some("no alternative is left"),
             _ => None,
         }
+    }
+
+    /// The yardstick with the smallest error on the points left out.
+    pub(crate) fn best_yardstick(&self) -> Option<&YardstickError> {
+        let errors = self.yardsticks.iter();
+        errors.min_by(|a, b| a.nrmse_leftout.total_cmp(&b.nrmse_leftout))
+    }
+
+    /// What it means that a yardstick predicts the points left out better than the improved model; `None` if none does.
+    pub(crate) fn yardstick_warning(&self) -> Option<String> {
+        let improved = self.fit.improved.nrmse_heldout;
+        let best = self
+            .best_yardstick()
+            .filter(|y| is_worse(improved, y.nrmse_leftout))?;
+        Some(format!(
+            "A model that knows nothing of springs predicts better: {} has an error of {:.2} % on the points left out, the improved \
+             model {:.2} %. The form of the model does not suit this device: take what is named as a direction, not as the whole \
+             cause, and do not use the improved model as its twin.",
+            best.name,
+            100.0 * best.nrmse_leftout,
+            100.0 * improved
+        ))
     }
 
     /// The next test, or why there is none. It may be a test that was run before, because a repetition also adds information.
@@ -309,6 +393,6 @@ impl ImprovedModel {
                 Ok((crate::effect::find(&e.code)?, values))
             })
             .collect::<Result<Vec<_>, crate::effect::EffectError>>()?;
-        crate::effect::attach_all(&effects, plant)
+        crate::effect::attach_all(&effects, self.force_zero_n, plant)
     }
 }

@@ -17,6 +17,7 @@
 //! | `location` | where on the loop model and recordings differ (`binning`) |
 //! | `alternatives`, `intervals` | what could replace a finding; confidence intervals |
 //! | `next_test` | the test that separates a finding from its alternatives (`test_profiles`) |
+//! | `yardsticks` | the errors of simple models on the same points (`course`) |
 //! | `verdict`, `tables` | the [`Diagnosis`] |
 //!
 //! `aggregates` does the same for tables of peak force and loop energy. Files, configs and pages are left to others.
@@ -28,6 +29,7 @@ mod baseline;
 mod binning;
 mod condition;
 mod context;
+pub(crate) mod course;
 mod data;
 pub(crate) mod diagnosis;
 mod fit;
@@ -53,11 +55,13 @@ mod travel;
 mod turning_points;
 mod varying_coefficient;
 mod verdict;
+pub(crate) mod yardsticks;
 
 pub use baseline::Baseline;
 pub(crate) use baseline::BaselineError;
 pub(crate) use condition::ConditionError;
 pub use diagnosis::{Diagnosis, Finding, Verdict};
+pub(crate) use splits::Split;
 
 use crate::profile::ProfileLimits;
 use crate::recording::Recording;

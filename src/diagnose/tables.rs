@@ -13,7 +13,7 @@ const CURVE_POINTS: usize = 600;
 const TESTABLE: f64 = 0.05;
 
 /// Errors of baseline and improved model, and of the steps between them. `refitted` is the baseline with its own friction law,
-/// `improved` the set that is delivered, `nominal` the baseline's residuals before the fit.
+/// `nominal` its residuals before the fit, `improved` the model that is written.
 pub(super) fn errors(
     context: &FitContext<'_>,
     search: &SearchResult,
@@ -32,12 +32,12 @@ pub(super) fn errors(
     }
     ladder.push(Rung {
         what: "baseline refitted".to_owned(),
-        errors: errors_of(data, &refitted.residuals),
+        errors: errors_of_model(context, refitted),
     });
     if refitted.attached.len() < extras {
         ladder.push(Rung {
             what: "with a general friction law".to_owned(),
-            errors: errors_of(data, &search.nodes[0].residuals),
+            errors: errors_of_model(context, &search.nodes[0]),
         });
     }
     for k in extras..after.attached.len() {
@@ -51,7 +51,7 @@ pub(super) fn errors(
         if let Some(node) = step {
             ladder.push(Rung {
                 what: format!("with {}", after.attached[k].effect.code),
-                errors: errors_of(data, &node.residuals),
+                errors: errors_of_model(context, node),
             });
         }
     }
@@ -62,12 +62,25 @@ pub(super) fn errors(
         .map(|w| 1.0 / (w * w))
         .collect();
     FitErrors {
-        baseline: errors_of(data, &refitted.residuals),
-        improved: errors_of(data, &improved.residuals),
+        baseline: errors_of_model(context, refitted),
+        improved: errors_of_model(context, improved),
         noise_floor_nrmse: (floor.iter().sum::<f64>() / floor.len().max(1) as f64).sqrt()
             / data.force_range_n,
         ladder,
     }
+}
+
+/// Errors of what is written of a node. The small zero of each recording is not in a file, so it is not in these errors either.
+fn errors_of_model(context: &FitContext<'_>, node: &Node) -> Errors {
+    let data = context.data;
+    let mut model_n = vec![0.0; data.len()];
+    let structure = context.structure(node.attached.clone()).exact();
+    if structure.predict(&node.values, &mut model_n).is_err() {
+        return errors_of(data, &node.residuals);
+    }
+    let compared = data.force_n.iter().zip(&model_n).zip(&data.weight);
+    let residuals: Vec<f64> = compared.map(|((f, m), w)| (f - m) * w).collect();
+    errors_of(data, &residuals)
 }
 
 /// Errors of a model with these weighted residuals.

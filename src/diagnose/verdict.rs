@@ -5,6 +5,7 @@ use nalgebra::DMatrix;
 use super::alternatives::{JudgedEffect, RivalSet, alternative, judge, nearest};
 use super::binning;
 use super::context::{FitContext, Node};
+use super::course;
 use super::diagnosis::*;
 use super::fit::converge;
 use super::friction_law;
@@ -17,6 +18,7 @@ use super::search::SearchResult;
 use super::splits::Split;
 use super::structure::ModelStructure;
 use super::tables::{baseline_parameters, candidates, curves, errors, not_testable, values_of};
+use super::yardsticks;
 use crate::effect::Axis;
 use crate::identify::Residuals;
 use crate::identify::confidence::{Confidence, Warning};
@@ -68,7 +70,14 @@ pub(super) fn conclude(
         (false, true) => Verdict::Adequate,
     };
     let discovered = unexplained.then(|| law::discover(context, before)).flatten();
-    let confidence = intervals(context, after, search.likelihood);
+    // What is refused is neither written nor quoted: without a law, the improved model is then the baseline with its general friction
+    // law.
+    let improved = match &discovered {
+        Some((node, _)) => node,
+        None if unexplained => before,
+        None => after,
+    };
+    let confidence = intervals(context, if unexplained { before } else { after }, search.likelihood);
     let effects: Vec<Finding> = judged
         .iter()
         .filter(|_| !unexplained)
@@ -79,13 +88,8 @@ pub(super) fn conclude(
     } else {
         effect_locations(context, [before, after], &judged)
     };
-    // What was refused is not delivered: without a law, nothing is added to the baseline.
-    let after = match &discovered {
-        Some((node, _)) => node,
-        None if unexplained => before,
-        None => after,
-    };
-    let fit = errors(context, &search, [refitted, after], nominal);
+    let fit = errors(context, &search, [refitted, improved], nominal);
+    let courses = course::courses(context.data);
     let law = discovered.as_ref().map(|(_, law)| law.clone());
     Diagnosis {
         verdict,
@@ -93,15 +97,20 @@ pub(super) fn conclude(
         alternatives: alternatives(context, &search, refitted, &judged, unexplained),
         location,
         next_test: next_test(context, &search, &judged),
-        baseline_parameters: baseline_parameters(context, after, &confidence),
-        alarms: alarms(context, after, &confidence),
+        baseline_parameters: baseline_parameters(context, improved, &confidence),
+        alarms: alarms(context, improved, &confidence),
         candidates: candidates(context, &search),
         not_testable: not_testable(context, before),
         unexplained_share,
-        curves: curves(context.data, refitted, after),
-        maps: binning::maps(context.data, &refitted.residuals, &after.residuals),
-        improved: improved(context, after, law.as_ref()),
+        curves: curves(context.data, refitted, improved),
+        maps: binning::maps(context.data, &refitted.residuals, &improved.residuals),
+        improved: as_model(context, improved, law.as_ref()),
         law,
+        yardsticks: yardsticks::errors(&courses, context.threads()),
+        proof: None,
+        left_out: Vec::new(),
+        refitted: as_model(context, refitted, None),
+        courses,
         effects,
         fit,
     }
@@ -325,7 +334,7 @@ fn alarms(context: &FitContext<'_>, node: &Node, confidence: &Confidence) -> Vec
 }
 
 /// The model of a node, with its effects in the order in which they are attached.
-fn improved(context: &FitContext<'_>, node: &Node, law: Option<&DiscoveredLaw>) -> ImprovedModel {
+fn as_model(context: &FitContext<'_>, node: &Node, law: Option<&DiscoveredLaw>) -> ImprovedModel {
     let model = context.setup.model;
     let values = |parameters: &[Parameter], from: usize| -> Vec<(String, f64)> {
         parameters

@@ -263,16 +263,22 @@ impl Effect {
     }
 }
 
-/// Attaches several effects, sorted by stage and then by code. The order of `effects` has no influence.
+/// Attaches several effects and the zero of the force channel in N, sorted by stage and then by code. The zero comes before the
+/// faults of the channels. The order of `effects` has no influence.
 pub(crate) fn attach_all(
     effects: &[(&'static Effect, Vec<f64>)],
+    zero_n: f64,
     plant: Box<dyn Plant>,
 ) -> Result<Box<dyn Plant>, EffectError> {
     let mut order: Vec<&(&'static Effect, Vec<f64>)> = effects.iter().collect();
     order.sort_by_key(|(effect, _)| (effect.stage, effect.code));
-    order
-        .into_iter()
-        .try_fold(plant, |inside, (effect, values)| effect.attached(values, inside))
+    let faults = order.partition_point(|(effect, _)| effect.stage < Stage::Sensor);
+    let attached = |plant, list: &[&(&'static Effect, Vec<f64>)]| {
+        let mut list = list.iter();
+        list.try_fold(plant, |inside, (effect, values)| effect.attached(values, inside))
+    };
+    let physics = attached(plant, &order[..faults])?;
+    attached(with_zero(zero_n, physics), &order[faults..])
 }
 
 /// The behaviour of an effect around the plant inside.
@@ -442,11 +448,27 @@ mod tests {
             if swap {
                 effects.reverse();
             }
-            let mut plant = attach_all(&effects, testing::spring()).expect("valid");
+            let mut plant = attach_all(&effects, 0.0, testing::spring()).expect("valid");
             testing::drive(&mut plant)
         };
         assert_eq!(pair(false), pair(true));
         // The friction is attached before the clipping, so no force is above the limit.
         assert_eq!(pair(false).into_iter().fold(0.0, f64::max), 400.0);
+    }
+
+    #[test]
+    fn the_zero_is_added_after_the_physics_and_before_the_clipping() {
+        let clipping = [(find("sensor_saturation").expect("listed"), vec![400.0])];
+        let friction = [(
+            find("load_dependent_friction").expect("listed"),
+            vec![0.1, 0.05, 1.0],
+        )];
+        let forces = |effects: &[(&'static Effect, Vec<f64>)], zero_n: f64| {
+            testing::drive(&mut attach_all(effects, zero_n, testing::spring()).expect("valid"))
+        };
+        assert_eq!(forces(&clipping, 50.0).into_iter().fold(0.0, f64::max), 400.0);
+        for (with, without) in forces(&friction, 50.0).iter().zip(forces(&friction, 0.0)) {
+            assert!((with - without - 50.0).abs() < 1e-9, "{with} and {without}");
+        }
     }
 }

@@ -39,6 +39,8 @@ pub(crate) fn page(diagnosis: &Diagnosis, context: &Context<'_>) -> String {
             }
         }
         (strip(d))
+        (yardsticks(d))
+        (proof(d))
         (at_a_glance(d))
         (findings(d))
         (law(d))
@@ -101,6 +103,55 @@ fn strip(d: &Diagnosis) -> Markup {
             }
         }
     }
+}
+
+/// The errors of simple models on the points of the held-out error, and what it means if one of them is better.
+fn yardsticks(d: &Diagnosis) -> Markup {
+    let error = |name: &str, nrmse: f64| format!("{name} {}", percent(nrmse, 3));
+    let mut errors = vec![
+        error("baseline", d.fit.baseline.nrmse_heldout),
+        error("improved model", d.fit.improved.nrmse_heldout),
+    ];
+    errors.extend(d.yardsticks.iter().map(|y| error(&y.name, y.nrmse_leftout)));
+    html! {
+        @if !d.yardsticks.is_empty() {
+            p { "Held-out error beside models that know nothing of springs: " (unbroken(&errors.join("; "))) "." }
+        }
+        @if let Some(warning) = d.yardstick_warning() {
+            p { b { (unbroken(&warning)) } }
+        }
+    }
+}
+
+/// What the written model does when it is simulated, and its errors on recordings that nothing was fitted to.
+fn proof(d: &Diagnosis) -> Markup {
+    html! {
+        @if let Some(proof) = &d.proof {
+            p { (unbroken(&proof.words)) ". Left out: " (proof.left_out) "." }
+        }
+        @if let Some(first) = d.left_out.first() {
+            table {
+                tr {
+                    th { "Recording left out" }
+                    th.n { "baseline" }
+                    th.n { "improved model" }
+                    @for y in &first.yardsticks { th.n { (y.name) } }
+                }
+                @for row in &d.left_out {
+                    tr {
+                        td { (row.recording) }
+                        td.n { (error_or_none(row.baseline)) }
+                        td.n { (error_or_none(row.improved)) }
+                        @for y in &row.yardsticks { td.n { (percent(y.nrmse_leftout, 2)) } }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn error_or_none(error: Option<f64>) -> String {
+    error.map_or("none".to_owned(), |e| percent(e, 2))
 }
 
 fn findings(d: &Diagnosis) -> Markup {

@@ -3,7 +3,6 @@
 use std::io::Write;
 use std::path::Path;
 
-use super::improved_bench;
 use crate::cli::CliError;
 use crate::config::Bench;
 use crate::diagnose::Baseline;
@@ -23,9 +22,10 @@ pub(super) const NEXT_TEST: &str = "next-test.toml";
 /// A file by name with its text; without a text the folder must not have it.
 pub(super) type NamedFile = (String, Option<String>);
 
-/// All files of a diagnosis of recordings.
+/// All files of a diagnosis of recordings. `improved` is the text of the bench with the improved model, if there is to be one.
 pub(super) fn of_diagnosis(
     diagnosis: &Diagnosis,
+    improved: Option<String>,
     bench: &Bench,
     baseline: &Baseline,
     recordings: &[Recording],
@@ -35,12 +35,11 @@ pub(super) fn of_diagnosis(
         baseline: baseline.model.name,
         recordings: recordings.iter().map(|r| r.name.clone()).collect(),
     };
-    let improved = improved_bench(bench, &diagnosis.improved);
     let next_test = diagnosis.next_test.as_ref();
     Ok(vec![
         (DIAGNOSIS.to_owned(), Some(json(diagnosis)?)),
         (REPORT.to_owned(), Some(page(diagnosis, &context))),
-        (IMPROVED.to_owned(), Some(improved.to_toml())),
+        (IMPROVED.to_owned(), improved),
         (
             NEXT_TEST.to_owned(),
             next_test.map(|next| next.profile_toml.clone()),

@@ -1,6 +1,8 @@
 //! `leafbench diagnose`: of recordings, of tables (`targets`), or of recordings and the tests that follow (`run_next`).
 
 mod files;
+mod leave_out;
+mod proof;
 mod run_next;
 mod targets;
 
@@ -73,6 +75,14 @@ pub(super) struct DiagnoseArgs {
         default_value_t = 4
     )]
     rounds: u32,
+    #[arg(
+        long,
+        value_name = "NAME,NAME",
+        value_delimiter = ',',
+        conflicts_with_all = ["targets", "run_next"],
+        help = "Recordings that are only predicted, by file name: nothing is fitted to them and nothing chosen by them"
+    )]
+    leave_out: Vec<String>,
     #[command(flatten)]
     data: DataArg,
     /// Folder for diagnosis.json, report.html, improved.toml and, if there is a next test, next-test.toml
@@ -101,6 +111,7 @@ impl CliCommand for DiagnoseArgs {
         "leafbench diagnose loops/RUN.csv loops/OTHER.csv",
         "leafbench diagnose --run-next=virtual --bench bench-configs/benches/mock.toml loops/RUN.csv",
         "leafbench diagnose --baseline leaf-pack --known coulomb_friction --out diagnosis loops/RUN.csv",
+        "leafbench diagnose --leave-out OTHER.csv loops/RUN.csv loops/OTHER.csv",
         "leafbench diagnose --targets table.csv",
     ];
 
@@ -116,7 +127,7 @@ impl CliCommand for DiagnoseArgs {
         if !self.targets.is_empty() {
             return targets::run(&self.targets, &job);
         }
-        let recordings = self
+        let mut recordings = self
             .recordings
             .iter()
             .map(|path| csv::read_file(path))
@@ -126,7 +137,8 @@ impl CliCommand for DiagnoseArgs {
             let tester = run_next::tester(rig, &self.data, &job)?;
             return run_next::run(tester, self.rounds, &job, recordings);
         }
-        let diagnosis = job.diagnose(&recordings, None)?;
+        let left_out = leave_out::take(&mut recordings, &self.leave_out)?;
+        let diagnosis = job.diagnose(&recordings, &left_out, None)?;
         output.result(&diagnosis, || text(&diagnosis, job.folder))?;
         Ok(Done::Success)
     }
@@ -179,10 +191,19 @@ struct DiagnoseJob<'a> {
 }
 
 impl DiagnoseJob<'_> {
-    /// Diagnoses and writes the files to the folder of `--out`, and also to that of a round of `--run-next`.
-    fn diagnose(&self, recordings: &[Recording], round_folder: Option<&Path>) -> Result<Diagnosis, CliError> {
-        let diagnosis = self.diagnose_with_progress(recordings)?;
-        let files = files::of_diagnosis(&diagnosis, self.bench, self.baseline, recordings)?;
+    /// Diagnoses and writes the files to the folder of `--out`, and also to that of a round of `--run-next`. The recordings in
+    /// `left_out` are only predicted.
+    fn diagnose(
+        &self,
+        recordings: &[Recording],
+        left_out: &[Recording],
+        round_folder: Option<&Path>,
+    ) -> Result<Diagnosis, CliError> {
+        let courses = leave_out::courses(left_out)?;
+        let mut diagnosis = self.diagnose_with_progress(recordings)?;
+        diagnosis.left_out = leave_out::errors(&diagnosis, self.bench, &courses);
+        let improved = proof::prove(&mut diagnosis, self.bench, recordings, (left_out, &courses));
+        let files = files::of_diagnosis(&diagnosis, improved, self.bench, self.baseline, recordings)?;
         for folder in [Some(self.folder), round_folder].into_iter().flatten() {
             files::write(folder, &files)?;
         }
@@ -247,6 +268,7 @@ fn improved_bench(bench: &Bench, improved: &ImprovedModel) -> Bench {
     let model = ModelConfig {
         name: improved.model.clone(),
         known: Vec::new(),
+        force_zero_n: improved.force_zero_n,
         parameters: improved.parameters.iter().cloned().collect(),
         structure: improved.structure.clone(),
         effects: improved
@@ -301,22 +323,31 @@ fn text(d: &Diagnosis, folder: &Path) -> String {
         100.0 * after,
         100.0 * d.fit.noise_floor_nrmse
     ));
+    lines.extend(yardsticks(d));
+    lines.extend(leave_out::table(&d.left_out));
+    lines.extend(d.proof.iter().map(|proof| format!("  {}", proof.words)));
     if let Some(next) = &d.next_test {
         lines.push(format!("  next test: {}", next.why));
     }
-    let next_test = if d.next_test.is_some() {
-        format!(", {}", files::NEXT_TEST)
-    } else {
-        String::new()
-    };
-    lines.push(format!(
-        "  {}: {}, {}, {}{next_test}",
-        folder.display(),
-        files::REPORT,
-        files::DIAGNOSIS,
-        files::IMPROVED
-    ));
+    let mut named = vec![files::REPORT, files::DIAGNOSIS];
+    named.extend(d.proof.as_ref().filter(|p| p.written).map(|_| files::IMPROVED));
+    named.extend(d.next_test.as_ref().map(|_| files::NEXT_TEST));
+    lines.push(format!("  {}: {}", folder.display(), named.join(", ")));
     lines.join("\n")
+}
+
+/// The errors of the yardsticks, and what it means if one of them is better.
+fn yardsticks(d: &Diagnosis) -> Vec<String> {
+    let errors = d.yardsticks.iter();
+    let errors: Vec<String> = errors
+        .map(|y| format!("{:.3} % {}", 100.0 * y.nrmse_leftout, y.name))
+        .collect();
+    let mut lines = Vec::new();
+    if !errors.is_empty() {
+        lines.push(format!("  yardsticks on the same cycles: {}", errors.join("; ")));
+    }
+    lines.extend(d.yardstick_warning().map(|text| format!("  {text}")));
+    lines
 }
 
 #[cfg(test)]
@@ -339,7 +370,7 @@ mod tests {
         // One recording alone leaves a look-alike of this case, which a next test can settle.
         let case = Case::draw(1, 3, None);
         let diagnosis = job
-            .diagnose(&case.recordings[..1], Some(&round))
+            .diagnose(&case.recordings[..1], &[], Some(&round))
             .expect("diagnosed");
         assert!(diagnosis.next_test.is_some(), "choose a case with a next test");
         for name in [files::DIAGNOSIS, files::REPORT, files::IMPROVED, files::NEXT_TEST] {

@@ -247,7 +247,7 @@ impl Rounds<'_> {
     fn diagnose(&mut self) -> Result<Diagnosis, CliError> {
         let number = self.rounds.len();
         let folder = self.job.folder.join(format!("round-{number}"));
-        let diagnosis = self.job.diagnose(&self.recordings, Some(&folder))?;
+        let diagnosis = self.job.diagnose(&self.recordings, &[], Some(&folder))?;
         let codes: Vec<String> = diagnosis.alternatives.iter().map(|a| a.code.clone()).collect();
         if !self.job.output.json {
             let or = match codes.is_empty() {

@@ -1,0 +1,143 @@
+//! A recording as any plant is driven over it: its motion without noise, the measured force, and what each point is used for.
+//! It outlives the diagnosis, so that yardsticks and the written model are compared on exactly the same points.
+
+use super::condition::{ConditionError, condition, range};
+use super::data::Data;
+use super::splits::Split;
+use crate::model::{Motion, Plant};
+use crate::recording::{Flags, Recording};
+
+/// A conditioned recording: columns of equal length, one row per point.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Course {
+    /// Name of the recording.
+    pub name: String,
+    /// Sampling rate of the recording in Hz.
+    pub sample_hz: f64,
+    /// Time in s from the recording's first sample.
+    pub time_s: Vec<f64>,
+    /// Displacement in mm, monotone between reversals.
+    pub displacement_mm: Vec<f64>,
+    /// Direction of travel: 1 loading, -1 unloading.
+    pub direction: Vec<f64>,
+    /// Speed, acceleration and turning points.
+    pub motion: Vec<Motion>,
+    /// Measured force in N.
+    pub force_n: Vec<f64>,
+    /// What the force of the point is used for; `None` where it is masked.
+    pub split: Vec<Option<Split>>,
+}
+
+/// All tracks as courses.
+pub(super) fn courses(data: &Data) -> Vec<Course> {
+    let mut from = 0;
+    let course = |(track, &length): (&super::condition::Track, &usize)| {
+        let points = from..from + length;
+        from += length;
+        Course {
+            name: track.name.clone(),
+            sample_hz: track.sample_hz,
+            time_s: track.time_s.clone(),
+            displacement_mm: track.displacement_mm.clone(),
+            direction: track.direction.clone(),
+            motion: track.motion.clone(),
+            force_n: data.force_n[points.clone()].to_vec(),
+            split: points
+                .map(|i| (data.weight[i] > 0.0).then_some(data.split[i]))
+                .collect(),
+        }
+    };
+    data.tracks.iter().zip(&data.lengths).map(course).collect()
+}
+
+/// Courses of recordings that nothing is fitted to: each into about `budget` points at most, and every point that is not masked
+/// is reported on.
+pub(crate) fn left_out(recordings: &[Recording], budget: usize) -> Result<Vec<Course>, ConditionError> {
+    let mut tracks = condition(recordings, budget)?;
+    for track in &mut tracks {
+        track.split.fill(Split::Report);
+    }
+    Ok(courses(&Data::new(tracks)))
+}
+
+impl Course {
+    /// Indices of the points with one use.
+    pub(crate) fn points(&self, split: Split) -> impl Iterator<Item = usize> {
+        let used = self.split.iter().enumerate();
+        used.filter(move |(_, s)| **s == Some(split)).map(|(i, _)| i)
+    }
+
+    /// Force of a plant in N at every point. The plant is stepped at the sampling rate of the recording, as a twin steps it, and
+    /// not from point to point as in a fit.
+    pub(crate) fn simulated_n(&self, plant: &mut dyn Plant) -> Vec<f64> {
+        plant.reset();
+        let mut force_n = Vec::with_capacity(self.time_s.len());
+        for i in 0..self.time_s.len() {
+            let before = i.saturating_sub(1);
+            let dt_s = self.time_s[i] - self.time_s[before];
+            let steps = (dt_s * self.sample_hz).round().max(1.0);
+            let mut force = 0.0;
+            for k in 1..=steps as usize {
+                let share = k as f64 / steps;
+                let between = |from: f64, to: f64| from + share * (to - from);
+                let (from, to) = (&self.motion[before], &self.motion[i]);
+                plant.told(&Motion {
+                    velocity_mm_s: between(from.velocity_mm_s, to.velocity_mm_s),
+                    acceleration_mm_s2: between(from.acceleration_mm_s2, to.acceleration_mm_s2),
+                    reach_mm: to.reach_mm,
+                });
+                let displacement_mm = between(self.displacement_mm[before], self.displacement_mm[i]);
+                force = plant.step(displacement_mm, dt_s / steps);
+            }
+            force_n.push(force);
+        }
+        force_n
+    }
+}
+
+impl Course {
+    /// Force of a plant in N at every point, stepped over the recording's own samples with all their noise, as a twin beside a run
+    /// sees them. A point gets the mean over the samples that are nearest to it.
+    pub(crate) fn replayed_n(&self, recording: &Recording, plant: &mut dyn Plant) -> Vec<f64> {
+        let unusable = |i: usize| {
+            let flags = recording.flags.as_ref().and_then(|f| f.get(i));
+            flags.is_some_and(|f| Flags::from_bits_retain(*f).intersects(Flags::UNUSABLE))
+        };
+        plant.reset();
+        let mut samples = Vec::with_capacity(recording.len());
+        let mut start_and_last_s = None;
+        for i in (0..recording.len()).filter(|i| !unusable(*i)) {
+            let time_s = recording.time_s[i];
+            let (start_s, last_s) = start_and_last_s.unwrap_or((time_s, time_s));
+            let force_n = plant.step(recording.displacement_mm[i], time_s - last_s);
+            samples.push((time_s - start_s, force_n));
+            start_and_last_s = Some((start_s, time_s));
+        }
+        let middle = |k: usize| 0.5 * (self.time_s[k] + self.time_s[k + 1]);
+        let mut from = 0;
+        let mean = |k: usize| {
+            let nearest = |(time_s, _): &(f64, f64)| k + 1 == self.time_s.len() || *time_s < middle(k);
+            let to = from + samples[from..].partition_point(nearest);
+            // A turning point between two samples may have none of its own: it gets the one before.
+            let of_point = &samples[from.min(to.saturating_sub(1))..to];
+            from = to;
+            of_point.iter().map(|(_, n)| n).sum::<f64>() / of_point.len().max(1) as f64
+        };
+        (0..self.time_s.len()).map(mean).collect()
+    }
+}
+
+/// NRMSE on the points that errors are reported on, over all courses together; `None` where there is no such point. `model_n`
+/// gives the force at every point of a course.
+pub(crate) fn nrmse_leftout(courses: &[Course], mut model_n: impl FnMut(&Course) -> Vec<f64>) -> Option<f64> {
+    let measured: Vec<f64> = courses.iter().flat_map(|c| c.force_n.iter().copied()).collect();
+    let (mut sum, mut count) = (0.0, 0.0);
+    for course in courses {
+        let model_n = model_n(course);
+        for i in course.points(Split::Report) {
+            sum += (course.force_n[i] - model_n[i]).powi(2);
+            count += 1.0;
+        }
+    }
+    (count > 0.0).then(|| (sum / count).sqrt() / range(&measured))
+}
