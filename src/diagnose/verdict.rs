@@ -86,6 +86,7 @@ pub(super) fn conclude(
         next_test: next_test(context, &search, &judged),
         baseline_parameters: baseline_parameters(context, after, &confidence),
         alarms: alarms(context, after, &confidence),
+        notes: context.data.tracks.iter().flat_map(|t| t.notes.clone()).collect(),
         candidates: candidates(context, &search),
         not_testable: not_testable(context, before),
         unexplained_share,
