@@ -336,3 +336,36 @@ fn an_unknown_code_or_model_is_refused_with_a_list_of_all() {
         assert!(said.contains(option[1]) && said.contains("use one of"), "{said}");
     }
 }
+
+#[test]
+fn a_turned_force_is_refused_with_the_repair_and_the_repair_works() {
+    let folder = tempfile::tempdir().expect("scratch folder");
+    let file = files(folder.path(), "progressive_stiffness").swap_remove(0);
+    let text = std::fs::read_to_string(&file).expect("written");
+    let mut rows = csv::Reader::from_reader(text.as_bytes());
+    let heads = rows.headers().expect("a header").clone();
+    let force = heads.iter().position(|h| h == "force_n").expect("the column");
+    let turned = rows.records().map(|row| {
+        let row = row.expect("a row");
+        let cells = row.iter().enumerate().map(|(i, cell)| match cell.parse::<f64>() {
+            Ok(force_n) if i == force => (-force_n).to_string(),
+            _ => cell.to_owned(),
+        });
+        cells.collect::<Vec<_>>().join(",")
+    });
+    let header = heads.iter().collect::<Vec<_>>().join(",");
+    let lines: Vec<String> = std::iter::once(header).chain(turned).collect();
+    std::fs::write(&file, lines.join("\n")).expect("writable");
+    let out = folder.path().join("out");
+    let [file, out] = [&file, &out].map(|p| p.to_str().expect("UTF-8"));
+    let refused = leafbench(&["diagnose", "--out", out, file]);
+    let said = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(2), "{said}");
+    assert!(said.contains("--flip force"), "{said}");
+    let repaired = leafbench(&["diagnose", "--out", out, "--flip", "force", file]);
+    assert!(
+        repaired.status.success(),
+        "{}",
+        String::from_utf8_lossy(&repaired.stderr)
+    );
+}

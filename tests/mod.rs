@@ -18,6 +18,7 @@ mod end_to_end;
 mod full_disk;
 mod hostile;
 mod identify;
+mod imperfect_instruments;
 mod late_samples;
 mod leaf_pack;
 mod leaf_pack_duty;

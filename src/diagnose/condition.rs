@@ -5,16 +5,17 @@
 
 use std::ops::Range;
 
-use super::smoothing::{Local, monotone, noise, smoothed};
+use super::note::{Note, NoteAction, NoteKind};
+use super::polarity::energy_given_j;
+use super::samples::{ConditionError, Samples};
+use super::smoothing::{Local, monotone, range, smoothed};
 use super::splits::Split;
 use super::thinning::bins;
-use super::travel::{Travel, first_compared};
+use super::travel::{Travel, compared, starts_from_rest};
 use super::turning_points::{TurningPoint, smooth_dwells, turning_points};
 use crate::model::Motion;
-use crate::recording::{Flags, Recording, cycles};
+use crate::recording::{Recording, cycles};
 
-/// A recording with fewer usable samples is refused.
-const LEAST_SAMPLES: usize = 20;
 /// Averaging in a bin lowers the noise by at most this factor: hum and drift do not average out.
 pub(super) const LARGEST_AVERAGING: f64 = 4.0;
 /// Factor by which the noise of a channel may differ between recordings: its filter may follow the sampling rate.
@@ -25,36 +26,6 @@ const REVERSAL_NOISES: f64 = 6.0;
 const REVERSAL_STROKE: f64 = 5e-4;
 /// Smallest noise of a force sample as a share of its range: below it, rounding of the file counts.
 const LEAST_NOISE: f64 = 1e-5;
-/// Samples that must stand at an extreme for the displacement channel to clip, and share of the force range that must pass.
-const CLIPPED_SAMPLES: usize = 4;
-const CLIPPED_FORCE: f64 = 0.05;
-/// Row of the first sample in a CSV file, with the header as row 1.
-const FIRST_ROW: usize = 2;
-
-/// Why a recording cannot be used.
-#[derive(Debug, thiserror::Error, PartialEq)]
-pub enum ConditionError {
-    /// Too few samples without a flag.
-    #[error("{name}: {have} usable samples, at least {LEAST_SAMPLES} are needed: record longer")]
-    TooShort { name: String, have: usize },
-    /// Columns of different length, values that are not finite, or time that does not rise.
-    #[error("{name}, row {row}: {reason}")]
-    Malformed {
-        name: String,
-        /// Row in the file; the header is row 1.
-        row: usize,
-        /// What is wrong and what to do.
-        reason: &'static str,
-    },
-    /// A channel that does not move.
-    #[error("{name}: the {channel} does not change: check the channel and its sign")]
-    Flat {
-        name: String,
-        /// `displacement` or `force`.
-        channel: &'static str,
-    },
-}
-
 /// A conditioned recording: columns of equal length, one row per point.
 #[derive(Debug, Clone)]
 pub(crate) struct Track {
@@ -96,6 +67,8 @@ pub(crate) struct Track {
     pub cycles: u32,
     /// What was masked or noticed, one sentence each.
     pub remarks: Vec<String>,
+    /// What is imperfect about the recording.
+    pub notes: Vec<Note>,
 }
 
 /// One row of a [`Track`].
@@ -139,89 +112,46 @@ impl Track {
 pub(crate) fn condition(recordings: &[Recording], budget: usize) -> Result<Vec<Track>, ConditionError> {
     let raw = recordings
         .iter()
-        .map(RawTrack::new)
+        .map(Samples::new)
         .collect::<Result<Vec<_>, _>>()?;
     // The channels are the same in all recordings: where one motion hides their noise, another shows it.
-    let least = |f: fn(&RawTrack) -> f64| NOISE_RATIO * raw.iter().map(f).fold(f64::INFINITY, f64::min);
+    let least = |f: fn(&Samples) -> f64| NOISE_RATIO * raw.iter().map(f).fold(f64::INFINITY, f64::min);
     let (noise_mm, noise_n) = (least(|r| r.noise_mm), least(|r| r.noise_n));
     Ok(raw
         .into_iter()
         .map(|mut raw| {
-            raw.noise_mm = raw.noise_mm.min(noise_mm);
+            raw.noise_mm = raw.noise_mm.min(noise_mm).hypot(raw.wander_mm);
             raw.noise_n = raw.noise_n.min(noise_n);
             raw.track(budget)
         })
         .collect())
 }
 
-/// The usable samples of a recording.
-struct RawTrack<'a> {
-    recording: &'a Recording,
-    kept: Vec<usize>,
-    time_s: Vec<f64>,
-    displacement_mm: Vec<f64>,
-    force_n: Vec<f64>,
-    noise_mm: f64,
-    noise_n: f64,
-    remarks: Vec<String>,
-}
-
-impl<'a> RawTrack<'a> {
-    fn new(recording: &'a Recording) -> Result<RawTrack<'a>, ConditionError> {
-        check(recording)?;
-        let mut remarks = Vec::new();
-        let kept = usable(recording, &mut remarks);
-        if kept.len() < LEAST_SAMPLES {
-            return Err(ConditionError::TooShort {
-                name: recording.name.clone(),
-                have: kept.len(),
-            });
-        }
-        let column = |values: &[f64]| kept.iter().map(|&i| values[i]).collect::<Vec<f64>>();
-        let start_s = recording.time_s[kept[0]];
-        let time_s: Vec<f64> = kept.iter().map(|&i| recording.time_s[i] - start_s).collect();
-        let (displacement_mm, force_n) = (column(&recording.displacement_mm), column(&recording.force_n));
-        for (values, channel) in [(&displacement_mm, "displacement"), (&force_n, "force")] {
-            if range(values) <= 0.0 {
-                return Err(ConditionError::Flat {
-                    name: recording.name.clone(),
-                    channel,
-                });
-            }
-        }
-        Ok(RawTrack {
-            noise_mm: noise(&time_s, &displacement_mm),
-            noise_n: noise(&time_s, &force_n),
-            recording,
-            kept,
-            time_s,
-            displacement_mm,
-            force_n,
-            remarks,
-        })
-    }
-
+impl Samples<'_> {
     /// Conditions into about `budget` points at most.
     fn track(mut self, budget: usize) -> Track {
         let stroke_mm = range(&self.displacement_mm);
         let force_range_n = range(&self.force_n);
-        let motion = SmoothMotion::new(&self.time_s, &self.displacement_mm, self.noise_mm);
+        let motion = SmoothMotion::new(&self.time_s, &self.displacement_mm, self.noise_mm, &self.gaps);
         let cycle = self.cycles(&motion.travel);
-        let clipped = clipped(
-            &self.displacement_mm,
-            &self.force_n,
-            self.noise_mm,
-            &mut self.remarks,
-        );
+        self.note_backwards(&motion.travel);
         let rate = force_range_n / stroke_mm;
         let sigma_n = self
             .noise_n
             .hypot(rate * self.noise_mm)
             .max(LEAST_NOISE * force_range_n);
-        let first = first_compared(&motion.steady_mm, &self.force_n, &motion.travel.turns, stroke_mm);
+        let known = compared(&motion.steady_mm, &self.force_n, &motion.travel, &self.gaps);
+        self.note_start(&known);
         let mut points = Vec::new();
-        for (bin, compared) in bins(&self.time_s, &motion.steady_mm, &motion.travel, stroke_mm, budget) {
-            let masked = !compared || bin.start < first || bin.clone().any(|i| clipped[i]);
+        for (bin, compared) in bins(
+            &self.time_s,
+            &motion.steady_mm,
+            &motion.travel,
+            &self.gaps,
+            stroke_mm,
+            budget,
+        ) {
+            let masked = !compared || bin.clone().any(|i| !known[i] || self.clipped[i]);
             let sigma_n = (!masked).then_some(sigma_n);
             let point = self.mean_point(&motion, &cycle, bin.clone(), sigma_n);
             points.push(point);
@@ -231,10 +161,49 @@ impl<'a> RawTrack<'a> {
         self.into_track(&points, frequency_hz)
     }
 
+    /// Notes a recording that starts within a cycle; `known` tells where the state of the friction is known.
+    fn note_start(&mut self, known: &[bool]) {
+        let first = known.iter().position(|k| *k).unwrap_or(0);
+        if first == 0 || starts_from_rest(&self.displacement_mm, &self.force_n) {
+            return;
+        }
+        let masked_s = self.time_s[first];
+        self.notes.push(Note::new(
+            &self.recording.name,
+            NoteKind::Start,
+            (masked_s, "s"),
+            NoteAction::Masked,
+            format!(
+                "the recording starts at {:.2} mm and {:.0} N, not unloaded at rest: what the friction remembers is unknown, so the \
+                 first {masked_s:.2} s are not compared; start recordings from the unloaded rest",
+                self.displacement_mm[0], self.force_n[0]
+            ),
+        ));
+    }
+
+    /// Notes loops that give energy.
+    fn note_backwards(&mut self, travel: &Travel) {
+        let given_j = energy_given_j(&self.displacement_mm, &self.force_n, travel.turns.len());
+        if let Some(given_j) = given_j {
+            self.notes.push(Note::new(
+                &self.recording.name,
+                NoteKind::Skew,
+                (given_j, "J"),
+                NoteAction::Told,
+                format!(
+                    "the loops give {given_j:.3} J instead of taking it up: the force leads the displacement; check that both channels \
+                     have the same filters and the same clock"
+                ),
+            ));
+        }
+    }
+
     /// Cycle of every sample: as the recording counts them, or from the reversals.
     fn cycles(&self, travel: &Travel) -> Vec<u32> {
         match &self.recording.cycle {
-            Some(counted) if self.kept.iter().any(|&i| counted[i] > 0) => {
+            Some(counted)
+                if counted.len() == self.recording.len() && self.kept.iter().any(|&i| counted[i] > 0) =>
+            {
                 self.kept.iter().map(|&i| counted[i]).collect()
             }
             _ => travel.half.iter().map(|&h| h / 2 + 1).collect(),
@@ -321,6 +290,7 @@ impl<'a> RawTrack<'a> {
             noise_mm: self.noise_mm,
             cycles: points.iter().map(|p| p.cycle).max().unwrap_or(0),
             remarks: self.remarks,
+            notes: self.notes,
         }
     }
 }
@@ -338,8 +308,14 @@ struct SmoothMotion {
 }
 
 impl SmoothMotion {
-    fn new(time_s: &[f64], raw_mm: &[f64], noise_mm: f64) -> SmoothMotion {
-        let mut locals = smoothed(time_s, raw_mm, noise_mm);
+    /// `gaps` are the last samples before a gap: no window reaches over one, and no turn is dated within one.
+    fn new(time_s: &[f64], raw_mm: &[f64], noise_mm: f64, gaps: &[usize]) -> SmoothMotion {
+        let mut locals = Vec::with_capacity(raw_mm.len());
+        let ends = gaps.iter().map(|last| last + 1).chain([raw_mm.len()]);
+        for end in ends {
+            let piece = locals.len()..end;
+            locals.extend(smoothed(&time_s[piece.clone()], &raw_mm[piece], noise_mm));
+        }
         let smooth_mm: Vec<f64> = locals.iter().map(|l| l.mm).collect();
         let band_mm = (REVERSAL_NOISES * noise_mm).max(REVERSAL_STROKE * range(raw_mm));
         let turns: Vec<usize> = cycles::reversals(&smooth_mm, band_mm)
@@ -350,10 +326,16 @@ impl SmoothMotion {
         let smooth_mm: Vec<f64> = locals.iter().map(|l| l.mm).collect();
         let steady_mm = monotone(&smooth_mm, &turns);
         let travel = Travel::new(&steady_mm, &turns);
+        let mut turning_points = turning_points(time_s, &locals, &steady_mm, &turns, noise_mm);
+        for (turn, &index) in turning_points.iter_mut().zip(&turns) {
+            if turn.between.is_some_and(|(i, _)| gaps.contains(&i)) {
+                (turn.mm, turn.between) = (steady_mm[index], None);
+            }
+        }
         SmoothMotion {
             back_mm: way_back(&locals, &travel),
             travel,
-            turning_points: turning_points(time_s, &locals, &steady_mm, &turns, noise_mm),
+            turning_points,
             locals,
             steady_mm,
         }
@@ -378,100 +360,9 @@ fn way_back(locals: &[Local], travel: &Travel) -> Vec<f64> {
         .collect()
 }
 
-/// Refuses columns of different length, values that are not finite and time that does not rise.
-fn check(recording: &Recording) -> Result<(), ConditionError> {
-    let malformed = |index: usize, reason: &'static str| ConditionError::Malformed {
-        name: recording.name.clone(),
-        row: index + FIRST_ROW,
-        reason,
-    };
-    let n = recording.len();
-    let shortest = n
-        .min(recording.displacement_mm.len())
-        .min(recording.force_n.len());
-    if recording.displacement_mm.len() != n || recording.force_n.len() != n {
-        return Err(malformed(
-            shortest,
-            "a column ends before the others: give one value per row in each column",
-        ));
-    }
-    for i in 0..n {
-        let finite = recording.time_s[i].is_finite()
-            && recording.displacement_mm[i].is_finite()
-            && recording.force_n[i].is_finite();
-        if !finite {
-            return Err(malformed(
-                i,
-                "a value is not finite: remove the row or correct the value",
-            ));
-        }
-        if i > 0 && recording.time_s[i] <= recording.time_s[i - 1] {
-            return Err(malformed(
-                i,
-                "the time does not rise: sort the rows and remove duplicates",
-            ));
-        }
-    }
-    Ok(())
-}
-
-/// Indices of the samples whose flags leave force and displacement valid.
-fn usable(recording: &Recording, remarks: &mut Vec<String>) -> Vec<usize> {
-    let n = recording.len();
-    let Some(flags) = recording.flags.as_ref().filter(|f| f.len() == n) else {
-        return (0..n).collect();
-    };
-    let kept: Vec<usize> = (0..n)
-        .filter(|&i| !Flags::from_bits_retain(flags[i]).intersects(Flags::UNUSABLE))
-        .collect();
-    if kept.len() < n {
-        remarks.push(format!(
-            "{} of {n} samples are flagged as invalid and left out",
-            n - kept.len()
-        ));
-    }
-    kept
-}
-
 /// Largest value of the condition, in its own unit.
 fn largest(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::NEG_INFINITY, f64::max)
-}
-
-/// Largest minus smallest value.
-pub(super) fn range(values: &[f64]) -> f64 {
-    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    high - low
-}
-
-/// Masks samples of a clipped LVDT: the displacement stays at its extreme while the force goes on.
-fn clipped(x: &[f64], force_n: &[f64], noise_mm: f64, remarks: &mut Vec<String>) -> Vec<bool> {
-    let mut mask = vec![false; x.len()];
-    let high = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let low = x.iter().copied().fold(f64::INFINITY, f64::min);
-    let (stroke, force_range) = (high - low, range(force_n));
-    let tolerance = (0.5 * noise_mm).max(1e-7 * stroke);
-    for rail in [low, high] {
-        let mut i = 0;
-        while i < x.len() {
-            let start = i;
-            while i < x.len() && (x[i] - rail).abs() <= tolerance {
-                i += 1;
-            }
-            if i > start + CLIPPED_SAMPLES && range(&force_n[start..i]) > CLIPPED_FORCE * force_range {
-                mask[start..i].fill(true);
-            }
-            i += usize::from(i == start);
-        }
-    }
-    let count = mask.iter().filter(|m| **m).count();
-    if count > 0 {
-        remarks.push(format!(
-            "the displacement channel clips: {count} samples stay at {low:.2} or {high:.2} mm while the force changes; they are masked"
-        ));
-    }
-    mask
 }
 
 #[cfg(test)]

@@ -151,6 +151,11 @@ pub(super) struct FitContext<'a> {
 }
 
 impl<'a> FitContext<'a> {
+    /// The same data with another setup.
+    pub(super) fn with_setup<'b>(&'b self, setup: &'b Setup) -> FitContext<'b> {
+        FitContext { setup, ..*self }
+    }
+
     pub(super) fn structure(&self, attached: Vec<Attached>) -> ModelStructure<'a> {
         ModelStructure::new(self.setup, self.data, attached)
     }

@@ -1,7 +1,8 @@
 //! All tracks of a specimen, laid end to end, with weights that follow from the noise.
 
-use super::condition::{Track, range};
-use super::smoothing::noise;
+use super::condition::Track;
+use super::note::{Note, NoteAction, NoteKind};
+use super::smoothing::{noise, range};
 use super::splits::Split;
 
 /// Best linearity of a load cell as a share of the range. No point is weighted as if its force were known better.
@@ -77,6 +78,29 @@ impl Data {
         }
     }
 
+    /// One recording alone.
+    pub(super) fn one(&self, file: usize) -> Data {
+        let from = self.lengths[..file].iter().sum::<usize>();
+        let points = from..from + self.lengths[file];
+        Data {
+            tracks: vec![self.tracks[file].clone()],
+            force_n: self.force_n[points.clone()].to_vec(),
+            weight: self.weight[points.clone()].to_vec(),
+            split: self.split[points].to_vec(),
+            lengths: vec![self.lengths[file]],
+            ..*self
+        }
+    }
+
+    /// Adds notes to the recordings that they are about.
+    pub(super) fn add_notes(&mut self, notes: Vec<Note>) {
+        for note in notes {
+            if let Some(track) = self.tracks.iter_mut().find(|t| t.name == note.recording) {
+                track.notes.push(note);
+            }
+        }
+    }
+
     /// Number of points that are fitted or compared.
     pub(super) fn counted(&self) -> usize {
         self.count(Split::Fit) + self.count(Split::Select)
@@ -95,10 +119,19 @@ impl Data {
                     self.force_n[at] -= hum_n;
                     residuals[at] -= self.weight[at] * hum_n;
                 }
-                track.remarks.push(format!(
+                let text = format!(
                     "mains hum of {:.2} N at {:.2} Hz was removed from the force: check shielding and grounding",
                     hum.amplitude_n(),
                     hum.frequency_hz
+                );
+                track.remarks.push(text.clone());
+                let size = (hum.amplitude_n(), "N");
+                track.notes.push(Note::new(
+                    &track.name,
+                    NoteKind::Hum,
+                    size,
+                    NoteAction::Corrected,
+                    text,
                 ));
             }
             from += length;

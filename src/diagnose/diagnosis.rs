@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::course::Course;
+pub(crate) use super::note::Note;
 use crate::effect::law::Law;
 pub(crate) use crate::effect::{Axis, Branch};
 
@@ -309,6 +310,8 @@ pub struct Diagnosis {
     pub baseline_parameters: Vec<Value>,
     /// Parameters that are at bounds, implausible or not identifiable, and remarks on the recordings.
     pub alarms: Vec<String>,
+    /// What is imperfect about the recordings, and what was done about it.
+    pub notes: Vec<Note>,
     /// Fitted sets of effects, best first.
     pub candidates: Vec<CandidateRow>,
     /// Effects that these recordings cannot show.

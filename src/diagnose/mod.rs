@@ -4,9 +4,11 @@
 //!
 //! | part | what it does |
 //! |---|---|
-//! | `condition` | turns recordings into tracks: noise, reversals, bins, masks, splits (`smoothing`, `turning_points`, `travel`) |
+//! | `samples` | the usable samples: spikes, gaps, clipping, hum, signs, each with a `note` (`spikes`, `gaps`, `clipping`, `vibration`, `polarity`) |
+//! | `condition` | turns them into tracks: reversals, bins, masks, splits (`smoothing`, `turning_points`, `travel`, `thinning`) |
 //! | `baseline` | the model with the physics that is known, and the candidates |
 //! | `data`, `structure` | all tracks end to end; one set of effects fitted to them; `mains_hum` is removed from them |
+//! | `coloured_noise`, `file_offsets`, `force_zero`, `repeats` | after the first fit: slow noise, offsets of single recordings, a wrong zero, repeats that differ |
 //! | `surrogate` | replaces a slow model during the search (`surrogate_plant`) |
 //! | `context` | setup, data and threads, and the fits of single sets (`fit`, with the score test of `score`) |
 //! | `friction_law` | generalises the baseline's friction law before any effect is called missing |
@@ -24,16 +26,23 @@
 
 pub(crate) mod aggregates;
 mod alternatives;
+#[cfg(test)]
+mod any_input_tests;
 mod backward_elimination;
 mod baseline;
 mod binning;
+mod clipping;
+mod coloured_noise;
 mod condition;
 mod context;
 pub(crate) mod course;
 mod data;
 pub(crate) mod diagnosis;
+mod file_offsets;
 mod fit;
+mod force_zero;
 mod friction_law;
+mod gaps;
 mod intervals;
 mod lack_of_fit;
 mod law;
@@ -41,9 +50,14 @@ mod location;
 mod mains_hum;
 mod near_replicates;
 mod next_test;
+mod note;
+mod polarity;
+mod repeats;
+mod samples;
 mod score;
 mod search;
 mod smoothing;
+mod spikes;
 mod splits;
 mod structure;
 mod surrogate;
@@ -55,12 +69,13 @@ mod travel;
 mod turning_points;
 mod varying_coefficient;
 mod verdict;
+mod vibration;
 pub(crate) mod yardsticks;
 
 pub use baseline::Baseline;
 pub(crate) use baseline::BaselineError;
-pub(crate) use condition::ConditionError;
 pub use diagnosis::{Diagnosis, Finding, Verdict};
+pub(crate) use samples::ConditionError;
 pub(crate) use splits::Split;
 
 use crate::profile::ProfileLimits;
@@ -124,12 +139,9 @@ pub fn diagnose(
     }
     let mut setup = Setup::new(baseline)?;
     progress(0.0, "conditioning the recordings");
-    let mut tracks = condition::condition(recordings, options.points)?;
-    splits::assign_splits(&mut tracks);
-    let mut data = Data::new(tracks);
-    let run = RunSettings::new(&data, options)?;
+    let input = conditioned(recordings, options)?;
     progress(0.05, "refitting the baseline");
-    let first = first_fit(&mut setup, &mut data, &run)?;
+    let (data, run, first) = fitted_input(&mut setup, input, recordings, options)?;
     let context = run.context(&setup, &data);
     let nominal = context
         .structure(setup.extras.clone())
@@ -154,6 +166,45 @@ pub fn diagnose(
     Ok(diagnosis)
 }
 
+/// The points of the recordings, with what every step of the search needs.
+fn conditioned(
+    recordings: &[Recording],
+    options: &DiagnoseOptions,
+) -> Result<(Data, RunSettings), DiagnoseError> {
+    let mut tracks = condition::condition(recordings, options.points)?;
+    splits::assign_splits(&mut tracks);
+    let data = Data::new(tracks);
+    let run = RunSettings::new(&data, options)?;
+    Ok((data, run))
+}
+
+/// The fitted baseline, after what the instruments added was taken out: offsets of single recordings, a wrong zero of the force.
+fn fitted_input(
+    setup: &mut Setup,
+    (mut data, mut run): (Data, RunSettings),
+    recordings: &[Recording],
+    options: &DiagnoseOptions,
+) -> Result<(Data, RunSettings, Node), DiagnoseError> {
+    let mut first = first_fit(setup, &mut data, &run)?;
+    let structure = ModelStructure::new(setup, &data, first.attached.clone());
+    if let Some(offsets) = file_offsets::find(&structure, &first) {
+        let corrected = file_offsets::corrected(recordings, &offsets);
+        (data, run) = conditioned(&corrected, options)?;
+        first = first_fit(setup, &mut data, &run)?;
+        for (recording, offset) in recordings.iter().zip(&offsets) {
+            data.add_notes(file_offsets::notes(&recording.name, offset));
+        }
+    }
+    let structure = ModelStructure::new(setup, &data, first.attached.clone());
+    if let Some((sigma_n, notes)) = force_zero::check(&structure, &first) {
+        data.zero_sigma_n = sigma_n;
+        data.add_notes(notes);
+    }
+    let notes = repeats::disagreements(&data);
+    data.add_notes(notes);
+    Ok((data, run, first))
+}
+
 /// Fits the baseline, then removes mains hum and sets the weights by what the fit leaves.
 fn first_fit(setup: &mut Setup, data: &mut Data, run: &RunSettings) -> Result<Node, DiagnoseError> {
     if setup.model.slow {
@@ -169,6 +220,7 @@ fn first_fit(setup: &mut Setup, data: &mut Data, run: &RunSettings) -> Result<No
         .map_err(BaselineError::from)?;
     data.remove_hum(&mut first.residuals, &model_n);
     data.set_weights(&mut first.residuals, &model_n);
+    coloured_noise::raise_noise(data, &mut first.residuals);
     if setup.model.slow {
         let error_n = surrogate::discretisation_error_n(&run.context(setup, data), &first.values);
         data.add_model_error(&error_n.ok_or(DiagnoseError::OutOfDomain)?);

@@ -28,6 +28,13 @@ pub(super) fn median(mut values: Vec<f64>) -> f64 {
     values[middle]
 }
 
+/// Largest minus smallest value.
+pub(super) fn range(values: &[f64]) -> f64 {
+    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    high - low
+}
+
 /// Standard deviation of the white noise, at even or uneven times.
 ///
 /// Divided differences remove a smooth motion: of seven samples a sine with 20 samples per cycle, of three a triangle, whose

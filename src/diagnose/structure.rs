@@ -17,7 +17,7 @@ use crate::model::{BuildError, Parameter};
 const RELATIVE_STEP: f64 = 1e-5;
 /// Standard deviation of a recording's own zero, in units of its noise: folded hum is smaller than the noise.
 const OWN_ZERO: f64 = 0.2;
-/// Bounds of the force zero as a share of the range, and its plausible values in standard deviations.
+/// Bounds of the force zero as a share of the range, and its plausible values and least bounds in standard deviations.
 const ZERO_BOUND: f64 = 0.05;
 const ZERO_BELIEF: f64 = 5.0;
 
@@ -48,7 +48,8 @@ impl<'a> ModelStructure<'a> {
             parameters.extend(a.parameters.iter().copied());
         }
         let mut zero = ZERO;
-        zero.bounds = [-ZERO_BOUND * data.force_range_n, ZERO_BOUND * data.force_range_n];
+        let bound_n = (ZERO_BOUND * data.force_range_n).max(ZERO_BELIEF * data.zero_sigma_n);
+        zero.bounds = [-bound_n, bound_n];
         zero.belief = [-ZERO_BELIEF * data.zero_sigma_n, ZERO_BELIEF * data.zero_sigma_n];
         parameters.push(zero);
         ModelStructure {

@@ -13,11 +13,12 @@ const CURVE_POINTS: usize = 600;
 const TESTABLE: f64 = 0.05;
 
 /// Errors of baseline and improved model, and of the steps between them. `refitted` is the baseline with its own friction law,
-/// `nominal` its residuals before the fit, `improved` the model that is written.
+/// `nominal` its residuals before the fit, `improved` the errors of the model that is written.
 pub(super) fn errors(
     context: &FitContext<'_>,
     search: &SearchResult,
-    [refitted, improved]: [&Node; 2],
+    refitted: &Node,
+    improved: Errors,
     nominal: Option<Vec<f64>>,
 ) -> FitErrors {
     let extras = context.setup.extras.len();
@@ -63,7 +64,7 @@ pub(super) fn errors(
         .collect();
     FitErrors {
         baseline: errors_of_model(context, refitted),
-        improved: errors_of_model(context, improved),
+        improved,
         noise_floor_nrmse: (floor.iter().sum::<f64>() / floor.len().max(1) as f64).sqrt()
             / data.force_range_n,
         ladder,
@@ -71,7 +72,7 @@ pub(super) fn errors(
 }
 
 /// Errors of what is written of a node. The small zero of each recording is not in a file, so it is not in these errors either.
-fn errors_of_model(context: &FitContext<'_>, node: &Node) -> Errors {
+pub(super) fn errors_of_model(context: &FitContext<'_>, node: &Node) -> Errors {
     let data = context.data;
     let mut model_n = vec![0.0; data.len()];
     let structure = context.structure(node.attached.clone()).exact();

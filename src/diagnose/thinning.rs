@@ -18,12 +18,13 @@ const LONGEST_S: f64 = 30.0;
 /// Bins that may exceed the budget, per half cycle: samples at a turning point have bins of their own.
 const EXTRA_PER_HALF: usize = 4;
 
-/// At most about `budget` bins, and whether each is compared. Bins of cycles that are not compared are too wide for their mean
+/// At most about `budget` bins, none over a gap, and whether each is compared. `gaps` are the last samples before one. Bins of cycles that are not compared are too wide for their mean
 /// force to belong to their mean displacement; the plant is only stepped over them.
 pub(super) fn bins(
     time_s: &[f64],
     x: &[f64],
     travel: &Travel,
+    gaps: &[usize],
     stroke_mm: f64,
     budget: usize,
 ) -> Vec<(Range<usize>, bool)> {
@@ -41,8 +42,8 @@ pub(super) fn bins(
     let widths = widths(time_s, x, travel, stroke_mm, &fine);
     let mut scale = widths.iter().sum::<f64>() / budget as f64;
     loop {
-        let bins = filled(&widths, scale, travel);
-        if bins.len() <= budget + EXTRA_PER_HALF * halves as usize || scale > 1e12 {
+        let bins = filled(&widths, scale, travel, gaps);
+        if bins.len() <= budget + gaps.len() + EXTRA_PER_HALF * halves as usize || scale > 1e12 {
             return bins
                 .into_iter()
                 .map(|bin| (bin.clone(), fine(bin.start)))
@@ -77,7 +78,7 @@ fn widths(
 
 /// Bins that are each filled with `scale` widths. A turning point and the sample before it have bins of their own: a mean would
 /// shorten the travel.
-fn filled(widths: &[f64], scale: f64, travel: &Travel) -> Vec<Range<usize>> {
+fn filled(widths: &[f64], scale: f64, travel: &Travel, gaps: &[usize]) -> Vec<Range<usize>> {
     let n = widths.len();
     let mut bins = Vec::new();
     let (mut start, mut filled) = (0, 0.0);
@@ -85,7 +86,7 @@ fn filled(widths: &[f64], scale: f64, travel: &Travel) -> Vec<Range<usize>> {
         filled += width / scale;
         let turns = (1..=2).any(|k| i + k < n && travel.half[i + k] != travel.half[i])
             || (i > 0 && travel.half[i - 1] != travel.half[i]);
-        if filled >= 1.0 || turns || i + 1 == n {
+        if filled >= 1.0 || turns || i + 1 == n || gaps.contains(&i) {
             bins.push(start..i + 1);
             start = i + 1;
             filled = 0.0;

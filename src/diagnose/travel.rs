@@ -1,7 +1,6 @@
 //! Position of each sample between two turning points: half cycle, direction, travel. Input and output are columns of numbers.
 
-use super::condition::range;
-use super::smoothing::median;
+use super::smoothing::{median, range};
 use super::turning_points::TurningPoint;
 
 /// Columns over the samples of a recording.
@@ -24,6 +23,9 @@ const REST_DISPLACEMENT: f64 = 0.03;
 const REST_FORCE: f64 = 0.05;
 /// Share of the stroke after which a motion from rest is compared.
 const FIRST_TRAVEL: f64 = 0.1;
+/// Share of the stroke in one direction after which an unknown state is forgotten. A friction that reverses over a twentieth of the
+/// stroke has 2 % of the unknown state left.
+const FORGETTING: f64 = 0.2;
 
 impl Travel {
     pub(super) fn new(x: &[f64], turns: &[usize]) -> Travel {
@@ -61,13 +63,14 @@ impl Travel {
         let half = self.half[i] as usize;
         let before = half.checked_sub(1).and_then(|k| points.get(k)).map(|t| t.mm);
         let after = points.get(half).map(|t| t.mm);
-        let end = [f64::NEG_INFINITY, f64::INFINITY];
         let [low, high] = if self.direction[i] > 0.0 {
             [before, after]
         } else {
             [after, before]
         };
-        [low.unwrap_or(end[0]), high.unwrap_or(end[1])]
+        let (low, high) = (low.unwrap_or(f64::NEG_INFINITY), high.unwrap_or(f64::INFINITY));
+        // Where noise is as large as a half cycle, its two turning points may be estimated in the wrong order.
+        [low.min(high), high.max(low)]
     }
 
     /// Error in mm of the turning point before a sample.
@@ -91,20 +94,49 @@ impl Travel {
     }
 }
 
-/// First sample that is compared: there the hysteresis no longer depends on the state before the recording.
+/// True if the motion begins at rest at the unloaded end.
+pub(super) fn starts_from_rest(x: &[f64], force_n: &[f64]) -> bool {
+    let lowest = |values: &[f64]| values.iter().copied().fold(f64::INFINITY, f64::min);
+    x[0] - lowest(x) < REST_DISPLACEMENT * range(x)
+        && force_n[0] - lowest(force_n) < REST_FORCE * range(force_n)
+}
+
+/// For each sample, whether the hysteresis no longer depends on a state that nobody recorded: that before the recording, and that
+/// in each gap (`gaps` are the last samples before one).
 ///
-/// From rest at the unloaded end that is after a tenth of the stroke, because all shorter friction elements slide. From any other
-/// state it is after the first half cycle, unless there is only one.
-pub(super) fn first_compared(x: &[f64], force_n: &[f64], turns: &[usize], stroke_mm: f64) -> usize {
-    let lowest_n = force_n.iter().copied().fold(f64::INFINITY, f64::min);
-    let low_mm = x.iter().copied().fold(f64::INFINITY, f64::min);
-    let from_rest =
-        x[0] - low_mm < REST_DISPLACEMENT * stroke_mm && force_n[0] - lowest_n < REST_FORCE * range(force_n);
-    match turns {
+/// From rest at the unloaded end it is known after a tenth of the stroke, because all shorter friction elements slide. From any
+/// other state it is known after the first half cycle, unless there is only one.
+pub(super) fn compared(x: &[f64], force_n: &[f64], travel: &Travel, gaps: &[usize]) -> Vec<bool> {
+    let stroke_mm = range(x);
+    let turns = &travel.turns;
+    let from_rest = starts_from_rest(x, force_n);
+    let mut first = match turns.as_slice() {
         [first, _, ..] if !from_rest || turns.len() > 3 => *first,
         _ => x
             .iter()
             .position(|v| (v - x[0]).abs() > FIRST_TRAVEL * stroke_mm)
             .unwrap_or(0),
+    };
+    // A half cycle that is cut short leaves longer elements as they were.
+    if !from_rest && (x[first] - x[0]).abs() < FORGETTING * stroke_mm {
+        first = remembered_from(x, travel, 0, stroke_mm).unwrap_or(first);
     }
+    let mut known = vec![true; x.len()];
+    known[..first].fill(false);
+    for &last in gaps {
+        let again = remembered_from(x, travel, last + 1, stroke_mm).unwrap_or(x.len());
+        known[last + 1..again].fill(false);
+    }
+    known
+}
+
+/// First sample from which the motion since `from` has wiped out what the friction remembered: after travel in one direction.
+fn remembered_from(x: &[f64], travel: &Travel, from: usize, stroke_mm: f64) -> Option<usize> {
+    let mut began = from;
+    (from..x.len()).find(|&i| {
+        if i > from && travel.half[i] != travel.half[i - 1] {
+            began = i - 1;
+        }
+        (x[i] - x[began]).abs() > FORGETTING * stroke_mm
+    })
 }

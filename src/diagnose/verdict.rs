@@ -17,7 +17,9 @@ use super::next_test;
 use super::search::SearchResult;
 use super::splits::Split;
 use super::structure::ModelStructure;
-use super::tables::{baseline_parameters, candidates, curves, errors, not_testable, values_of};
+use super::tables::{
+    baseline_parameters, candidates, curves, errors, errors_of_model, not_testable, values_of,
+};
 use super::yardsticks;
 use crate::effect::Axis;
 use crate::identify::Residuals;
@@ -73,11 +75,15 @@ pub(super) fn conclude(
     // What is refused is neither written nor quoted: without a law, the improved model is then the baseline with its general friction
     // law.
     let improved = match &discovered {
-        Some((node, _)) => node,
+        Some(found) => &found.node,
         None if unexplained => before,
         None => after,
     };
-    let confidence = intervals(context, if unexplained { before } else { after }, search.likelihood);
+    let confidence = intervals(
+        context,
+        if unexplained { before } else { after },
+        search.likelihood,
+    );
     let effects: Vec<Finding> = judged
         .iter()
         .filter(|_| !unexplained)
@@ -88,9 +94,11 @@ pub(super) fn conclude(
     } else {
         effect_locations(context, [before, after], &judged)
     };
-    let fit = errors(context, &search, [refitted, improved], nominal);
+    let with_law = discovered.as_ref().map(|found| context.with_setup(&found.setup));
+    let improved_errors = errors_of_model(with_law.as_ref().unwrap_or(context), improved);
+    let fit = errors(context, &search, refitted, improved_errors, nominal);
     let courses = course::courses(context.data);
-    let law = discovered.as_ref().map(|(_, law)| law.clone());
+    let law = discovered.as_ref().map(|found| found.law.clone());
     Diagnosis {
         verdict,
         summary: summary(verdict, &effects, law.as_ref(), &location, &fit),
@@ -99,6 +107,7 @@ pub(super) fn conclude(
         next_test: next_test(context, &search, &judged),
         baseline_parameters: baseline_parameters(context, improved, &confidence),
         alarms: alarms(context, improved, &confidence),
+        notes: context.data.tracks.iter().flat_map(|t| t.notes.clone()).collect(),
         candidates: candidates(context, &search),
         not_testable: not_testable(context, before),
         unexplained_share,

@@ -1,7 +1,7 @@
 //! Confidence of fitted values: 95 % intervals and warnings.
 //!
 //! ```text
-//! covariance = s^2 tau (J'J)^-1     s^2 = cost / (n - p), J the derivatives of the residuals at the optimum
+//! covariance = s^2 tau (J'J)^-1     s^2 = cost / n * m / (m - p), m = n / tau, J the derivatives of the residuals at the optimum
 //! tau        = 1 + 2 sum of the residuals' autocorrelations (initial positive sequence of pairs, Geyer 1992)
 //! influence  z_t = (J'J)^-1 J_t' r_t               effect of sample t on the values; its long-run variance over lags
 //!                                                  up to sqrt(n) (Newey and West 1987) is the second estimate
@@ -9,6 +9,7 @@
 //! ```
 //! Neighbouring samples of a recording are correlated: n / tau is the number of independent ones. Only the second estimate
 //! sees noise that is concentrated where a parameter acts, such as displacement noise at reversals for presliding.
+//! Where n / tau - p is below one there is no degree of freedom left to estimate the noise from: no interval is given, with a warning.
 //! Parameters at a bound, and directions that the data do not determine, get a warning and no interval.
 
 use nalgebra::DMatrix;
@@ -51,6 +52,13 @@ pub(crate) enum Warning {
         /// Name of the parameter.
         name: &'static str,
     },
+    /// There are fewer independent residuals than an interval needs.
+    NoFreedom {
+        /// Number of independent residuals.
+        independent: f64,
+        /// Parameters that were fitted to them.
+        names: Vec<&'static str>,
+    },
     /// The search ended before it met its tolerances.
     NotConverged,
 }
@@ -78,6 +86,13 @@ impl std::fmt::Display for Warning {
             Warning::Loose { name } => write!(
                 f,
                 "the 95 % interval of {name} is wider than its plausible range: these data hardly determine it"
+            ),
+            Warning::NoFreedom { independent, names } => write!(
+                f,
+                "the residuals have about {independent:.0} independent values for {} parameters ({}), so no interval can be given: record \
+                 longer, or look for what the model lacks",
+                names.len(),
+                names.join(", ")
             ),
             Warning::NotConverged => {
                 write!(f, "the search did not converge: start it from better values")
@@ -124,11 +139,18 @@ pub(crate) fn confidence(
         sigma: vec![f64::INFINITY; n],
         warnings,
     };
+    let Some(quantile) = noise.quantile else {
+        confidence.warnings.push(Warning::NoFreedom {
+            independent: noise.independent,
+            names: inside.iter().map(|&i| parameters[i].name).collect(),
+        });
+        return confidence;
+    };
     for (a, &i) in inside.iter().enumerate().filter(|&(_, &i)| determined(i)) {
         let local = long_run_variance(influence.column(a).as_slice(), &stretches);
         let sigma = (noise.variance * inverse[(a, a)]).max(local).sqrt() * scale[i];
         let [low, high] = parameters[i].bounds;
-        let half = noise.quantile * sigma;
+        let half = quantile * sigma;
         confidence.sigma[i] = sigma;
         confidence.ci95[i] = Some([(values[i] - half).max(low), (values[i] + half).min(high)]);
         if 2.0 * half > parameters[i].belief[1] - parameters[i].belief[0] {
@@ -167,19 +189,24 @@ fn check_ranges(parameters: &[Parameter], values: &[f64], scale: &[f64]) -> (Vec
 struct ResidualNoise {
     /// Variance of one residual, times the correlation time.
     variance: f64,
-    /// 97.5 % point of Student's t for the degrees of freedom.
-    quantile: f64,
+    /// Number of independent residuals.
+    independent: f64,
+    /// 97.5 % point of Student's t for the degrees of freedom; `None` if there is not one.
+    quantile: Option<f64>,
 }
 
 impl ResidualNoise {
     fn new(residuals: &[f64], stretches: &[usize], fitted: usize) -> Self {
         let (count, fitted) = (residuals.len() as f64, fitted as f64);
         let tau = correlation_time(residuals, stretches);
-        let effective_samples = (count / tau).max(1.0);
+        let independent = count / tau;
+        let degrees = independent - fitted;
         let squares = residuals.iter().map(|r| r * r).sum::<f64>();
+        // A correlated residual takes as many degrees of freedom per parameter, but there are fewer of them.
         ResidualNoise {
-            variance: squares / (count - fitted).max(1.0) * tau.min(count.max(1.0)),
-            quantile: student_975((effective_samples - fitted).max(1.0)),
+            variance: squares / degrees,
+            independent,
+            quantile: (degrees >= 1.0).then(|| student_975(degrees)),
         }
     }
 }
@@ -394,6 +421,18 @@ mod tests {
         }
         // 95 % wanted; the estimated time is itself uncertain. Binomial scatter over 200 is 1.5 %.
         assert!((176..=200).contains(&covered), "{covered} of 200");
+    }
+
+    /// A slow wave is one long deviation: 40 samples of it are worth two or three, as many as a straight line has parameters.
+    #[test]
+    fn no_interval_without_a_degree_of_freedom() {
+        let y: Vec<f64> = (0..40)
+            .map(|i| 3.0 + 0.025 * f64::from(i) + (std::f64::consts::TAU * f64::from(i) / 40.0).cos())
+            .collect();
+        let fit = fitted(&StraightLine::new(y));
+        assert_eq!(fit.ci95, [None, None]);
+        let no_freedom = |w: &Warning| matches!(w, Warning::NoFreedom { names, .. } if names.len() == 2);
+        assert!(fit.warnings.iter().any(no_freedom), "{:?}", fit.warnings);
     }
 
     #[test]

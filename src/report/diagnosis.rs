@@ -38,6 +38,7 @@ pub(crate) fn page(diagnosis: &Diagnosis, context: &Context<'_>) -> String {
                 (counted(context.recordings.len(), "recording")) "."
             }
         }
+        (notes(d))
         (strip(d))
         (yardsticks(d))
         (proof(d))
@@ -69,6 +70,27 @@ pub(super) fn verdict_word(verdict: Verdict) -> &'static str {
 
 fn counted(n: usize, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
+}
+
+/// What is imperfect about the recordings: it is read before anything that follows from them.
+fn notes(d: &Diagnosis) -> Markup {
+    html! {
+        @if !d.notes.is_empty() {
+            h2 { "First: the recordings" }
+            table {
+                tr { th { "Recording" } th { "What" } th.n { "Size" } th { "Done" } th {} }
+                @for n in &d.notes {
+                    tr {
+                        td { (n.recording) }
+                        td { (n.kind.word()) }
+                        td.n { (figure(n.size.value)) " " (n.size.unit) }
+                        td { (n.done.word()) }
+                        td { (n.text) }
+                    }
+                }
+            }
+        }
+    }
 }
 
 /// The figures that the verdict is based on: baseline, then improved model.

@@ -15,7 +15,7 @@ use super::shared::local::{self, BenchArg, model_names};
 use super::shared::progress::Progress;
 use super::{CliCommand, CliError, Done, Output};
 use crate::config::{Bench, EffectConfig, ModelConfig};
-use crate::diagnose::diagnosis::{Diagnosis, ImprovedModel};
+use crate::diagnose::diagnosis::{Diagnosis, ImprovedModel, Note};
 use crate::diagnose::{Baseline, DiagnoseOptions, Verdict, diagnose};
 use crate::effect;
 use crate::model;
@@ -83,6 +83,16 @@ pub(super) struct DiagnoseArgs {
         help = "Recordings that are only predicted, by file name: nothing is fitted to them and nothing chosen by them"
     )]
     leave_out: Vec<String>,
+    /// Turns the sign of these channels of all recordings before the diagnosis
+    #[arg(
+        long,
+        value_name = "CHANNEL,CHANNEL",
+        value_enum,
+        num_args = 1,
+        value_delimiter = ',',
+        conflicts_with = "targets"
+    )]
+    flip: Vec<FlippedChannel>,
     #[command(flatten)]
     data: DataArg,
     /// Folder for diagnosis.json, report.html, improved.toml and, if there is a next test, next-test.toml
@@ -99,6 +109,28 @@ enum NextTestRig {
     Virtual,
 }
 
+/// A channel whose sign is turned.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum FlippedChannel {
+    /// The column force_n
+    Force,
+    /// The column displacement_mm
+    Displacement,
+}
+
+/// Turns the sign of some channels.
+fn flip(recording: &mut Recording, channels: &[FlippedChannel]) {
+    for channel in [FlippedChannel::Force, FlippedChannel::Displacement] {
+        let column = match channel {
+            FlippedChannel::Force => &mut recording.force_n,
+            FlippedChannel::Displacement => &mut recording.displacement_mm,
+        };
+        if channels.contains(&channel) {
+            column.iter_mut().for_each(|value| *value = -*value);
+        }
+    }
+}
+
 fn codes_of_physics() -> String {
     let codes: Vec<&str> = effect::EFFECTS.iter().map(|e| e.code).collect();
     let list = local::wrapped(&codes).replace('\n', "\n  ");
@@ -112,6 +144,7 @@ impl CliCommand for DiagnoseArgs {
         "leafbench diagnose --run-next=virtual --bench bench-configs/benches/mock.toml loops/RUN.csv",
         "leafbench diagnose --baseline leaf-pack --known coulomb_friction --out diagnosis loops/RUN.csv",
         "leafbench diagnose --leave-out OTHER.csv loops/RUN.csv loops/OTHER.csv",
+        "leafbench diagnose --flip force loops/RUN.csv",
         "leafbench diagnose --targets table.csv",
     ];
 
@@ -133,6 +166,9 @@ impl CliCommand for DiagnoseArgs {
             .map(|path| csv::read_file(path))
             .collect::<Result<Vec<_>, _>>()?;
         recordings.iter().try_for_each(in_mm_and_n)?;
+        recordings
+            .iter_mut()
+            .for_each(|recording| flip(recording, &self.flip));
         if let Some(rig) = self.run_next {
             let tester = run_next::tester(rig, &self.data, &job)?;
             return run_next::run(tester, self.rounds, &job, recordings);
@@ -298,7 +334,9 @@ fn verdict_text(verdict: Verdict) -> &'static str {
 
 /// The diagnosis as the terminal shows it.
 fn text(d: &Diagnosis, folder: &Path) -> String {
-    let mut lines = vec![format!("{}: {}", verdict_text(d.verdict), d.summary)];
+    let note = |n: &Note| format!("  note on {}: {} ({})", n.recording, n.text, n.done.word());
+    let mut lines: Vec<String> = d.notes.iter().map(note).collect();
+    lines.push(format!("{}: {}", verdict_text(d.verdict), d.summary));
     for e in &d.effects {
         lines.push(format!(
             "  {} ({:.0} % sure): {}",

@@ -1,5 +1,6 @@
 use super::super::splits::assign_splits;
 use super::*;
+use crate::recording::Flags;
 
 fn one(recording: &Recording) -> Result<Track, ConditionError> {
     Ok(condition(std::slice::from_ref(recording), 3000)?.swap_remove(0))

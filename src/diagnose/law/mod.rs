@@ -7,6 +7,7 @@
 mod curve;
 mod forms;
 
+use super::baseline::Setup;
 use super::context::{FitContext, Node};
 use super::data::Data;
 use super::diagnosis::DiscoveredLaw;
@@ -22,9 +23,16 @@ const LEAST_EXPLAINED: f64 = 0.5;
 /// Times that table and baseline are refitted in turn: the load that a law is in proportion to depends on both.
 const ROUNDS: usize = 3;
 
+/// A law with the setup that has it and the set that was refitted with it.
+pub(super) struct Discovery {
+    pub setup: Setup,
+    pub node: Node,
+    pub law: DiscoveredLaw,
+}
+
 /// The law that explains most of what a set leaves, refitted with the baseline's parameters; `None` if no law over one axis
 /// explains at least half of it, or the model is slow.
-pub(super) fn discover(context: &FitContext<'_>, node: &Node) -> Option<(Node, DiscoveredLaw)> {
+pub(super) fn discover(context: &FitContext<'_>, node: &Node) -> Option<Discovery> {
     if context.setup.surrogate.is_some() {
         return None;
     }
@@ -54,7 +62,11 @@ pub(super) fn discover(context: &FitContext<'_>, node: &Node) -> Option<(Node, D
         band: best.band,
         law: best.law,
     };
-    Some((fitted, law))
+    Some(Discovery {
+        setup,
+        node: fitted,
+        law,
+    })
 }
 
 /// Share of the error above the noise that the second set takes away on cycles that were not fitted.

@@ -1,0 +1,326 @@
+//! What differs between recordings of one specimen and is no physics: a zero of the force, a zero of the displacement, a delay
+//! between the channels, each its own in every recording. Another tare, an LVDT that was moved, clocks that started at other times.
+//!
+//! They are fitted together with the baseline (Gauss-Newton; their columns are difference quotients). They are taken as real only if
+//! they explain nearly all that the baseline leaves above the noise, and no more kinds of them are used than that needs. Instruments
+//! are the cheaper explanation and the cheaper check, so they win against physics. A delay that is the same in all recordings is
+//! left to the candidates.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::condition::Track;
+use super::context::Node;
+use super::data::Data;
+use super::fit::converge;
+use super::note::{Note, NoteAction, NoteKind};
+use super::smoothing::range;
+use super::splits::Split;
+use super::structure::ModelStructure;
+use crate::identify::Residuals;
+use crate::recording::Recording;
+
+/// Mean square of the baseline's residuals, in units of the noise, from which offsets are looked for, and which they may leave.
+const LEAST_POWER: f64 = 1.3;
+const MOST_POWER_LEFT: f64 = 2.0;
+/// Share of the sum of squares above the noise that they must explain.
+const LEAST_EXPLAINED: f64 = 0.85;
+/// The first step, a linear prediction, must explain this share, or the search ends.
+const LEAST_PREDICTED: f64 = 0.5;
+/// Log-likelihood that each offset must gain, and all together beside that.
+const GAIN_OF_EACH: f64 = 5.0;
+const GAIN_OF_ALL: f64 = 15.0;
+/// Prior standard deviations: force and displacement as a share of their ranges, delay in s.
+const PRIOR_SHARE: f64 = 0.1;
+const PRIOR_S: f64 = 3e-3;
+/// Steps of the difference quotients, as shares of the priors, and number of Gauss-Newton steps.
+const STEP: f64 = 1e-3;
+const ROUNDS: usize = 5;
+/// An offset that moves by less than this share of its prior has converged.
+const CONVERGED: f64 = 1e-4;
+
+/// Offsets of one recording.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct FileOffsets {
+    /// What the force channel reads at no force, N.
+    pub force_n: f64,
+    /// What the displacement channel reads too much, mm.
+    pub displacement_mm: f64,
+    /// Delay of the force behind the displacement, s.
+    pub delay_s: f64,
+}
+
+/// One kind of offset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum OffsetKind {
+    Force,
+    Displacement,
+    Delay,
+}
+
+use OffsetKind::{Delay, Displacement, Force};
+
+/// Kinds that are tried, the fewest first.
+const SETS: [&[OffsetKind]; 7] = [
+    &[Force],
+    &[Displacement],
+    &[Delay],
+    &[Force, Displacement],
+    &[Force, Delay],
+    &[Displacement, Delay],
+    &[Force, Displacement, Delay],
+];
+
+impl FileOffsets {
+    fn add(&mut self, kind: OffsetKind, by: f64) {
+        match kind {
+            Force => self.force_n += by,
+            Displacement => self.displacement_mm += by,
+            Delay => self.delay_s += by,
+        }
+    }
+}
+
+/// A fit of the baseline with offsets.
+struct OffsetFit {
+    kinds: &'static [OffsetKind],
+    offsets: Vec<FileOffsets>,
+    cost: f64,
+}
+
+/// Offsets of the recordings, if they explain what the baseline leaves.
+pub(super) fn find(structure: &ModelStructure<'_>, node: &Node) -> Option<Vec<FileOffsets>> {
+    let data = structure.data;
+    let files = data.tracks.len();
+    let counted = data.counted() as f64;
+    let rough = data.sum(&node.residuals, Split::Fit) + data.sum(&node.residuals, Split::Select);
+    if files < 2 || structure.setup.model.slow || rough < LEAST_POWER * counted {
+        return None;
+    }
+    let (node, _) = converge(structure, node.values.clone())?;
+    let (node, cost) = (&node, node.cost());
+    let all = fitted(structure, node, SETS[SETS.len() - 1])?;
+    let explains = |fit: &OffsetFit| {
+        let needed = GAIN_OF_ALL + GAIN_OF_EACH * (fit.kinds.len() * files) as f64;
+        fit.cost < MOST_POWER_LEFT * counted
+            && cost - fit.cost > LEAST_EXPLAINED * (cost - counted)
+            && 0.5 * (cost - fit.cost) > needed
+    };
+    if !explains(&all) {
+        return None;
+    }
+    let price = |fit: &OffsetFit| 0.5 * fit.cost + GAIN_OF_EACH * (fit.kinds.len() * files) as f64;
+    let smaller = SETS[..SETS.len() - 1]
+        .iter()
+        .filter_map(|kinds| fitted(structure, node, kinds));
+    let mut best = smaller
+        .chain([all])
+        .filter(explains)
+        .min_by(|a, b| price(a).total_cmp(&price(b)))?;
+    if best.kinds.contains(&Delay) && !delays_differ(structure, node, &best) {
+        best.offsets.iter_mut().for_each(|offset| offset.delay_s = 0.0);
+    }
+    let any = best
+        .offsets
+        .iter()
+        .any(|offset| *offset != FileOffsets::default());
+    any.then_some(best.offsets)
+}
+
+/// False if one delay for all recordings does as well: that one is left to the candidates.
+fn delays_differ(structure: &ModelStructure<'_>, node: &Node, fit: &OffsetFit) -> bool {
+    let files = fit.offsets.len() as f64;
+    let delay_s = fit.offsets.iter().map(|o| o.delay_s).sum::<f64>() / files;
+    let common: Vec<FileOffsets> = fit
+        .offsets
+        .iter()
+        .map(|o| FileOffsets { delay_s, ..*o })
+        .collect();
+    let data = shifted(structure.data, &common);
+    let here = ModelStructure::new(structure.setup, &data, node.attached.clone());
+    let same = converge(&here, node.values.clone());
+    same.is_none_or(|(same, _)| 0.5 * (same.cost() - fit.cost) > GAIN_OF_ALL + GAIN_OF_EACH * files)
+}
+
+/// Fits the baseline with some kinds of offsets; `None` if they hardly explain anything.
+fn fitted(structure: &ModelStructure<'_>, node: &Node, kinds: &'static [OffsetKind]) -> Option<OffsetFit> {
+    let counted = structure.data.counted() as f64;
+    let mut offsets = vec![FileOffsets::default(); structure.data.tracks.len()];
+    let mut values = node.values.clone();
+    for round in 0..ROUNDS {
+        let data = shifted(structure.data, &offsets);
+        let here = ModelStructure::new(structure.setup, &data, node.attached.clone());
+        let (fit, tangent) = converge(&here, values)?;
+        let columns = columns(&here, &fit.values, kinds)?;
+        let residuals = here.fitted(&fit.values)?;
+        let mut left = columns;
+        for mut column in left.column_iter_mut() {
+            let projected = tangent.project(&column.clone_owned());
+            column.copy_from(&projected);
+        }
+        let mut normal = left.tr_mul(&left);
+        for k in 0..normal.nrows() {
+            normal[(k, k)] += 1.0;
+        }
+        let right = left.tr_mul(&residuals);
+        let step = normal.cholesky()?.solve(&right);
+        let predicted = right.dot(&step);
+        if round == 0 && predicted < LEAST_PREDICTED * (fit.fit - counted).max(0.0) {
+            return None;
+        }
+        for (k, by) in step.iter().enumerate() {
+            let (file, kind) = (k / kinds.len(), kinds[k % kinds.len()]);
+            offsets[file].add(kind, by * prior(&data.tracks[file], kind));
+        }
+        values = fit.values;
+        if step.amax() < CONVERGED {
+            break;
+        }
+    }
+    let data = shifted(structure.data, &offsets);
+    let here = ModelStructure::new(structure.setup, &data, node.attached.clone());
+    let (fit, _) = converge(&here, values)?;
+    Some(OffsetFit {
+        kinds,
+        offsets,
+        cost: fit.cost(),
+    })
+}
+
+/// Prior standard deviation of an offset, in its unit.
+fn prior(track: &Track, kind: OffsetKind) -> f64 {
+    match kind {
+        Force => PRIOR_SHARE * range(&track.force_n),
+        Displacement => PRIOR_SHARE * range(&track.displacement_mm),
+        Delay => PRIOR_S,
+    }
+}
+
+/// Fall of the fitted residuals when an offset moves by its prior: for each recording one column for each kind.
+fn columns(structure: &ModelStructure<'_>, values: &[f64], kinds: &[OffsetKind]) -> Option<DMatrix<f64>> {
+    let data = structure.data;
+    let mut columns = DMatrix::zeros(structure.count(), kinds.len() * data.tracks.len());
+    let mut from = 0;
+    for (file, track) in data.tracks.iter().enumerate() {
+        let alone = data.one(file);
+        let fitted = |data: &Data| -> Option<DVector<f64>> {
+            ModelStructure::new(structure.setup, data, structure.attached.clone()).fitted(values)
+        };
+        let before = fitted(&alone)?;
+        for (k, &kind) in kinds.iter().enumerate() {
+            let mut offset = FileOffsets::default();
+            offset.add(kind, STEP * prior(track, kind));
+            let after = fitted(&shifted(&alone, &[offset]))?;
+            for i in 0..track.len() {
+                columns[(from + i, file * kinds.len() + k)] = (before[i] - after[i]) / STEP;
+            }
+        }
+        from += track.len();
+    }
+    Some(columns)
+}
+
+/// The data without the offsets.
+fn shifted(data: &Data, offsets: &[FileOffsets]) -> Data {
+    let mut data = data.clone();
+    let mut from = 0;
+    for (track, offset) in data.tracks.iter_mut().zip(offsets) {
+        let n = track.len();
+        let at =
+            |values: &[f64], i: usize| interpolated(&track.time_s, values, track.time_s[i] - offset.delay_s);
+        if offset.delay_s != 0.0 {
+            let x: Vec<f64> = (0..n).map(|i| at(&track.displacement_mm, i)).collect();
+            let column =
+                |f: fn(&crate::model::Motion) -> f64| track.motion.iter().map(f).collect::<Vec<f64>>();
+            let (speeds, accelerations) = (column(|m| m.velocity_mm_s), column(|m| m.acceleration_mm_s2));
+            let moved: Vec<[f64; 2]> = (0..n).map(|i| [at(&speeds, i), at(&accelerations, i)]).collect();
+            for (motion, [speed, acceleration]) in track.motion.iter_mut().zip(moved) {
+                (motion.velocity_mm_s, motion.acceleration_mm_s2) = (speed, acceleration);
+            }
+            track.displacement_mm = x;
+        }
+        for i in 0..n {
+            track.displacement_mm[i] -= offset.displacement_mm;
+            track.force_n[i] -= offset.force_n;
+            data.force_n[from + i] -= offset.force_n;
+            for reach_mm in &mut track.motion[i].reach_mm {
+                *reach_mm -= offset.displacement_mm;
+            }
+        }
+        from += n;
+    }
+    data
+}
+
+/// Linear interpolation in a column over rising times; the ends are constant.
+fn interpolated(time_s: &[f64], values: &[f64], at_s: f64) -> f64 {
+    let after = time_s.partition_point(|t| *t < at_s);
+    if after == 0 || after == time_s.len() {
+        return values[after.min(time_s.len() - 1)];
+    }
+    let share = (at_s - time_s[after - 1]) / (time_s[after] - time_s[after - 1]);
+    values[after - 1] + share * (values[after] - values[after - 1])
+}
+
+/// The recordings without their offsets. A sample whose force lies beyond the recording by the delay is left out.
+pub(super) fn corrected(recordings: &[Recording], offsets: &[FileOffsets]) -> Vec<Recording> {
+    let without = |(recording, offset): (&Recording, &FileOffsets)| {
+        let time_s = &recording.time_s;
+        let ends_s = [time_s[0], time_s[time_s.len() - 1]];
+        let there = |i: &usize| (ends_s[0]..=ends_s[1]).contains(&(time_s[*i] + offset.delay_s));
+        let kept: Vec<usize> = (0..time_s.len()).filter(there).collect();
+        let force_n = |i: usize| interpolated(time_s, &recording.force_n, time_s[i] + offset.delay_s);
+        let pick = |values: &[f64]| kept.iter().map(|&i| values[i]).collect::<Vec<f64>>();
+        Recording {
+            name: recording.name.clone(),
+            time_s: pick(time_s),
+            displacement_mm: kept
+                .iter()
+                .map(|&i| recording.displacement_mm[i] - offset.displacement_mm)
+                .collect(),
+            force_n: kept.iter().map(|&i| force_n(i) - offset.force_n).collect(),
+            command: recording.command.as_deref().map(pick),
+            command_mode: recording.command_mode,
+            cycle: (recording.cycle.as_ref())
+                .map(|c| kept.iter().filter_map(|&i| c.get(i).copied()).collect()),
+            flags: (recording.flags.as_ref())
+                .map(|f| kept.iter().filter_map(|&i| f.get(i).copied()).collect()),
+        }
+    };
+    recordings.iter().zip(offsets).map(without).collect()
+}
+
+/// Notes on the offsets of one recording that were taken out.
+pub(super) fn notes(name: &str, offset: &FileOffsets) -> Vec<Note> {
+    let sizes = [
+        (
+            offset.force_n,
+            "N",
+            NoteKind::Zero,
+            "the zero of the force",
+            "tare before every test",
+        ),
+        (
+            offset.displacement_mm,
+            "mm",
+            NoteKind::Zero,
+            "the zero of the displacement",
+            "do not move the LVDT between tests, or set its zero again",
+        ),
+        (
+            1e3 * offset.delay_s,
+            "ms",
+            NoteKind::Skew,
+            "the delay of the force behind the displacement",
+            "sample both channels with one clock; viscous damping cannot be told from such a delay",
+        ),
+    ];
+    let different = sizes.into_iter().filter(|(size, ..)| *size != 0.0);
+    different
+        .map(|(size, unit, kind, what, advice)| {
+            let text = format!(
+                "{what} differs from that of the other recordings by {size:+.3} {unit} and was taken out: {advice}"
+            );
+            Note::new(name, kind, (size, unit), NoteAction::Corrected, text)
+        })
+        .collect()
+}

@@ -1,0 +1,126 @@
+//! Spikes: one or two samples that stand far off both their neighbours, as from a loose contact or a misread converter. It uses no
+//! recordings and no models: input and output are columns of numbers.
+
+use std::ops::Range;
+
+use super::smoothing::median;
+
+/// Largest number of samples in a row that is a spike: a motion or a force lasts longer.
+const LONGEST: usize = 2;
+/// Least height of a spike: in noises of the channel, and in median steps of the samples around, because fast motion steps too.
+/// White noise has a median step of 1 noise and reaches neither in 10 million samples.
+const LEAST_NOISES: f64 = 8.0;
+const LEAST_STEPS: f64 = 4.0;
+/// Number of steps on either side whose median is the measure.
+const AROUND: usize = 5;
+/// A channel in which a larger share of the samples stands off has another noise, no spikes.
+const MOST_SHARE: f64 = 0.02;
+
+/// Spikes of one channel.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Spikes {
+    /// Indices of the samples, rising.
+    pub samples: Vec<usize>,
+    /// Largest distance from the neighbours, in the unit of the channel.
+    pub largest: f64,
+}
+
+/// Finds the spikes of a channel whose white noise is `noise`.
+pub(super) fn spikes(time_s: &[f64], values: &[f64], noise: f64) -> Spikes {
+    let mut found = Spikes::default();
+    let mut i = 0;
+    while i < values.len() {
+        let run = (1..=LONGEST).map(|length| i..(i + length).min(values.len()));
+        let spike = run
+            .filter_map(|run| Some((height(time_s, values, &run)?, run)))
+            .find(|(height, run)| *height > LEAST_NOISES * noise + LEAST_STEPS * step_around(values, run));
+        match spike {
+            Some((height, run)) => {
+                found.largest = found.largest.max(height);
+                i = run.end;
+                found.samples.extend(run);
+            }
+            None => i += 1,
+        }
+    }
+    if found.samples.len() as f64 > MOST_SHARE * values.len() as f64 {
+        return Spikes::default();
+    }
+    found
+}
+
+/// Distance of the nearest sample of a run from the straight line between its neighbours, if all lie on one side of it. At an end
+/// of the column the line goes through the next two samples.
+fn height(time_s: &[f64], values: &[f64], run: &Range<usize>) -> Option<f64> {
+    let n = values.len();
+    let (a, b) = match (run.start.checked_sub(1), run.end) {
+        (Some(before), after) if after < n => (before, after),
+        (None, after) if after + 1 < n => (after, after + 1),
+        (Some(before), _) => (before.checked_sub(1)?, before),
+        _ => return None,
+    };
+    let rate = (values[b] - values[a]) / (time_s[b] - time_s[a]);
+    let off = |i: usize| values[i] - values[a] - rate * (time_s[i] - time_s[a]);
+    let sign = off(run.start).signum();
+    let least = run.clone().map(|i| sign * off(i)).fold(f64::INFINITY, f64::min);
+    (least > 0.0).then_some(least)
+}
+
+/// Median step between samples around a run, without those of the run.
+fn step_around(values: &[f64], run: &Range<usize>) -> f64 {
+    let from = run.start.saturating_sub(AROUND + 1);
+    let to = (run.end + AROUND + 1).min(values.len());
+    let step = |i: usize| (values[i + 1] - values[i]).abs();
+    let before = (from..run.start.saturating_sub(1)).map(step);
+    median(before.chain((run.end..to.saturating_sub(1)).map(step)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::smoothing::noise;
+    use super::super::smoothing::tests::noisy;
+    use super::*;
+
+    /// A triangle between 0 and 10 mm with 20, 100 or 1000 samples a cycle, noise of 2 um.
+    fn triangle(per_cycle: f64) -> (Vec<f64>, Vec<f64>) {
+        let time_s: Vec<f64> = (0..2000).map(|i| f64::from(i) / per_cycle).collect();
+        let at = |t: f64| 10.0 - (20.0 * (t + 0.013).fract() - 10.0).abs();
+        let x = time_s
+            .iter()
+            .enumerate()
+            .map(|(i, t)| at(*t) + 0.003 * noisy(i))
+            .collect();
+        (time_s, x)
+    }
+
+    #[test]
+    fn spikes_are_found_and_corners_are_not() {
+        for per_cycle in [20.0, 100.0, 1000.0] {
+            let (time_s, mut x) = triangle(per_cycle);
+            assert_eq!(
+                spikes(&time_s, &x, noise(&time_s, &x)),
+                Spikes::default(),
+                "{per_cycle}"
+            );
+            let off = [0, 250, 251, 777, 779, 1999];
+            for i in off {
+                x[i] += 8.0;
+            }
+            let found = spikes(&time_s, &x, noise(&time_s, &x));
+            assert_eq!(found.samples, off, "{per_cycle}");
+            assert!((found.largest - 8.0).abs() < 2.5, "{}", found.largest);
+        }
+    }
+
+    #[test]
+    fn a_step_of_the_force_is_no_spike() {
+        let time_s: Vec<f64> = (0..400).map(|i| 0.01 * f64::from(i)).collect();
+        let force_n: Vec<f64> = (0..400)
+            .map(|i| if i % 80 < 40 { 100.0 } else { -100.0 } + noisy(i))
+            .collect();
+        assert_eq!(
+            spikes(&time_s, &force_n, noise(&time_s, &force_n)),
+            Spikes::default()
+        );
+    }
+}

@@ -1,0 +1,375 @@
+//! Hum and vibration of one frequency on a channel. Its reversals are no reversals of the test. It uses no recordings and no models:
+//! input and output are columns of numbers.
+//!
+//! In each of many short windows a cubic takes out the motion and a sine is fitted to the rest. The windows are shorter than half a
+//! cycle of the motion, so that harmonics of the motion form no line. What has the same frequency and phase in most windows is a
+//! steady line; corners and friction jumps are in few of them, and the median leaves them out.
+
+use std::f64::consts::{PI, TAU};
+use std::ops::Range;
+
+use nalgebra::{Complex, SMatrix, SVector};
+
+use super::smoothing::{median, range};
+use crate::recording::cycles;
+
+/// Lowest frequency in Hz that counts as vibration. Test motions are slower.
+const LOWEST_HZ: f64 = 8.0;
+/// Periods of a vibration that a window holds, at least: fewer are like the motion itself.
+const LEAST_PERIODS: f64 = 5.0;
+/// Highest frequency as a share of the sampling rate. Above it, the channel's white noise holds the vibration already.
+const HIGHEST: f64 = 0.4;
+/// Samples of a window, and the longest window in periods of the motion.
+const SAMPLES: Range<usize> = 40..256;
+const OF_MOTION: f64 = 0.4;
+/// Reversals of the test come back by more than this share of the stroke.
+const TEST_REVERSAL: f64 = 0.2;
+/// Number of windows of the spectrum; at least the lower number must be there.
+const WINDOWS: Range<usize> = 6..16;
+/// A line stands this far above the spectrum around it. The median spectrum of noise reaches 3.
+const PROMINENT: f64 = 15.0;
+/// Places in the spectrum on either side of a line, in half reciprocals of the window: the line's own, and those it is compared with.
+const OWN: usize = 3;
+const BESIDE: usize = 14;
+/// A line is steady if its amplitude and phase in most windows differ from their median by less than this share.
+const STEADY: f64 = 0.35;
+/// Smallest amplitude of a line as a share of the channel's range: below it, rounding of the file counts.
+const LEAST_AMPLITUDE: f64 = 1e-5;
+/// Largest number of lines of a channel.
+const MOST_LINES: usize = 3;
+
+/// A line in a channel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Vibration {
+    /// Frequency in Hz.
+    pub frequency_hz: f64,
+    /// Amplitude in the unit of the channel.
+    pub amplitude: f64,
+    /// Cosine and sine amplitude; `None` if the phase wanders, so that the line cannot be subtracted.
+    parts: Option<[f64; 2]>,
+}
+
+impl Vibration {
+    /// True if it is a line of constant phase.
+    pub(super) fn is_steady(&self) -> bool {
+        self.parts.is_some()
+    }
+
+    /// Its value at a time; zero if the phase wanders.
+    fn at(&self, time_s: f64) -> f64 {
+        let (sine, cosine) = (TAU * self.frequency_hz * time_s).sin_cos();
+        self.parts.map_or(0.0, |[c, s]| c * cosine + s * sine)
+    }
+}
+
+/// Removes the steady lines of a channel and returns all that were found. `motion_hz` is the frequency of the test's motion.
+pub(super) fn remove_vibrations(time_s: &[f64], values: &mut [f64], motion_hz: f64) -> Vec<Vibration> {
+    let mut found = Vec::new();
+    while found.len() < MOST_LINES {
+        let Some(line) = vibration(time_s, values, motion_hz) else {
+            break;
+        };
+        found.push(line);
+        if !line.is_steady() {
+            break;
+        }
+        for (value, t) in values.iter_mut().zip(time_s) {
+            *value -= line.at(*t);
+        }
+    }
+    found
+}
+
+/// Frequency in Hz of the test's motion, from reversals that no vibration makes; 0 if there are fewer than two.
+pub(super) fn motion_frequency_hz(time_s: &[f64], displacement_mm: &[f64]) -> f64 {
+    let turns = cycles::reversals(displacement_mm, TEST_REVERSAL * range(displacement_mm));
+    let halves: Vec<f64> = turns
+        .windows(2)
+        .map(|w| time_s[w[1].index] - time_s[w[0].index])
+        .collect();
+    if halves.is_empty() {
+        0.0
+    } else {
+        0.5 / median(halves)
+    }
+}
+
+/// The strongest line above the frequencies of the motion.
+fn vibration(time_s: &[f64], values: &[f64], motion_hz: f64) -> Option<Vibration> {
+    let windows = Windows::new(time_s, motion_hz)?;
+    let frequency_hz = windows.line(time_s, values)?;
+    let fits: Vec<Option<Complex<f64>>> = windows
+        .all
+        .iter()
+        .map(|window| sine_in(time_s, values, window.clone(), frequency_hz))
+        .collect();
+    let refined_hz = windows.refined(time_s, &fits, frequency_hz);
+    // The phase that belongs to the refined frequency.
+    let turned: Vec<Complex<f64>> = (0..fits.len())
+        .filter_map(|k| {
+            let turn = TAU * (frequency_hz - refined_hz) * windows.middle_s(time_s, k);
+            Some(fits[k]? * Complex::new(turn.cos(), turn.sin()))
+        })
+        .collect();
+    let middle = Complex::new(
+        median(turned.iter().map(|a| a.re).collect()),
+        median(turned.iter().map(|a| a.im).collect()),
+    );
+    let off = median(turned.iter().map(|a| (a - middle).norm()).collect());
+    let steady = off < STEADY * middle.norm();
+    let amplitude = if steady {
+        middle.norm()
+    } else {
+        median(turned.iter().map(|a| a.norm()).collect())
+    };
+    (amplitude > LEAST_AMPLITUDE * range(values)).then_some(Vibration {
+        frequency_hz: refined_hz,
+        amplitude,
+        // The real part of a exp(i w t) is the line.
+        parts: steady.then_some([middle.re, -middle.im]),
+    })
+}
+
+/// Windows of equal number of samples over a recording, half overlapping.
+struct Windows {
+    all: Vec<Range<usize>>,
+    /// Duration in s of a window without a gap.
+    duration_s: f64,
+    /// Frequencies that are searched, Hz.
+    search_hz: Range<f64>,
+}
+
+impl Windows {
+    /// `None` if the recording is too short or too coarse for a vibration to be seen.
+    fn new(time_s: &[f64], motion_hz: f64) -> Option<Windows> {
+        let interval_s = median(time_s.windows(2).map(|w| w[1] - w[0]).collect());
+        let longest = if motion_hz > 0.0 {
+            (OF_MOTION / motion_hz / interval_s) as usize
+        } else {
+            SAMPLES.end
+        };
+        let samples = longest.min(SAMPLES.end).min(time_s.len() / WINDOWS.start);
+        if samples < SAMPLES.start {
+            return None;
+        }
+        let duration_s = samples as f64 * interval_s;
+        let search_hz = LOWEST_HZ.max(LEAST_PERIODS / duration_s)..HIGHEST / interval_s;
+        let all: Vec<Range<usize>> = (0..)
+            .map(|k| k * samples / 2..k * samples / 2 + samples)
+            .take_while(|w| w.end <= time_s.len())
+            .filter(|w| time_s[w.end - 1] - time_s[w.start] < 1.5 * duration_s)
+            .collect();
+        (all.len() >= WINDOWS.start && search_hz.start < search_hz.end).then_some(Windows {
+            all,
+            duration_s,
+            search_hz,
+        })
+    }
+
+    fn middle_s(&self, time_s: &[f64], k: usize) -> f64 {
+        0.5 * (time_s[self.all[k].start] + time_s[self.all[k].end - 1])
+    }
+
+    /// Frequency of the most prominent line of the median spectrum, Hz.
+    fn line(&self, time_s: &[f64], values: &[f64]) -> Option<f64> {
+        let step_hz = 0.5 / self.duration_s;
+        // The spectrum begins below the search, so that a line is compared with what is beside it on both sides.
+        let first = (self.search_hz.start / step_hz) as usize
+            - BESIDE.min((self.search_hz.start / step_hz) as usize - 2);
+        let last = (self.search_hz.end / step_hz) as usize;
+        let every = self.all.len().div_ceil(WINDOWS.end);
+        let spectra: Vec<Vec<f64>> = self
+            .all
+            .iter()
+            .step_by(every)
+            .map(|window| {
+                let rest = without_motion(time_s, values, window.clone());
+                (first..=last)
+                    .map(|k| power(&time_s[window.clone()], &rest, k as f64 * step_hz))
+                    .collect()
+            })
+            .collect();
+        let spectrum: Vec<f64> = (0..=last - first)
+            .map(|k| median(spectra.iter().map(|s| s[k]).collect()))
+            .collect();
+        let beside = |range: Range<usize>| median(spectrum[range].to_vec());
+        let prominence = |k: usize| {
+            let left = beside(k.saturating_sub(BESIDE)..k.saturating_sub(OWN));
+            let right = beside((k + OWN + 1).min(spectrum.len())..(k + BESIDE + 1).min(spectrum.len()));
+            spectrum[k] / left.max(right).max(f64::MIN_POSITIVE)
+        };
+        (0..spectrum.len())
+            .filter(|k| (first + k) as f64 * step_hz >= self.search_hz.start)
+            .map(|k| (prominence(k), k))
+            .filter(|(prominence, _)| *prominence > PROMINENT)
+            .max_by(|a, b| spectrum[a.1].total_cmp(&spectrum[b.1]))
+            .map(|(_, k)| (first + k) as f64 * step_hz)
+    }
+
+    /// The frequency at which the phases in the windows agree. Longer and longer distances of two windows give it more and more
+    /// exactly, without doubt about the number of turns between them.
+    fn refined(&self, time_s: &[f64], fits: &[Option<Complex<f64>>], frequency_hz: f64) -> f64 {
+        let spacing_s = 0.5 * self.duration_s;
+        let mut refined_hz = frequency_hz;
+        let mut lag = 1;
+        while lag < fits.len() {
+            let mut sum = Complex::new(0.0, 0.0);
+            let mut pairs = 0;
+            for k in 0..fits.len() - lag {
+                let (Some(a), Some(b)) = (fits[k], fits[k + lag]) else {
+                    continue;
+                };
+                let apart_s = self.middle_s(time_s, k + lag) - self.middle_s(time_s, k);
+                if (apart_s / (lag as f64 * spacing_s) - 1.0).abs() < 0.1 {
+                    let turn = -TAU * (refined_hz - frequency_hz) * apart_s;
+                    sum += b * a.conj() * Complex::new(turn.cos(), turn.sin());
+                    pairs += 1;
+                }
+            }
+            if pairs < 4 {
+                break;
+            }
+            refined_hz += sum.arg() / (TAU * lag as f64 * spacing_s);
+            lag *= 2;
+        }
+        refined_hz
+    }
+}
+
+/// Cubic over a window: row of its columns at a sample, time from -1 to 1.
+fn cubic(time_s: &[f64], window: &Range<usize>, i: usize) -> SVector<f64, 4> {
+    let (from, to) = (time_s[window.start], time_s[window.end - 1]);
+    let t = (2.0 * time_s[i] - from - to) / (to - from);
+    SVector::from([1.0, t, t * t, t * t * t])
+}
+
+/// What a cubic leaves of a window, tapered.
+fn without_motion(time_s: &[f64], values: &[f64], window: Range<usize>) -> Vec<f64> {
+    let (mut normal, mut right) = (SMatrix::<f64, 4, 4>::zeros(), SVector::<f64, 4>::zeros());
+    let level = values[window.start];
+    for i in window.clone() {
+        let row = cubic(time_s, &window, i);
+        normal += row * row.transpose();
+        right += row * (values[i] - level);
+    }
+    let motion = normal.cholesky().map_or(SVector::zeros(), |c| c.solve(&right));
+    window
+        .clone()
+        .map(|i| {
+            let row = cubic(time_s, &window, i);
+            (values[i] - level - row.dot(&motion)) * 0.5 * (1.0 + (PI * row[1]).cos())
+        })
+        .collect()
+}
+
+/// Power of a column at a frequency.
+fn power(time_s: &[f64], rest: &[f64], frequency_hz: f64) -> f64 {
+    let (mut cosine, mut sine) = (0.0, 0.0);
+    for (t, value) in time_s.iter().zip(rest) {
+        let (s, c) = (TAU * frequency_hz * (t - time_s[0])).sin_cos();
+        cosine += c * value;
+        sine += s * value;
+    }
+    cosine * cosine + sine * sine
+}
+
+/// Complex amplitude of a sine in a window, beside a cubic; its phase counts from time 0.
+fn sine_in(time_s: &[f64], values: &[f64], window: Range<usize>, frequency_hz: f64) -> Option<Complex<f64>> {
+    let (mut normal, mut right) = (SMatrix::<f64, 6, 6>::zeros(), SVector::<f64, 6>::zeros());
+    let level = values[window.start];
+    for i in window.clone() {
+        let motion = cubic(time_s, &window, i);
+        let (sine, cosine) = (TAU * frequency_hz * time_s[i]).sin_cos();
+        let row = SVector::from([motion[0], motion[1], motion[2], motion[3], cosine, sine]);
+        normal += row * row.transpose();
+        right += row * (values[i] - level);
+    }
+    let solved = normal.cholesky()?.solve(&right);
+    Some(Complex::new(solved[4], -solved[5]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::smoothing::tests::noisy;
+    use super::*;
+
+    fn times(rate_hz: f64, duration_s: f64) -> Vec<f64> {
+        (0..(rate_hz * duration_s) as u32)
+            .map(|i| f64::from(i) / rate_hz)
+            .collect()
+    }
+
+    fn triangle(t: f64) -> f64 {
+        10.0 - (20.0 * t.fract() - 10.0).abs()
+    }
+
+    #[test]
+    fn a_steady_line_is_removed_from_a_sine_and_a_triangle() {
+        let sine = |t: f64| 5.0 * (TAU * t).sin();
+        for motion in [sine, triangle] {
+            let time_s = times(1000.0, 20.0);
+            let clean: Vec<f64> = time_s.iter().map(|t| motion(*t)).collect();
+            let mut x: Vec<f64> = (0..time_s.len())
+                .map(|i| clean[i] + 0.05 * (TAU * 49.97 * time_s[i] + 1.0).sin() + 0.003 * noisy(i))
+                .collect();
+            let motion_hz = motion_frequency_hz(&time_s, &x);
+            assert!((motion_hz - 1.0).abs() < 0.05, "{motion_hz}");
+            let found = remove_vibrations(&time_s, &mut x, motion_hz);
+            assert_eq!(found.len(), 1, "{found:?}");
+            assert!(
+                found[0].is_steady() && (found[0].amplitude - 0.05).abs() < 0.002,
+                "{found:?}"
+            );
+            assert!((found[0].frequency_hz - 49.97).abs() < 0.002, "{found:?}");
+            let worst = x
+                .iter()
+                .zip(&clean)
+                .map(|(a, b)| (a - b).abs())
+                .fold(0.0, f64::max);
+            // Noise of 3 um, and 4 % of the line.
+            assert!(worst < 0.006, "{worst}");
+        }
+    }
+
+    #[test]
+    fn a_test_motion_with_noise_has_no_line() {
+        let jump = |t: f64| 80.0 * triangle(t) + if t.fract() < 0.5 { 30.0 } else { -30.0 };
+        let sine = |t: f64| 5.0 * (TAU * 2.5 * t).sin();
+        for (motion, rate_hz, hz) in [
+            (&triangle as &dyn Fn(f64) -> f64, 1000.0, 1.0),
+            (&triangle, 200.0, 1.0),
+            (&jump, 1000.0, 1.0),
+            (&sine, 200.0, 2.5),
+            (&sine, 1000.0, 2.5),
+        ] {
+            let time_s = times(rate_hz, 20.0);
+            for size in [0.0, 0.003] {
+                let mut x: Vec<f64> = (0..time_s.len())
+                    .map(|i| motion(time_s[i]) + size * noisy(i))
+                    .collect();
+                assert_eq!(remove_vibrations(&time_s, &mut x, hz), [], "{rate_hz} {size}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_line_whose_phase_wanders_is_found_and_left() {
+        let time_s = times(1000.0, 20.0);
+        let x: Vec<f64> = (0..time_s.len())
+            .map(|i| {
+                let t = time_s[i];
+                5.0 * (TAU * t).sin()
+                    + 0.05 * (TAU * 30.0 * t + 4.0 * (0.9 * t).sin()).sin()
+                    + 0.003 * noisy(i)
+            })
+            .collect();
+        let mut left = x.clone();
+        let found = remove_vibrations(&time_s, &mut left, 1.0);
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(
+            !found[0].is_steady() && (found[0].amplitude - 0.05).abs() < 0.01,
+            "{found:?}"
+        );
+        assert_eq!(left, x);
+    }
+}
