@@ -362,4 +362,24 @@ mod tests {
         let rows: Vec<i32> = legend_rows(&entries, 700).iter().map(|place| place.row).collect();
         assert_eq!(rows, [0, 0, 1]);
     }
+    #[test]
+    fn a_shaded_level_is_in_view_although_the_curves_lie_elsewhere() {
+        let curves = [PlotCurve::twin("", vec![(0.0, 7.0), (1.0, 8.0)])];
+        let plot = |levels: &[(f64, f64)]| {
+            let plot = Plot {
+                title: "",
+                legend: false,
+                x_label: "x in mm",
+                y_label: "y in N",
+                curves: &curves,
+                bands: &[],
+                levels,
+                size: HALF,
+            };
+            plot.render()
+        };
+        let (plain, shaded) = (plot(&[]), plot(&[(-1.0, 1.0)]));
+        assert_eq!(shaded.matches("<rect").count(), plain.matches("<rect").count() + 1);
+        assert!(!plain.contains("0.0\n</text>") && shaded.contains("0.0\n</text>"), "{shaded}");
+    }
 }
