@@ -75,54 +75,6 @@ fn simulate_writes_a_row_a_millisecond() {
     );
 }
 
-#[test]
-fn the_demo_writes_loops_csv_and_packages_and_loses_nothing() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let output = leafbench(&["demo", "--json", "--out"])
-        .arg(folder.path())
-        .output()
-        .expect("starts");
-    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
-    let demo: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
-    let [ramp, sine] = [&demo["rows"][0], &demo["rows"][1]];
-    for row in [ramp, sine] {
-        assert_eq!(row["ending"], "completed");
-        assert_eq!(row["lost"], 0);
-    }
-    // 2000 N within 5 N; a sample every millisecond for 120 s, both ends included.
-    assert!((ramp["peak_force_n"].as_f64().expect("a number") - 2000.0).abs() < 5.0);
-    assert_eq!(ramp["samples"], 120_001);
-    // The amplitude is within 1 % by the fifth counted cycle.
-    assert!(sine["amplitude_error"].as_f64().expect("a number").abs() < 0.01);
-    assert!(sine["twin_nrmse"].as_f64().expect("a number") < 0.05);
-    let csv = std::fs::read_to_string(folder.path().join("static-ramp.csv")).expect("written");
-    let times: Vec<f64> = csv
-        .lines()
-        .skip(1)
-        .map(|row| {
-            row.split(',')
-                .next()
-                .and_then(|t| t.parse().ok())
-                .expect("a time")
-        })
-        .collect();
-    assert!(times.len() >= 120_001);
-    assert!(
-        times
-            .windows(2)
-            .all(|pair| (pair[1] - pair[0] - 0.001).abs() < 1e-6)
-    );
-    let page = std::fs::read_to_string(folder.path().join("index.html")).expect("written");
-    assert_eq!(page.matches("<svg").count(), 2);
-    for file in [
-        "static-ramp.datapackage.json",
-        "sine-6mm-1hz.cycles.csv",
-        "sine-6mm-1hz-mean-loop.csv",
-    ] {
-        assert!(folder.path().join(file).is_file(), "{file}");
-    }
-}
-
 /// Half a second up, half a second down.
 fn short_profile(folder: &Path) -> String {
     let path = folder.join("short.toml");

@@ -8,6 +8,7 @@ mod cli;
 mod control;
 mod control_faults;
 mod daemon;
+mod demo;
 mod diagnose;
 mod diagnose_command;
 mod diagnose_leaf_pack;

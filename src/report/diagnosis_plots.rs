@@ -14,12 +14,8 @@ pub(super) fn at_a_glance(d: &Diagnosis) -> Markup {
         .curves
         .iter()
         .max_by(|a, b| a.nrmse_baseline.total_cmp(&b.nrmse_baseline));
-    let located = d
-        .location
-        .iter()
-        .find_map(|l| d.maps.iter().find(|m| m.axis == l.axis));
     html! {
-        @if let (Some(curve), Some(map)) = (worst, located.or(d.maps.first())) {
+        @if let (Some(curve), Some(map)) = (worst, located_map(d)) {
             div.pair.block {
                 div {
                     (loop_plot(curve, &curve.baseline_n, Ink::Twin))
@@ -39,6 +35,15 @@ pub(super) fn at_a_glance(d: &Diagnosis) -> Markup {
             }
         }
     }
+}
+
+/// The residuals over the first axis with a located region, or over the first axis if nothing is located.
+pub(super) fn located_map(d: &Diagnosis) -> Option<&Map> {
+    let located = d
+        .location
+        .iter()
+        .find_map(|l| d.maps.iter().find(|m| m.axis == l.axis));
+    located.or(d.maps.first())
 }
 
 pub(super) fn loops(d: &Diagnosis) -> Markup {
@@ -138,7 +143,8 @@ fn loop_plot(curve: &Curve, model_n: &[f64], ink: Ink) -> Markup {
     plot("displacement in mm", "force in N", &curves, &[])
 }
 
-fn map_plot(map: &Map, d: &Diagnosis) -> Markup {
+/// Mean residuals over the axis of `map`, before and after, with the located regions marked.
+pub(super) fn map_plot(map: &Map, d: &Diagnosis) -> Markup {
     let points = |values: &[Option<f64>]| -> Vec<(f64, f64)> {
         map.edges
             .windows(2)
@@ -170,6 +176,7 @@ pub(super) fn plot(x_label: &str, y_label: &str, curves: &[PlotCurve], bands: &[
         y_label,
         curves,
         bands,
+        levels: &[],
         size: HALF,
     };
     PreEscaped(plot.render())

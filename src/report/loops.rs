@@ -1,8 +1,9 @@
-//! A page of force-displacement loops, measured and twin, one section for each run.
+//! A page of force-displacement loops, measured and twin: one section for each run, and a story after them.
 
 use maud::{Markup, PreEscaped, html};
 
 use super::html::{document, legend};
+use super::story::StoryPart;
 use super::svg::Ink;
 
 /// A page of loops.
@@ -13,6 +14,8 @@ pub(crate) struct LoopPage<'a> {
     pub lead: &'a str,
     /// One section for each run.
     pub sections: Vec<Section>,
+    /// What comes after the sections.
+    pub story: &'a StoryPart,
 }
 
 /// One run of a [`LoopPage`].
@@ -37,6 +40,7 @@ impl LoopPage<'_> {
             p { (self.lead) }
             (legend(&[("measured", Ink::Measured), ("twin", Ink::Twin)], ""))
             @for section in &self.sections { (section.render()) }
+            (self.story.render())
         };
         document(self.title, include_str!("loops.css"), &body)
     }
@@ -83,10 +87,16 @@ mod tests {
             title: "T",
             lead: "lead",
             sections: vec![section],
+            story: &StoryPart {
+                title: "after <that>".to_owned(),
+                lead: String::new(),
+                steps: Vec::new(),
+            },
         }
         .render();
         assert!(page.contains("a &lt;b&gt;") && page.contains("x &amp; y") && page.contains("<svg></svg>"));
         assert!(page.contains("&quot;1&quot; N") && page.contains("href=\"a.csv\""));
+        assert!(page.contains("after &lt;that&gt;"));
         assert!(!page.contains("http") && !page.contains("<script"));
     }
 }

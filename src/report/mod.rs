@@ -8,4 +8,5 @@ mod figures;
 mod html;
 pub(crate) mod loops;
 pub(crate) mod pack;
+pub(crate) mod story;
 pub(crate) mod svg;

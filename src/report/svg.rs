@@ -93,6 +93,7 @@ pub(crate) fn xy_plot(x_label: &str, y_label: &str, curves: &[PlotCurve]) -> Str
         y_label,
         curves,
         bands: &[],
+        levels: &[],
         size: LARGE,
     }
     .render()
@@ -107,6 +108,7 @@ pub(crate) fn titled_plot(title: &str, x_label: &str, y_label: &str, curves: &[P
         y_label,
         curves,
         bands: &[],
+        levels: &[],
         size: LARGE,
     }
     .render()
@@ -127,6 +129,8 @@ pub(crate) struct Plot<'a> {
     pub curves: &'a [PlotCurve],
     /// Marked regions of the abscissa: from and to.
     pub bands: &'a [(f64, f64)],
+    /// Shaded regions of the ordinate, such as noise about zero: from and to. They are always in view.
+    pub levels: &'a [(f64, f64)],
     /// Width and height: [`LARGE`] or [`HALF`].
     pub size: (u32, u32),
 }
@@ -152,7 +156,11 @@ impl Plot<'_> {
     fn draw<'t>(&self, text: &'t mut String) -> Drawn<'t, ()> {
         let curves: Vec<_> = self.curves.iter().map(|c| (c.ink, finite(&c.points))).collect();
         let all = || curves.iter().flat_map(|(_, points)| points);
-        let (x, y) = (range(all().map(|p| p.0)), range(all().map(|p| p.1)));
+        let shaded = || self.levels.iter().flat_map(|&(from, to)| [from, to]);
+        let (x, y) = (
+            range(all().map(|p| p.0)),
+            range(all().map(|p| p.1).chain(shaded())),
+        );
         let root = SVGBackend::with_string(text, self.size).into_drawing_area();
         let body = self.draw_head(&root)?;
         let mut chart = ChartBuilder::on(&body)
@@ -167,6 +175,10 @@ impl Plot<'_> {
                 let region = Rectangle::new([(from, y.start), (to, y.end)], MARK.mix(0.22).filled());
                 chart.draw_series([region])?;
             }
+        }
+        for &(from, to) in self.levels {
+            let region = Rectangle::new([(x.start, from), (x.end, to)], QUIET.mix(0.35).filled());
+            chart.draw_series([region])?;
         }
         for (ink, points) in curves {
             let style = ink.colour().stroke_width(ink.width());
@@ -327,6 +339,7 @@ mod tests {
             y_label: "force in N",
             curves: &curves,
             bands: &[],
+            levels: &[],
             size: HALF,
         };
         let svg = plot.render();
@@ -348,5 +361,25 @@ mod tests {
         let entries = [(name.as_str(), Ink::Measured); 3];
         let rows: Vec<i32> = legend_rows(&entries, 700).iter().map(|place| place.row).collect();
         assert_eq!(rows, [0, 0, 1]);
+    }
+    #[test]
+    fn a_shaded_level_is_in_view_although_the_curves_lie_elsewhere() {
+        let curves = [PlotCurve::twin("", vec![(0.0, 7.0), (1.0, 8.0)])];
+        let plot = |levels: &[(f64, f64)]| {
+            let plot = Plot {
+                title: "",
+                legend: false,
+                x_label: "x in mm",
+                y_label: "y in N",
+                curves: &curves,
+                bands: &[],
+                levels,
+                size: HALF,
+            };
+            plot.render()
+        };
+        let (plain, shaded) = (plot(&[]), plot(&[(-1.0, 1.0)]));
+        assert_eq!(shaded.matches("<rect").count(), plain.matches("<rect").count() + 1);
+        assert!(!plain.contains("0.0\n</text>") && shaded.contains("0.0\n</text>"), "{shaded}");
     }
 }

@@ -13,9 +13,9 @@ use crate::report::diagnosis::{Context, page};
 /// The diagnosis for scripts; docs/formats.md describes it.
 pub(super) const DIAGNOSIS: &str = "diagnosis.json";
 /// The diagnosis as a page.
-pub(super) const REPORT: &str = "report.html";
+pub(crate) const REPORT: &str = "report.html";
 /// The bench with the improved model.
-pub(super) const IMPROVED: &str = "improved.toml";
+pub(crate) const IMPROVED: &str = "improved.toml";
 /// The profile of the next test.
 pub(super) const NEXT_TEST: &str = "next-test.toml";
 

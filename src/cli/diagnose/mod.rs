@@ -7,6 +7,7 @@ mod run_next;
 mod targets;
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 
@@ -20,6 +21,13 @@ use crate::diagnose::{Baseline, DiagnoseOptions, Verdict, diagnose};
 use crate::effect;
 use crate::model;
 use crate::recording::{Recording, csv};
+use run_next::VirtualRig;
+
+pub(super) use files::{IMPROVED, REPORT};
+pub(super) use run_next::Ended;
+
+/// Largest number of tests of `--run-next`, unless `--rounds` says otherwise.
+const MOST_TESTS: u32 = 4;
 
 /// Name the physics that recordings show and the baseline model lacks, and write the model with it added
 #[derive(Debug, Args)]
@@ -72,7 +80,7 @@ pub(super) struct DiagnoseArgs {
         value_name = "N",
         requires = "run_next",
         value_parser = clap::value_parser!(u32).range(1..=20),
-        default_value_t = 4
+        default_value_t = MOST_TESTS
     )]
     rounds: u32,
     #[arg(
@@ -183,12 +191,10 @@ impl CliCommand for DiagnoseArgs {
 impl DiagnoseArgs {
     /// What the diagnosis starts from: the bench's model or that of `--baseline`; its known physics or that of `--known`.
     fn baseline(&self, config: &ModelConfig) -> Result<Baseline, CliError> {
-        let name = self.baseline.as_ref().unwrap_or(&config.name);
-        let mut baseline = Baseline::of(model::find(name)?);
-        if *name == config.name {
-            baseline.structure = config.structure.clone();
-            baseline.start = Some(config.values()?);
-        }
+        let mut baseline = match &self.baseline {
+            Some(name) if *name != config.name => Baseline::of(model::find(name)?),
+            _ => baseline_of(config)?,
+        };
         baseline.known = match &self.known {
             Some(codes) => {
                 let codes = codes.iter().map(|code| code.trim().to_owned());
@@ -198,6 +204,36 @@ impl DiagnoseArgs {
         };
         Ok(baseline)
     }
+}
+
+/// Diagnoses recordings and runs the next tests on the bench's mock rig until it is settled, as `diagnose --run-next=virtual`
+/// does. The files go to `folder`.
+pub(super) fn until_settled(
+    bench: &Bench,
+    recordings: Vec<Recording>,
+    folder: &Path,
+    output: &Output,
+) -> Result<Ended, CliError> {
+    let mut baseline = baseline_of(&bench.model)?;
+    baseline.known = known_of_bench(&baseline, &bench.model);
+    let job = DiagnoseJob {
+        bench,
+        baseline: &baseline,
+        folder,
+        output,
+    };
+    // Ctrl-C ends the process as usual: the caller has nothing to bring to an end.
+    let mut tester = VirtualRig::new(&job, Arc::default());
+    run_next::until_settled(&mut tester, MOST_TESTS, &job, recordings)
+}
+
+/// A bench's model with its structure and its values; which physics is known is left open.
+fn baseline_of(config: &ModelConfig) -> Result<Baseline, CliError> {
+    Ok(Baseline {
+        structure: config.structure.clone(),
+        start: Some(config.values()?),
+        ..Baseline::of(model::find(&config.name)?)
+    })
 }
 
 /// The baseline model's own physics with what the bench config adds to it; none where it adds nothing.

@@ -59,11 +59,7 @@ pub(super) fn tester<'a>(
 ) -> Result<Box<dyn Tester + 'a>, CliError> {
     let interrupts = ctrl_c_count();
     Ok(match rig {
-        NextTestRig::Virtual => Box::new(VirtualRig {
-            bench: job.bench,
-            folder: job.folder.to_owned(),
-            interrupts,
-        }),
+        NextTestRig::Virtual => Box::new(VirtualRig::new(job, interrupts)),
         NextTestRig::Live => Box::new(LiveRig {
             client: data.client()?,
             data: data.folder.clone(),
@@ -140,10 +136,21 @@ impl LiveRig {
 }
 
 /// The bench's mock rig in virtual time.
-struct VirtualRig<'a> {
+pub(super) struct VirtualRig<'a> {
     bench: &'a Bench,
     folder: PathBuf,
     interrupts: Arc<AtomicU32>,
+}
+
+impl<'a> VirtualRig<'a> {
+    /// The mock rig of a job's bench. Its runs end where `interrupts` counts a Ctrl-C.
+    pub(super) fn new(job: &DiagnoseJob<'a>, interrupts: Arc<AtomicU32>) -> VirtualRig<'a> {
+        VirtualRig {
+            bench: job.bench,
+            folder: job.folder.to_owned(),
+            interrupts,
+        }
+    }
 }
 
 impl Tester for VirtualRig<'_> {
@@ -187,11 +194,17 @@ struct Round {
 
 /// How the rounds ended, for scripts.
 #[derive(serde::Serialize)]
-struct Ended<'a> {
-    settled: bool,
-    why: String,
-    rounds: &'a [Round],
-    diagnosis: &'a Diagnosis,
+pub(crate) struct Ended {
+    /// False if a question was left open.
+    pub settled: bool,
+    /// Why no further test was run.
+    pub why: String,
+    rounds: Vec<Round>,
+    /// The diagnosis of all recordings.
+    pub diagnosis: Diagnosis,
+    /// The diagnoses before it, each with the test that was run after it.
+    #[serde(skip)]
+    pub earlier: Vec<Diagnosis>,
 }
 
 /// Why no further test is run.
@@ -209,29 +222,56 @@ impl RoundsEnd {
     }
 }
 
-/// Diagnoses and tests until the diagnosis is settled or no further test can be run; at most `most` tests.
+/// [`until_settled`], with the last diagnosis as the result of the command.
 pub(super) fn run(
     mut tester: Box<dyn Tester + '_>,
     most: u32,
     job: &DiagnoseJob<'_>,
     recordings: Vec<Recording>,
 ) -> Result<Done, CliError> {
+    let ended = until_settled(tester.as_mut(), most, job, recordings)?;
+    job.output.result(&ended, || {
+        let word = if ended.settled { "SETTLED" } else { "NOT SETTLED" };
+        let tests = ended.earlier.len();
+        let said = text(&ended.diagnosis, job.folder);
+        format!("{word} after {tests} tests: {}\n{said}", ended.why)
+    })?;
+    Ok(Done::Success)
+}
+
+/// Diagnoses and tests until the diagnosis is settled or no further test can be run; at most `most` tests. Writes `rounds.json`.
+pub(super) fn until_settled(
+    tester: &mut dyn Tester,
+    most: u32,
+    job: &DiagnoseJob<'_>,
+    recordings: Vec<Recording>,
+) -> Result<Ended, CliError> {
     let mut rounds = Rounds {
         job,
         recordings,
         rounds: Vec::new(),
     };
+    let mut earlier = Vec::new();
     let (diagnosis, end) = loop {
         let diagnosis = rounds.diagnose()?;
         let next = match rounds.next_test(&diagnosis, most, tester.interrupts()) {
             Ok(next) => next,
             Err(end) => break (diagnosis, end),
         };
-        if let Some(end) = rounds.test(tester.as_mut(), next)? {
+        if let Some(end) = rounds.test(tester, next)? {
             break (diagnosis, end);
         }
+        earlier.push(diagnosis);
     };
-    rounds.report(&diagnosis, end)
+    let path = job.folder.join("rounds.json");
+    std::fs::write(&path, files::json(&rounds.rounds)?).map_err(CliError::file(&path, "writing"))?;
+    Ok(Ended {
+        settled: end.settled,
+        why: end.why,
+        rounds: rounds.rounds,
+        diagnosis,
+        earlier,
+    })
 }
 
 /// The rounds so far.
@@ -316,28 +356,5 @@ impl Rounds<'_> {
             last.recording = Some(written);
         }
         Ok(None)
-    }
-
-    /// Writes `rounds.json` and prints the last diagnosis.
-    fn report(&self, diagnosis: &Diagnosis, end: RoundsEnd) -> Result<Done, CliError> {
-        let folder = self.job.folder;
-        let path = folder.join("rounds.json");
-        std::fs::write(&path, files::json(&self.rounds)?).map_err(CliError::file(&path, "writing"))?;
-        let ended = Ended {
-            settled: end.settled,
-            why: end.why,
-            rounds: &self.rounds,
-            diagnosis,
-        };
-        self.job.output.result(&ended, || {
-            let word = if ended.settled { "SETTLED" } else { "NOT SETTLED" };
-            let tests = ended.rounds.len() - 1;
-            format!(
-                "{word} after {tests} tests: {}\n{}",
-                ended.why,
-                text(diagnosis, folder)
-            )
-        })?;
-        Ok(Done::Success)
     }
 }

@@ -1,0 +1,454 @@
+//! The second part of the demo: an effect is concealed in the mock rig, recorded, diagnosed, and put into the twin.
+//!
+//! It goes the way of the commands: runs of the mock rig are exported as CSV, the CSV files are read and diagnosed as by
+//! `diagnose --run-next=virtual`, and the improved model is loaded from the file that the diagnosis wrote.
+
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::concealed::{Concealed, NameCheck, SEED, spaced};
+use super::played::Played;
+use crate::cli::diagnose::{self, Ended};
+use crate::cli::{CliError, Output};
+use crate::config::Bench;
+use crate::diagnose::Verdict;
+use crate::recording::export::{self, Selection};
+use crate::recording::metrics::{Range, loop_energy_j, secant_rate_n_per_mm};
+use crate::recording::{Recording, Sample, csv};
+use crate::report::story::{
+    StoryPart, StoryPicture, StoryStep, StoryTable, located_picture, loop_picture, residual_picture,
+};
+use crate::report::svg::{Ink, PlotCurve};
+
+/// Shipped profiles that are recorded for the diagnosis: a slow loop over the whole travel and a quick one at one mean.
+const RECORDED: [&str; 2] = ["static-ramp-12s", "sine-6mm-2.5hz-10"];
+/// Shipped profile that judges the improved model: no diagnosis has seen its amplitude and frequency.
+const FRESH: &str = "sine-10mm-1hz";
+/// Folders of the story's files, in the folder of the demo.
+const CONCEALED_FOLDER: &str = "concealed";
+const DIAGNOSIS_FOLDER: &str = "diagnosis";
+const BEFORE_FOLDER: &str = "twin-before";
+const AFTER_FOLDER: &str = "twin-after";
+
+/// The story, for scripts; `part` tells it to people.
+#[derive(Serialize)]
+pub(super) struct Story {
+    seed: u64,
+    concealed: Concealed,
+    recorded: Vec<TwinError>,
+    verdict: Verdict,
+    named: Vec<String>,
+    look_alikes: Vec<String>,
+    name_check: NameCheck,
+    /// True if the diagnosis asked for no further test.
+    settled: bool,
+    /// Number of tests that the diagnosis proposed and the mock rig ran.
+    tests: usize,
+    fresh: FreshErrors,
+    #[serde(skip)]
+    pub part: StoryPart,
+}
+
+/// How far a twin is from a run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct TwinError {
+    profile: String,
+    nrmse: Option<f64>,
+}
+
+/// The twin on a motion that was not used for the diagnosis.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct FreshErrors {
+    profile: String,
+    before: FollowErrors,
+    /// `None` if the diagnosis wrote no improved model.
+    after: Option<FollowErrors>,
+    /// NRMSE that the noise of the sensors alone gives.
+    noise_nrmse: f64,
+}
+
+/// Errors of a twin on one run.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+struct FollowErrors {
+    nrmse: Option<f64>,
+    /// Largest force of the twin over that of the measurement, less 1.
+    peak_force_error: f64,
+    /// The same for the loop energy of the settled cycle.
+    loop_energy_error: f64,
+}
+
+impl Story {
+    /// The story as lines for the terminal.
+    pub(super) fn lines(&self) -> Vec<String> {
+        let mut lines = vec![self.part.title.clone()];
+        for (index, step) in self.part.steps.iter().enumerate() {
+            lines.push(format!("{}. {}", index + 1, step.title));
+            lines.extend(step.text.iter().map(|text| format!("   {text}")));
+        }
+        lines
+    }
+}
+
+/// Runs the story; its files go to folders in `folder`.
+pub(super) fn tell(bench: &Bench, configs: &Path, folder: &Path, output: &Output) -> Result<Story, CliError> {
+    let concealed = Concealed::draw(SEED)?;
+    let rig = concealed.in_bench(bench);
+    let play = |name: &str, rig: &Bench, into: &str| {
+        Played::shipped(name, rig, configs, &folder.join(into), output.json)
+    };
+    let runs = RECORDED
+        .iter()
+        .map(|name| play(name, &rig, CONCEALED_FOLDER))
+        .collect::<Result<Vec<_>, _>>()?;
+    let recordings = runs
+        .iter()
+        .map(|run| export_and_read(run, &folder.join(CONCEALED_FOLDER)))
+        .collect::<Result<Vec<_>, _>>()?;
+    let ended = diagnose::until_settled(&rig, recordings, &folder.join(DIAGNOSIS_FOLDER), output)?;
+    let before = play(FRESH, &rig, BEFORE_FOLDER)?;
+    let after = improved_twin(&rig, &folder.join(DIAGNOSIS_FOLDER))?
+        .map(|improved| play(FRESH, &improved, AFTER_FOLDER))
+        .transpose()?;
+    let fresh = Fresh::new(before, after, &rig);
+    let (named, look_alikes) = codes(&ended);
+    let name_check = NameCheck::of(concealed.code, &named, &look_alikes);
+    let steps = vec![
+        concealed_step(&concealed),
+        recorded_step(&runs, &ended),
+        diagnosed_step(&concealed, name_check, &ended),
+        fresh_step(&fresh),
+    ];
+    Ok(Story {
+        seed: SEED,
+        recorded: runs.iter().map(twin_error).collect(),
+        verdict: ended.diagnosis.verdict,
+        named: named.iter().map(|code| (*code).to_owned()).collect(),
+        look_alikes: look_alikes.iter().map(|code| (*code).to_owned()).collect(),
+        name_check,
+        settled: ended.settled,
+        tests: ended.earlier.len(),
+        fresh: fresh.errors,
+        part: StoryPart {
+            title: "A concealed effect is found".to_owned(),
+            lead: "From here on the mock rig's spring has an effect that its model lacks.".to_owned(),
+            steps,
+        },
+        concealed,
+    })
+}
+
+/// Exports a run to `folder` and reads the file as the command `diagnose` reads it.
+fn export_and_read(run: &Played, folder: &Path) -> Result<Recording, CliError> {
+    let csv = folder.join(format!("{}.csv", run.profile.name));
+    let exported = export::export(&run.file, Selection::Whole, &csv)?;
+    Ok(csv::read_file(&exported.csv)?)
+}
+
+/// The bench with the twin of the improved bench file; its specimen stays as it is. `None` if no such file was written.
+fn improved_twin(rig: &Bench, folder: &Path) -> Result<Option<Bench>, CliError> {
+    let file = folder.join(diagnose::IMPROVED);
+    if !file.is_file() {
+        return Ok(None);
+    }
+    Ok(Some(Bench {
+        model: Bench::load(&file)?.model,
+        ..rig.clone()
+    }))
+}
+
+/// Codes of the named effects, and those of their look-alikes.
+fn codes(ended: &Ended) -> (Vec<&str>, Vec<&str>) {
+    let d = &ended.diagnosis;
+    (
+        d.effects.iter().map(|e| e.code.as_str()).collect(),
+        d.alternatives.iter().map(|a| a.code.as_str()).collect(),
+    )
+}
+
+fn twin_error(run: &Played) -> TwinError {
+    TwinError {
+        profile: run.profile.name.clone(),
+        nrmse: run.twin_nrmse,
+    }
+}
+
+fn concealed_step(concealed: &Concealed) -> StoryStep {
+    let drawn = concealed
+        .parameters
+        .iter()
+        .map(|p| format!("{} {:.3} {}", p.name, p.value, p.unit));
+    StoryStep {
+        title: format!("Concealed: {}", spaced(concealed.code)),
+        text: vec![
+            concealed.statement.clone(),
+            format!(
+                "The specimen of the mock rig has it from here on: {} (drawn with seed {SEED}). Neither the twin nor the diagnosis is \
+                 told.",
+                drawn.collect::<Vec<_>>().join(", ")
+            ),
+        ],
+        ..StoryStep::default()
+    }
+}
+
+fn recorded_step(runs: &[Played], ended: &Ended) -> StoryStep {
+    let first = ended.earlier.first().unwrap_or(&ended.diagnosis);
+    let errors = runs
+        .iter()
+        .map(|run| format!("{} {}", run.profile.name, percent(run.twin_nrmse)));
+    let mut text = vec![format!(
+        "Error of the twin, as a share of the force range: {}.",
+        errors.collect::<Vec<_>>().join(", ")
+    )];
+    text.extend(
+        first
+            .location
+            .iter()
+            .map(|l| format!("Where they differ: {}", l.words)),
+    );
+    let worst = runs.iter().max_by(|a, b| {
+        a.twin_nrmse
+            .unwrap_or(0.0)
+            .total_cmp(&b.twin_nrmse.unwrap_or(0.0))
+    });
+    let mut pictures: Vec<StoryPicture> = worst.map(loop_of).into_iter().collect();
+    pictures.extend(located_picture(first));
+    StoryStep {
+        title: "Recorded with the unchanged model as the twin".to_owned(),
+        text,
+        pictures,
+        files: runs
+            .iter()
+            .map(|run| format!("{CONCEALED_FOLDER}/{}.csv", run.profile.name))
+            .collect(),
+        ..StoryStep::default()
+    }
+}
+
+fn loop_of(run: &Played) -> StoryPicture {
+    let curves = [
+        PlotCurve::measured("", run.curve(|s| Some(s.force_n))),
+        PlotCurve::twin("", run.curve(|s| s.twin_force_n)),
+    ];
+    let legend = [("measured", Ink::Measured), ("unchanged twin", Ink::Twin)];
+    loop_picture(&curves, &legend, &run.profile.name)
+}
+
+fn diagnosed_step(concealed: &Concealed, check: NameCheck, ended: &Ended) -> StoryStep {
+    let d = &ended.diagnosis;
+    let (named, look_alikes) = codes(ended);
+    let mut text: Vec<String> = Vec::new();
+    for earlier in &ended.earlier {
+        text.push(earlier.summary.clone());
+        text.extend(earlier.alternatives.iter().map(|a| {
+            format!(
+                "It could also be {} instead of {}: {}.",
+                spaced(&a.code),
+                spaced(&a.instead_of),
+                a.why
+            )
+        }));
+        text.extend(earlier.next_test.iter().map(|next| {
+            let why = next.why.trim_end_matches('.');
+            format!(
+                "The mock rig then ran the next test by itself ({:.0} s). {why}.",
+                next.duration_s
+            )
+        }));
+    }
+    text.push(d.summary.clone());
+    text.extend(d.effects.iter().map(|e| {
+        let sure = 100.0 * e.confidence;
+        format!("{}, {sure:.0} % sure: {}", spaced(&e.code), e.statement)
+    }));
+    text.push(match (ended.settled, look_alikes.as_slice()) {
+        (true, _) => format!("No further test is needed: {}.", ended.why),
+        (false, []) => format!("It is not settled: {}.", ended.why),
+        (false, others) => {
+            let others: Vec<String> = others.iter().map(|code| spaced(code)).collect();
+            format!(
+                "It is not settled ({}): {} is still possible.",
+                ended.why,
+                others.join(" or ")
+            )
+        }
+    });
+    text.push(check.words(concealed.code, &named));
+    StoryStep {
+        title: "Diagnosed".to_owned(),
+        text,
+        table: Some(sizes(concealed, ended)),
+        files: [diagnose::REPORT, diagnose::IMPROVED]
+            .iter()
+            .map(|name| format!("{DIAGNOSIS_FOLDER}/{name}"))
+            .collect(),
+        ..StoryStep::default()
+    }
+}
+
+/// Concealed and found size of each parameter.
+fn sizes(concealed: &Concealed, ended: &Ended) -> StoryTable {
+    let row = |p: &super::concealed::ConcealedParameter| {
+        let found = concealed.found(p.name, &ended.diagnosis);
+        let none = || "\u{2013}".to_owned();
+        vec![
+            format!("{} in {}", spaced(p.name), p.unit),
+            format!("{:.3}", p.value),
+            found.map_or_else(none, |v| format!("{:.3}", v.value)),
+            found
+                .and_then(|v| v.ci95)
+                .map_or_else(none, |[low, high]| format!("{low:.3} to {high:.3}")),
+        ]
+    };
+    StoryTable {
+        head: vec!["size", "concealed", "found", "95 % interval"],
+        rows: concealed.parameters.iter().map(row).collect(),
+    }
+}
+
+/// The same fresh motion with the unchanged and with the improved twin.
+struct Fresh {
+    before: Played,
+    after: Option<Played>,
+    /// Standard deviation of measured minus model that the noise of the sensors alone gives, N.
+    noise_n: f64,
+    errors: FreshErrors,
+}
+
+impl Fresh {
+    fn new(before: Played, after: Option<Played>, bench: &Bench) -> Fresh {
+        let [displacement_mm, force_n] = ranges(&before.samples);
+        let noise = bench.noise();
+        let rate = secant_rate_n_per_mm(displacement_mm, force_n).unwrap_or(0.0);
+        let noise_n = noise.force_n.hypot(rate * noise.displacement_mm);
+        let errors = FreshErrors {
+            profile: before.profile.name.clone(),
+            before: FollowErrors::of(&before),
+            after: after.as_ref().map(FollowErrors::of),
+            noise_nrmse: noise_n / force_n.span(),
+        };
+        Fresh {
+            before,
+            after,
+            noise_n,
+            errors,
+        }
+    }
+}
+
+/// Ranges of displacement in mm and force in N.
+fn ranges(samples: &[Sample]) -> [Range; 2] {
+    let range = |value: fn(&Sample) -> f64| {
+        let values: Vec<f64> = samples.iter().map(value).collect();
+        Range::of(&values).unwrap_or(Range {
+            peak: 0.0,
+            valley: 0.0,
+        })
+    };
+    [range(|s| s.displacement_mm), range(|s| s.force_n)]
+}
+
+impl FollowErrors {
+    fn of(run: &Played) -> FollowErrors {
+        let cycle = run.settled_cycle();
+        let displacement: Vec<f64> = cycle.iter().map(|s| s.displacement_mm).collect();
+        let measured: Vec<f64> = cycle.iter().map(|s| s.force_n).collect();
+        let twin: Vec<f64> = cycle.iter().map(|s| s.twin_force_n.unwrap_or(f64::NAN)).collect();
+        let peak = |force: &[f64]| force.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let energy = |force: &[f64]| loop_energy_j(&displacement, force);
+        FollowErrors {
+            nrmse: run.twin_nrmse,
+            peak_force_error: peak(&twin) / peak(&measured) - 1.0,
+            loop_energy_error: energy(&twin) / energy(&measured) - 1.0,
+        }
+    }
+}
+
+fn fresh_step(fresh: &Fresh) -> StoryStep {
+    let errors = &fresh.errors;
+    let (before, noise) = (percent(errors.before.nrmse), percent(Some(errors.noise_nrmse)));
+    let text = match &errors.after {
+        Some(after) => vec![
+            format!(
+                "{DIAGNOSIS_FOLDER}/{} was loaded into the twin, and the mock rig ran {}: a motion that nothing was fitted to.",
+                diagnose::IMPROVED,
+                errors.profile
+            ),
+            format!(
+                "Error of the twin, as a share of the force range: {before} before, {} after; the noise of the sensors alone is {noise}.",
+                percent(after.nrmse)
+            ),
+        ],
+        None => vec![format!(
+            "The diagnosis wrote no improved model, so the twin stays as it was: error {before} on {}, noise {noise}.",
+            errors.profile
+        )],
+    };
+    StoryStep {
+        title: "Before and after, on a new recording".to_owned(),
+        text,
+        pictures: fresh_pictures(fresh),
+        table: Some(errors_table(errors)),
+        files: Vec::new(),
+    }
+}
+
+/// One settled cycle: the loop with both twins, and the residuals of both against the noise.
+fn fresh_pictures(fresh: &Fresh) -> Vec<StoryPicture> {
+    let before = fresh.before.settled_cycle();
+    let after = fresh.after.as_ref().map(Played::settled_cycle);
+    let curve = |samples: &[Sample], ink, force_n: fn(&Sample) -> Option<f64>| PlotCurve {
+        name: String::new(),
+        points: super::played::curve(samples, force_n),
+        ink,
+    };
+    let mut loops = vec![
+        curve(before, Ink::Measured, |s| Some(s.force_n)),
+        curve(before, Ink::Twin, |s| s.twin_force_n),
+    ];
+    let residual = |s: &Sample| Some(s.force_n - s.twin_force_n?);
+    let mut residuals = vec![curve(before, Ink::Twin, residual)];
+    let mut legend = vec![("unchanged twin", Ink::Twin)];
+    if let Some(after) = after {
+        loops.push(curve(after, Ink::Improved, |s| s.twin_force_n));
+        residuals.push(curve(after, Ink::Improved, residual));
+        legend.push(("improved twin", Ink::Improved));
+    }
+    let one_cycle = format!("one cycle of {}", fresh.errors.profile);
+    let measured = [&[("measured", Ink::Measured)], legend.as_slice()].concat();
+    vec![
+        loop_picture(&loops, &measured, &one_cycle),
+        residual_picture(
+            &residuals,
+            fresh.noise_n,
+            &legend,
+            "grey: two standard deviations of the noise",
+        ),
+    ]
+}
+
+fn errors_table(errors: &FreshErrors) -> StoryTable {
+    let signed = |v: f64| format!("{:+.2} %", 100.0 * v);
+    let none = || "\u{2013}".to_owned();
+    let row = |name: &str, cell: &dyn Fn(&FollowErrors) -> String, noise: String| {
+        let after = errors.after.as_ref().map_or_else(none, cell);
+        vec![name.to_owned(), cell(&errors.before), after, noise]
+    };
+    StoryTable {
+        head: vec!["error of the twin", "unchanged", "improved", "noise alone"],
+        rows: vec![
+            row(
+                "RMS, share of the force range",
+                &|e| percent(e.nrmse),
+                percent(Some(errors.noise_nrmse)),
+            ),
+            row("peak force of a cycle", &|e| signed(e.peak_force_error), none()),
+            row("energy of its loop", &|e| signed(e.loop_energy_error), none()),
+        ],
+    }
+}
+
+fn percent(share: Option<f64>) -> String {
+    share.map_or("\u{2013}".to_owned(), |v| format!("{:.2} %", 100.0 * v))
+}
