@@ -74,14 +74,21 @@ fn the_label_is_not_in_what_the_diagnosis_receives() {
         let case = Case::draw(world, 9, number, Some(CLEAR));
         let label = serde_json::to_value(&case.label).expect("plain data");
         assert_eq!(label["world"], serde_json::to_value(world).expect("a name"));
-        assert_eq!(label["nuisance"].is_string(), case.label.family == Family::Nuisance);
+        assert_eq!(
+            label["nuisance"].is_string(),
+            case.label.family == Family::Nuisance
+        );
         for (k, r) in case.recordings.iter().enumerate() {
             assert_eq!(r.name, format!("case-{number:04}-{}.csv", k + 1));
             let columns = (&r.command, &r.cycle, &r.flags, &r.command_mode);
             assert_eq!(columns, (&None, &None, &None, &None));
         }
         assert_eq!((case.baseline.tuned, case.baseline.smoothing_mm_s.is_some()), {
-            let smoothed = case.label.hidden.iter().any(|h| h.code == "rate_independent_friction");
+            let smoothed = case
+                .label
+                .hidden
+                .iter()
+                .any(|h| h.code == "rate_independent_friction");
             (None, smoothed)
         });
     }
@@ -107,7 +114,11 @@ fn a_sealed_case_of_each_world_is_scored_in_its_row() {
         .collect();
     assert!(scores.iter().all(|s| s.refused.is_none()));
     let rows = by_world::rows(&scores);
-    let worlds: Vec<World> = rows.iter().filter(|r| r.family.is_none()).map(|r| r.world).collect();
+    let worlds: Vec<World> = rows
+        .iter()
+        .filter(|r| r.family.is_none())
+        .map(|r| r.world)
+        .collect();
     assert_eq!(worlds, World::ALL);
     for score in &scores {
         let json = serde_json::to_value(score).expect("plain data");

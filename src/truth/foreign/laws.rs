@@ -103,7 +103,7 @@ pub(super) fn joint_mm(h: &Hidden, force_n: f64, top_n: f64) -> f64 {
 }
 
 /// Force in N that a saturated channel shows.
-pub(super) fn clipped_n(h: &Hidden, force_n: f64, top_n: f64) -> f64 {
+pub(in crate::truth) fn clipped_n(h: &Hidden, force_n: f64, top_n: f64) -> f64 {
     let Law { number, shape, .. } = law(h);
     let limit = h.limit_n(top_n);
     let over = force_n - limit;

@@ -1,7 +1,7 @@
 //! Specimens of all worlds but [`World::Own`](super::World): other friction operators, and several laws for each effect.
 //!
-//! Data walk from the board to the amplifier: [`memory`] has the gap, `laws` the seat and the joint, [`operator`] the friction
-//! of the leaves, [`stack`] the leaves of a pack, `outside` what the library does not have; [`moving`] puts them together and steps through the motion.
+//! `laws` has the laws without memory and `memory` those with one, `operator` the friction of all contacts as one, `stack` the leaves
+//! of a pack, `outside` what the library does not have. `moving` puts them together and steps through the motion.
 
 mod laws;
 mod memory;

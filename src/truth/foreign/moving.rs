@@ -364,3 +364,158 @@ fn root(f: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
     }
     x
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::truth::specimen::tests::{plain, sine};
+    use crate::truth::world::Law;
+
+    /// Worlds in which all contacts are one.
+    const WHOLE: [World; 3] = [World::PrandtlIshlinskii, World::BoucWen, World::Lugre];
+
+    fn specimen(world: World) -> TruthSpecimen {
+        TruthSpecimen {
+            world,
+            power: if world == World::Lugre { 0.1 } else { 1.0 },
+            build: 0.4,
+            ..plain()
+        }
+    }
+
+    fn frictionless(world: World) -> TruthSpecimen {
+        TruthSpecimen {
+            friction_ratio: 0.0,
+            ..specimen(world)
+        }
+    }
+
+    fn hidden(code: &'static str, number: usize, size: f64) -> Hidden {
+        Hidden {
+            code,
+            size,
+            place: 3.0,
+            width: 2.0,
+            law: Some(Law {
+                number,
+                name: "",
+                shape: 0.3,
+            }),
+        }
+    }
+
+    /// Times of a 1 Hz sine after its approach of 0.5 s, at `rate_hz`.
+    fn times(rate_hz: u32, cycles: u32) -> Vec<f64> {
+        let count = rate_hz * cycles;
+        (0..=count)
+            .map(|k| 0.5 + f64::from(k) / f64::from(rate_hz))
+            .collect()
+    }
+
+    #[test]
+    fn forces_far_along_a_branch_are_those_of_dry_friction() {
+        for world in WHOLE {
+            let forces = forces(&specimen(world), &[], &sine(1.0, 4.0), &times(200, 2));
+            // 1.25 cycles: upwards through the mean of 900 N; 1.75 cycles: downwards. The bristles still bend with the load.
+            assert!((forces[250] - 990.0).abs() < 4.0, "{world:?}: {}", forces[250]);
+            assert!((forces[350] - 810.0).abs() < 4.0, "{world:?}: {}", forces[350]);
+        }
+    }
+
+    #[test]
+    fn a_loop_takes_energy_in_every_world_and_a_slow_one_as_much_as_a_fast_one() {
+        let loop_nmm = |world: World, frequency_hz: f64| {
+            let motion = sine(frequency_hz, 4.0);
+            let times: Vec<f64> = (0..=1000)
+                .map(|k| (2.5 + f64::from(k) / 1000.0) / frequency_hz)
+                .collect();
+            let forces = forces(&specimen(world), &[], &motion, &times);
+            (1..=1000)
+                .map(|k| {
+                    0.5 * (forces[k] + forces[k - 1]) * (motion.at_mm(times[k]) - motion.at_mm(times[k - 1]))
+                })
+                .sum::<f64>()
+        };
+        for world in World::ALL.into_iter().skip(1) {
+            let [slow, fast] = [0.1, 2.0].map(|f| loop_nmm(world, f));
+            assert!(slow > 500.0, "{world:?}: {slow}");
+            // The damping of the bristles adds a little after each reversal.
+            assert!((fast / slow - 1.0).abs() < 0.02, "{world:?}: {slow} and {fast}");
+        }
+    }
+
+    #[test]
+    fn the_force_does_not_depend_on_the_sampling_rate() {
+        for world in World::ALL.into_iter().skip(1) {
+            let [coarse, fine] =
+                [50, 1000].map(|hz| forces(&specimen(world), &[], &sine(1.0, 3.0), &times(hz, 2)));
+            for (k, force_n) in coarse.iter().enumerate() {
+                // A fraction of the noise, 0.3 to 4 N.
+                assert!(
+                    (force_n - fine[20 * k]).abs() < 0.3,
+                    "{world:?} at {k}: {force_n} and {}",
+                    fine[20 * k]
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_joint_and_its_spring_carry_the_same_force() {
+        for number in 0..4 {
+            let specimen = frictionless(World::BoucWen);
+            let h = hidden("series_compliance", number, 3.0);
+            let motion = sine(1.0, 3.0);
+            let times = times(50, 1);
+            for (t, force_n) in times.iter().zip(forces(&specimen, &[h], &motion, &times)) {
+                let board_mm = (force_n - 100.0) / 80.0 + joint_mm(&h, force_n, specimen.top_n());
+                assert!((board_mm - motion.at_mm(*t)).abs() < 1e-6, "{number} at {t} s");
+            }
+        }
+    }
+
+    #[test]
+    fn a_delay_is_of_the_force_or_of_the_displacement() {
+        let specimen = frictionless(World::Lugre);
+        let motion = sine(1.0, 4.0);
+        let times = times(100, 2);
+        for number in 0..4 {
+            let late = forces(
+                &specimen,
+                &[hidden("channel_delay", number, 8.0)],
+                &motion,
+                &times,
+            );
+            let seen = seen_mm(
+                &specimen,
+                &[hidden("channel_delay", number, -8.0)],
+                &motion,
+                &times,
+            );
+            for (k, t) in times.iter().enumerate().skip(100) {
+                let x_mm = motion.at_mm(t - 0.008);
+                // Filters round the wave: (w tau)^2 / 2 of 6 mm is 8 um.
+                assert!((seen[k] - x_mm).abs() < 0.01, "{number}");
+                assert!(
+                    (late[k] - 100.0 - 80.0 * x_mm).abs() < 0.8,
+                    "{number}: {}",
+                    late[k]
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_run_in_changes_the_friction_by_its_size() {
+        for number in 0..4 {
+            let h = hidden("run_in", number, 0.05);
+            let motion = sine(1.0, 25.0);
+            let times = [20.75, 24.75];
+            let ran = forces(&specimen(World::PrandtlIshlinskii), &[h], &motion, &times);
+            let before = forces(&specimen(World::PrandtlIshlinskii), &[], &motion, &times);
+            // Upwards through 900 N after 24 cycles; a power of the cycles is slower than the others.
+            let change = (ran[1] - before[1]) / 900.0;
+            assert!(change > 0.035 && change < 0.0501, "{number}: {change}");
+        }
+    }
+}

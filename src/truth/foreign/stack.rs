@@ -169,7 +169,7 @@ impl LeafStack {
             };
             given[i] = [-self.gaps_mm[i], carried];
         }
-        let closed: [bool; CONTACTS] = std::array::from_fn(|i| i < m && set >> i & 1 == 1);
+        let closed: [bool; CONTACTS] = std::array::from_fn(|i| i < m && (set >> i) & 1 == 1);
         let forces = solve(&matrix, &given, &closed);
         let mut state = [[0.0; 2]; CONTACTS];
         for i in 0..m {
