@@ -58,6 +58,7 @@ pub(in crate::truth) fn seen_mm(
 }
 
 /// Friction between the leaves.
+#[expect(clippy::large_enum_variant, reason = "a copy without an allocation")]
 #[derive(Debug, Clone, Copy)]
 enum LeafFriction {
     /// All contacts as one.

@@ -20,19 +20,20 @@ const SUB_STEP: f64 = 0.1;
 /// Share of the limit above which a contact slides.
 const SLIDING: f64 = 1.0 - 1e-7;
 
-/// State of the leaf contacts.
+/// State of the leaf contacts. It is copied for each trial of a joint, so it holds no pointer to its plays.
+#[expect(clippy::large_enum_variant, reason = "a copy without an allocation")]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum FrictionOperator {
     /// Prandtl-Ishlinskii: displacement in mm, and threshold in mm, weight and position in mm of each play.
     Plays { x_mm: f64, plays: [[f64; 3]; PLAYS] },
-    /// Bouc-Wen.
+    /// Bouc-Wen: friction in N, travel l in mm, exponent n and beta.
     Endochronic {
         friction_n: f64,
         travel_mm: f64,
         exponent: f64,
         beta: f64,
     },
-    /// LuGre.
+    /// LuGre: deflection z, stiffness s, damping d and friction T.
     Bristles {
         deflection_mm: f64,
         stiffness_n_per_mm: f64,

@@ -26,16 +26,16 @@ const THICKNESS_MM: f64 = 7.0;
 const STIFFENING: f64 = 0.6;
 
 /// Constant and slope over the displacement.
-type Line = [f64; 2];
+type Affine = [f64; 2];
 
 /// Forces and slips of one set of closed contacts, as lines over the displacement of the eye.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct ContactSet {
-    eye: Line,
+    eye: Affine,
     /// Force of a closed contact, or gap of an open one.
-    state: [Line; CONTACTS],
+    state: [Affine; CONTACTS],
     closed: [bool; CONTACTS],
-    slip: [Line; CONTACTS],
+    slip: [Affine; CONTACTS],
 }
 
 /// The leaves of one specimen.
@@ -56,7 +56,7 @@ pub(super) struct LeafStack {
     patches_mm: [[f64; PATCHES]; CONTACTS],
 }
 
-fn at(line: Line, x: f64) -> f64 {
+fn at(line: Affine, x: f64) -> f64 {
     line[0] + line[1] * x
 }
 
@@ -193,7 +193,7 @@ impl LeafStack {
     }
 
     /// Force at the eye, and slip of each contact, from the forces of the contacts.
-    fn eye_and_slip(&self, forces: &[Line; CONTACTS]) -> (Line, [Line; CONTACTS]) {
+    fn eye_and_slip(&self, forces: &[Affine; CONTACTS]) -> (Affine, [Affine; CONTACTS]) {
         let m = self.gaps_mm.len();
         let [l0, stiff0] = self.leaves[0];
         let mut eye = [0.0, stiff0 / deflection(l0, l0)];
@@ -261,7 +261,7 @@ impl LeafStack {
 }
 
 /// Solves the rows and columns of the closed contacts by elimination; the forces of the open ones are zero.
-fn solve(matrix: &[Vec<f64>], given: &[Line], closed: &[bool; CONTACTS]) -> [Line; CONTACTS] {
+fn solve(matrix: &[Vec<f64>], given: &[Affine], closed: &[bool; CONTACTS]) -> [Affine; CONTACTS] {
     let rows: Vec<usize> = (0..given.len()).filter(|&i| closed[i]).collect();
     let mut a: Vec<Vec<f64>> = rows
         .iter()
