@@ -4,7 +4,7 @@ use crate::blind::requirements::requirements;
 use crate::blind::{BlindRequest, baseline, examine, page, run};
 use crate::diagnose::{DiagnoseOptions, Diagnosis, Verdict, diagnose};
 use crate::recording::Recording;
-use crate::truth::Case;
+use crate::truth::{Case, World};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 
@@ -83,6 +83,7 @@ fn sixty_sealed_cases() {
     let request = BlindRequest {
         cases: 60,
         seed: 20_261,
+        world: World::Own,
         strength: None,
         family: None,
         look_alikes: 0,

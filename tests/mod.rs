@@ -42,3 +42,4 @@ mod twin_sensitivity;
 mod two_processes;
 mod vcan;
 mod words;
+mod worlds;

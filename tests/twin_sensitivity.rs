@@ -7,7 +7,7 @@ use super::support::bench::{concealing, mock, play, shipped_profiles};
 use crate::config::Bench;
 use crate::recording::EventKind;
 use crate::truth::limit::VisibilityMeter;
-use crate::truth::{Form, Hidden, Programme, TruthSpecimen, catalogue};
+use crate::truth::{Form, Hidden, Programme, TruthSpecimen, World, catalogue};
 
 /// Strength in detection limits of three cycles (docs/blind.md).
 const STRENGTH: f64 = 2.0;
@@ -48,6 +48,8 @@ fn specimen(bench: &Bench) -> TruthSpecimen {
         form: Form::Gradual,
         bushing_n: 0.0,
         range_n: value("rate_n_per_mm") * 35.0,
+        world: World::Own,
+        build: 0.0,
     }
 }
 

@@ -2,9 +2,10 @@
 //! are scored.
 //!
 //! `seal` hashes the labels, `score` compares one `answer` with its label, `statistics` and `requirements` evaluate many scores,
-//! `page` writes the results as text. `cli` writes the files and shows the progress.
+//! `page` and `by_world` write the results as text. `cli` writes the files and shows the progress.
 
 mod answer;
+pub(crate) mod by_world;
 pub(crate) mod page;
 pub(crate) mod requirements;
 pub(crate) mod score;
@@ -20,7 +21,7 @@ use rayon::prelude::*;
 use crate::diagnose::{Baseline, DiagnoseError, DiagnoseOptions, Diagnosis, diagnose};
 use crate::model::equivalent;
 use crate::recording::Recording;
-use crate::truth::{BaselineSettings, Case, Family};
+use crate::truth::{BaselineSettings, Case, Family, World};
 
 pub(crate) use answer::Answer;
 pub(crate) use score::CaseScore;
@@ -33,6 +34,8 @@ pub(crate) struct BlindRequest {
     pub cases: u64,
     /// Seed of all cases.
     pub seed: u64,
+    /// Equations of the truth.
+    pub world: World,
     /// Strength of every effect in detection limits; `None` to draw it.
     pub strength: Option<f64>,
     /// Only the cases of this family. They keep their numbers.
@@ -47,15 +50,16 @@ pub(crate) struct BlindRequest {
 impl BlindRequest {
     /// Numbers of all cases in the run.
     pub(crate) fn numbers(&self) -> Vec<u64> {
-        let drawn = (0..self.cases).filter(|&n| self.family.is_none_or(|f| Family::of(n) == f));
+        let family_of = |n: &u64| Family::of(self.world, *n);
+        let drawn = (0..self.cases).filter(|n| self.family.is_none_or(|f| family_of(n) == f));
         let beyond =
-            (self.cases..self.cases + self.look_alikes).filter(|&n| Family::of(n) == Family::Confounded);
+            (self.cases..self.cases + self.look_alikes).filter(|n| family_of(n) == Family::Confounded);
         drawn.chain(beyond).collect()
     }
 
     /// The case with this number.
-    fn case(&self, number: u64) -> Case {
-        Case::draw(self.seed, number, self.strength)
+    pub(crate) fn case(&self, number: u64) -> Case {
+        Case::draw(self.world, self.seed, number, self.strength)
     }
 
     /// Splits into the scores of the first `cases` numbers and those of the further cases with a look-alike.
@@ -167,6 +171,7 @@ mod tests {
         let request = BlindRequest {
             cases: 40,
             seed: 1,
+            world: World::Own,
             strength: None,
             family: None,
             look_alikes: 160,
@@ -176,7 +181,11 @@ mod tests {
         assert!(numbers[..40].iter().copied().eq(0..40));
         // 1 of 20 cases is confounded.
         assert_eq!(numbers.len(), 40 + 160 / 20);
-        assert!(numbers[40..].iter().all(|&n| Family::of(n) == Family::Confounded));
+        assert!(
+            numbers[40..]
+                .iter()
+                .all(|&n| Family::of(World::Own, n) == Family::Confounded)
+        );
         let scores: Vec<CaseScore> = [39, 40]
             .map(|number| {
                 let mut score = score::tests::score(&["inertia"], &["inertia"], &[]);

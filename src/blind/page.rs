@@ -125,7 +125,7 @@ fn write_strengths(page: &mut String, scores: &[CaseScore]) -> std::fmt::Result 
     Ok(())
 }
 
-fn family_name(family: Family) -> &'static str {
+pub(super) fn family_name(family: Family) -> &'static str {
     match family {
         Family::None => "nothing hidden",
         Family::NoneNoisy => "nothing hidden, high noise",
@@ -134,6 +134,7 @@ fn family_name(family: Family) -> &'static str {
         Family::Confounded => "one effect with a look-alike, ramp and one sine",
         Family::Outside => "outside the library",
         Family::Concealed => "one effect, concealed by a tuned baseline",
+        Family::Nuisance => "nothing hidden, imperfect instruments",
     }
 }
 
@@ -248,6 +249,7 @@ fn write_wrong(page: &mut String, scores: &[CaseScore]) -> std::fmt::Result {
 mod tests {
     use super::super::score::tests::score;
     use super::*;
+    use crate::truth::World;
 
     #[test]
     fn text_and_page_have_every_requirement_and_the_confusion_matrix() {
@@ -258,6 +260,7 @@ mod tests {
         let request = BlindRequest {
             cases: 2,
             seed: 7,
+            world: World::Own,
             strength: None,
             family: None,
             look_alikes: 0,

@@ -3,7 +3,7 @@
 use super::answer::Answer;
 use super::settle::Settling;
 use crate::diagnose::Verdict;
-use crate::truth::{Family, Label};
+use crate::truth::{Family, Label, World};
 
 /// A parameter of a named effect, compared with its true value.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,6 +17,8 @@ pub(crate) struct ComparedParameter {
 /// A case with its label and its answer.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub(crate) struct CaseScore {
+    /// World of the case; the label of a case in `own` does not name it.
+    pub world: World,
     pub label: Label,
     /// The answer; `None` if the recordings were refused.
     pub answer: Option<Answer>,
@@ -37,6 +39,7 @@ impl CaseScore {
     ) -> CaseScore {
         let refused = answer.as_ref().err().cloned();
         CaseScore {
+            world: label.world,
             label,
             answer: answer.ok(),
             refused,
@@ -66,11 +69,20 @@ impl CaseScore {
         self.answer.as_ref().map_or(Verdict::Unexplained, |a| a.verdict)
     }
 
-    /// True if exactly the hidden effects are named.
+    /// True if exactly the hidden effects are named, or beside them only what is not wrong.
     pub(crate) fn exact(&self) -> bool {
+        let truth = self.truth();
         self.label.family != Family::Outside
             && self.verdict() != Verdict::Unexplained
-            && self.answer.as_ref().is_some_and(|a| a.codes() == self.truth())
+            && self.answer.as_ref().is_some_and(|a| {
+                let codes = a.codes();
+                truth.iter().all(|t| codes.contains(t)) && codes.iter().all(|c| self.is_right(c))
+            })
+    }
+
+    /// True if an effect is hidden or it is not wrong to name it.
+    fn is_right(&self, code: &str) -> bool {
+        self.label.hidden.iter().any(|h| h.code == code) || self.label.also.contains(&code)
     }
 
     /// True if the last answer after the further tests is exactly the truth; `None` without further tests.
@@ -128,13 +140,10 @@ impl CaseScore {
         list
     }
 
-    /// Confidence of each named effect, and true if it is hidden.
+    /// Confidence of each named effect, and true if it is right to name it.
     pub(crate) fn claims(&self) -> Vec<(f64, bool)> {
-        let truth = self.truth();
         let claims = self.answer.iter().flat_map(|a| &a.effects);
-        claims
-            .map(|(code, c)| (*c, truth.contains(&code.as_str())))
-            .collect()
+        claims.map(|(code, c)| (*c, self.is_right(code))).collect()
     }
 }
 
@@ -159,6 +168,7 @@ pub(crate) mod tests {
                 size: 5.0,
                 place: 10.0,
                 width: 2.0,
+                law: None,
             })
             .collect();
         let label = Label {
@@ -174,6 +184,9 @@ pub(crate) mod tests {
             look_alike: None,
             top: [25.0, 2000.0],
             sigma_n: 1.0,
+            world: World::Own,
+            nuisance: None,
+            also: Vec::new(),
         };
         let answer = Answer {
             verdict: if named.is_empty() {

@@ -56,11 +56,11 @@ fn hex(bytes: &[u8]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::truth::Case;
+    use crate::truth::{Case, World};
 
     #[test]
     fn a_sealed_label_matches_that_label_only() {
-        let label = Case::draw(9, 0, Some(5.0)).label;
+        let label = Case::draw(World::Own, 9, 0, Some(5.0)).label;
         let seal = SealedLabel::new(&label, 9);
         assert!(seal.matches(&label));
         let mut other = label.clone();

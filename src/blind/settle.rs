@@ -107,6 +107,7 @@ fn motion(profile_toml: &str) -> Result<(String, Vec<[f64; 2]>), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::truth::World;
 
     #[test]
     fn a_profile_becomes_the_motion_of_the_bench() {
@@ -120,7 +121,7 @@ mod tests {
 
     #[test]
     fn only_a_claim_that_is_not_exactly_the_truth_needs_further_tests() {
-        let case = Case::draw(1, 11, Some(5.0));
+        let case = Case::draw(World::Own, 1, 11, Some(5.0));
         assert_eq!(case.label.family, Family::Confounded);
         let code = case.label.hidden[0].code;
         let answer = |named: &[&str], others: &[&str]| {

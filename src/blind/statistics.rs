@@ -35,6 +35,35 @@ pub(super) fn share(flags: impl Iterator<Item = bool>) -> ReachedValue {
     ((all > 0).then(|| 100.0 * yes as f64 / all as f64), all)
 }
 
+/// How many of some cases have a property.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub(crate) struct Proportion {
+    pub yes: usize,
+    pub of: usize,
+    /// 95 % interval of the share; `None` without cases.
+    pub ci95: Option<[f64; 2]>,
+}
+
+impl Proportion {
+    /// Counts the true flags. The interval is that of E. B. Wilson (1927).
+    pub(crate) fn of(flags: impl Iterator<Item = bool>) -> Proportion {
+        const Z: f64 = 1.959_964;
+        let (mut yes, mut of) = (0usize, 0usize);
+        for flag in flags {
+            of += 1;
+            yes += usize::from(flag);
+        }
+        let (n, share) = (of as f64, yes as f64 / of as f64);
+        let middle = (share + Z * Z / (2.0 * n)) / (1.0 + Z * Z / n);
+        let half = Z / (1.0 + Z * Z / n) * (share * (1.0 - share) / n + Z * Z / (4.0 * n * n)).sqrt();
+        Proportion {
+            yes,
+            of,
+            ci95: (of > 0).then(|| [(middle - half).max(0.0), (middle + half).min(1.0)]),
+        }
+    }
+}
+
 /// Median of the finite values, and their number.
 pub(super) fn median(mut values: Vec<f64>) -> ReachedValue {
     values.retain(|v| v.is_finite());
@@ -119,6 +148,24 @@ pub(crate) fn by_strength(scores: &[CaseScore]) -> BTreeMap<(Family, u32), (usiz
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn wilson_intervals_as_published() {
+        // R. G. Newcombe (1998), Table I, method 3: 81 of 263, 15 of 148, 0 of 20, 1 of 29.
+        for (yes, of, low, high) in [
+            (81, 263, 0.2553, 0.3662),
+            (15, 148, 0.0624, 0.1605),
+            (0, 20, 0.0, 0.1611),
+            (1, 29, 0.0061, 0.1718),
+        ] {
+            let found = Proportion::of((0..of).map(|k| k < yes)).ci95.expect("cases");
+            assert!(
+                (found[0] - low).abs() < 1e-4 && (found[1] - high).abs() < 1e-4,
+                "{found:?}"
+            );
+        }
+        assert_eq!(Proportion::of(std::iter::empty()).ci95, None);
+    }
 
     #[test]
     fn medians_by_hand() {

@@ -8,10 +8,11 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use super::shared::progress::Progress;
 use super::{CliCommand, CliError, Done, Output};
+use crate::blind::by_world::{self, WorldRow};
 use crate::blind::requirements::{Requirement, requirements};
 use crate::blind::statistics::{ConfidenceBin, reliability};
 use crate::blind::{BlindRequest, CaseScore, page, run as run_cases, seal};
-use crate::truth::{Case, Family, sensors};
+use crate::truth::{Family, World, sensors};
 
 /// The row of `--run-next` draws this many times `--cases` further cases and examines those with a look-alike.
 const LOOK_ALIKES: u64 = 4;
@@ -31,6 +32,9 @@ pub(super) struct BlindArgs {
     /// Only the cases of one kind; the numbers of the cases stay the same
     #[arg(long, value_name = "KIND", value_parser = kinds())]
     kind: Option<Family>,
+    /// Equations of the truth, and one row for each family; in all worlds but `own` they are not those of the library
+    #[arg(long, value_name = "WORLD", value_parser = worlds())]
+    world: Option<Worlds>,
     /// Folder for blind.md, the page with the confusion matrix, and blind.json with every case
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -53,6 +57,18 @@ fn kinds() -> impl TypedValueParser<Value = Family> {
     })
 }
 
+/// The worlds of a run.
+#[derive(Debug, Clone)]
+struct Worlds(Vec<World>);
+
+fn worlds() -> impl TypedValueParser<Value = Worlds> {
+    let keys = World::ALL.map(World::key).into_iter().chain(["all"]);
+    PossibleValuesParser::new(keys).map(|key| {
+        let chosen = World::ALL.into_iter().filter(|w| key == "all" || w.key() == key);
+        Worlds(chosen.collect())
+    })
+}
+
 #[derive(serde::Serialize)]
 struct Summary {
     cases: u64,
@@ -62,11 +78,21 @@ struct Summary {
     reliability: Vec<ConfidenceBin>,
 }
 
+/// Results of a run with `--world`.
+#[derive(serde::Serialize)]
+struct WorldSummary {
+    cases: u64,
+    seed: u64,
+    sealed_sha256: Vec<(World, String)>,
+    worlds: Vec<WorldRow>,
+}
+
 impl CliCommand for BlindArgs {
     const NAME: &'static str = "blind";
     const EXAMPLES: &'static [&'static str] = &[
         "leafbench blind --cases 400 --seed 7 --out docs",
         "leafbench blind --seed 7 --export 12 --out case-12",
+        "leafbench blind --world all --cases 40 --seed 7",
     ];
 
     fn run(self, output: &Output) -> Result<Done, CliError> {
@@ -75,11 +101,11 @@ impl CliCommand for BlindArgs {
             let folder = self.out.as_deref().unwrap_or(Path::new("."));
             return export(&request, case, folder, output);
         }
+        if let Some(Worlds(worlds)) = &self.world {
+            return self.by_world(worlds, output);
+        }
         if request.numbers().is_empty() {
-            return Err(CliError::Input(format!(
-                "--cases {}: none of these cases is of that kind: enter at least 20, which contain every kind",
-                request.cases
-            )));
+            return Err(no_case(request.cases));
         }
         let (sealed, marks) = examine(&request, output)?;
         if let Some(folder) = &self.out {
@@ -103,15 +129,58 @@ impl BlindArgs {
         BlindRequest {
             cases: self.cases,
             seed: self.seed,
+            world: self.world.as_ref().map_or(World::Own, |w| w.0[0]),
             strength: self.strength,
             family: self.kind,
-            look_alikes: match self.kind {
-                None => LOOK_ALIKES * self.cases,
-                Some(_) => 0,
+            look_alikes: match (self.kind, &self.world) {
+                (None, None) => LOOK_ALIKES * self.cases,
+                _ => 0,
             },
             threads: std::thread::available_parallelism().map_or(1, usize::from),
         }
     }
+
+    /// Runs each world, and shows one row for each family.
+    fn by_world(&self, worlds: &[World], output: &Output) -> Result<Done, CliError> {
+        let all = worlds.iter().map(|&world| BlindRequest {
+            world,
+            ..self.request()
+        });
+        // A kind that only some worlds have is left out in the others.
+        let requests: Vec<BlindRequest> = all.filter(|r| !r.numbers().is_empty()).collect();
+        if requests.is_empty() {
+            return Err(no_case(self.cases));
+        }
+        let mut sealed_sha256 = Vec::new();
+        let mut scores = Vec::new();
+        for request in &requests {
+            let (sealed, of_world) = examine(request, output)?;
+            sealed_sha256.push((request.world, sealed));
+            scores.extend(of_world);
+        }
+        if let Some(folder) = &self.out {
+            write_pages(
+                folder,
+                &by_world::markdown(self.seed, &sealed_sha256, &scores),
+                &scores,
+            )?;
+        }
+        let result = WorldSummary {
+            cases: scores.len() as u64,
+            seed: self.seed,
+            sealed_sha256,
+            worlds: by_world::rows(&scores),
+        };
+        output.result(&result, || by_world::text(&result.worlds))?;
+        Ok(Done::Success)
+    }
+}
+
+/// The answer to a run without cases.
+fn no_case(cases: u64) -> CliError {
+    CliError::Input(format!(
+        "--cases {cases}: none of these cases is of that kind: enter at least 20, which contain every kind of a world"
+    ))
 }
 
 /// Seals the labels, diagnoses every case and opens them; the SHA-256 over all seals, and the marks.
@@ -147,8 +216,13 @@ fn write_results(
     sealed: &str,
     marks: &[CaseScore],
 ) -> Result<(), CliError> {
+    write_pages(folder, &page::markdown(request, sealed, marks), marks)
+}
+
+/// Writes blind.md and blind.json.
+fn write_pages(folder: &Path, page: &str, marks: &[CaseScore]) -> Result<(), CliError> {
     std::fs::create_dir_all(folder).map_err(CliError::file(folder, "creating the folder"))?;
-    write(&folder.join("blind.md"), &page::markdown(request, sealed, marks))?;
+    write(&folder.join("blind.md"), page)?;
     let json = serde_json::to_string(marks).map_err(|e| CliError::Internal(e.to_string()))?;
     write(&folder.join("blind.json"), &json)
 }
@@ -159,7 +233,7 @@ fn write(path: &Path, text: &str) -> Result<(), CliError> {
 
 /// Writes one case as files, so that it can be diagnosed with `leafbench diagnose`.
 fn export(request: &BlindRequest, number: u64, folder: &Path, output: &Output) -> Result<Done, CliError> {
-    let case = Case::draw(request.seed, number, request.strength);
+    let case = request.case(number);
     std::fs::create_dir_all(folder).map_err(CliError::file(folder, "creating the folder"))?;
     let mut written = Vec::new();
     for recording in &case.recordings {

@@ -3,10 +3,11 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::catalogue::{self, PHYSICS};
+use super::catalogue::{self, PHYSICS, REDUCED};
 use super::limit::VisibilityMeter;
+use super::nuisance::Nuisance;
 use super::sensors::Sensors;
-use super::{Family, Form, Hidden, Programme, TruthSpecimen, between, one_of};
+use super::{Family, Form, Hidden, Programme, TruthSpecimen, World, between, one_of};
 use crate::recording::Recording;
 
 /// Strengths of drawn cases, in detection limits.
@@ -52,6 +53,19 @@ pub(crate) struct Label {
     pub top: [f64; 2],
     /// Noise of one sample for a displacement-driven model, N.
     pub sigma_n: f64,
+    #[serde(skip_serializing_if = "is_own")]
+    pub world: World,
+    /// Imperfection of the instruments.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nuisance: Option<&'static str>,
+    /// Codes that it is not wrong to name beside the hidden effects.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub also: Vec<&'static str>,
+}
+
+/// True for the world whose labels do not name it.
+fn is_own(world: &World) -> bool {
+    *world == World::Own
 }
 
 /// Specimen and sensors of one case.
@@ -72,23 +86,24 @@ pub(crate) struct Case {
 }
 
 impl Case {
-    /// Case `number` of the run with `seed`; a strength of `None` is drawn. The same arguments give the same bits.
-    pub(crate) fn draw(seed: u64, number: u64, strength: Option<f64>) -> Case {
+    /// Case `number` of a world in the run with `seed`; a strength of `None` is drawn. The same arguments give the same bits.
+    pub(crate) fn draw(world: World, seed: u64, number: u64, strength: Option<f64>) -> Case {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        random.set_stream(number);
-        let family = Family::of(number);
+        random.set_stream(world.stream(number));
+        let family = Family::of(world, number);
         for _ in 0..TRIES {
-            if let Some(case) = Case::of(family, seed, number, strength, &mut random) {
+            if let Some(case) = Case::of(world, family, seed, number, strength, &mut random) {
                 return case;
             }
         }
         // No draw of this family was visible: a case without an effect takes its place.
-        Case::of(Family::None, seed, number, strength, &mut random)
+        Case::of(world, Family::None, seed, number, strength, &mut random)
             .expect("a case without an effect needs no size")
     }
 
     /// One draw of a case; `None` if an effect is not visible or two effects cannot be a pair.
     fn of(
+        world: World,
         family: Family,
         seed: u64,
         number: u64,
@@ -97,10 +112,12 @@ impl Case {
     ) -> Option<Case> {
         let drawn = one_of(random, &STRENGTHS);
         let strength = strength.unwrap_or(drawn);
-        let inside: Vec<&str> = PHYSICS.iter().filter(|p| p.in_library).map(|p| p.code).collect();
-        let outside: Vec<&str> = PHYSICS.iter().filter(|p| !p.in_library).map(|p| p.code).collect();
+        let can_hide = |p: &&catalogue::Physics| p.is_in(world);
+        let all: Vec<_> = PHYSICS.iter().filter(can_hide).collect();
+        let inside: Vec<&str> = all.iter().filter(|p| p.in_library).map(|p| p.code).collect();
+        let outside: Vec<&str> = all.iter().filter(|p| !p.in_library).map(|p| p.code).collect();
         let (codes, look_alike) = match family {
-            Family::None | Family::NoneNoisy => (vec![], None),
+            Family::None | Family::NoneNoisy | Family::Nuisance => (vec![], None),
             Family::Single | Family::Concealed => (vec![one_of(random, &inside)], None),
             Family::Outside => (vec![one_of(random, &outside)], None),
             Family::Pair => (vec![one_of(random, &inside), one_of(random, &inside)], None),
@@ -116,18 +133,11 @@ impl Case {
         if codes.len() == 2 && codes[0] == codes[1] {
             return None;
         }
-        let mut case = Draft::new(random, family, &codes, strength)?.finish(seed, number, random)?;
+        let mut case = Draft::new(random, world, family, &codes, strength)?.finish(seed, number, random)?;
         case.label.look_alike = look_alike;
         Some(case)
     }
 }
-
-/// Codes of physics that `equivalent` has: the case removes them from the baseline.
-const REDUCED: [&str; 3] = [
-    "load_dependent_friction",
-    "presliding",
-    "rate_independent_friction",
-];
 
 /// A case before its recordings.
 #[derive(Clone)]
@@ -143,8 +153,14 @@ struct Draft {
 
 impl Draft {
     /// Draws specimen, sensors and motions, and scales the effects; `None` if an effect is not visible.
-    fn new(random: &mut ChaCha8Rng, family: Family, codes: &[&str], strength: f64) -> Option<Draft> {
-        let mut specimen = specimen(random);
+    fn new(
+        random: &mut ChaCha8Rng,
+        world: World,
+        family: Family,
+        codes: &[&str],
+        strength: f64,
+    ) -> Option<Draft> {
+        let mut specimen = specimen(random, world);
         let mut baseline = BaselineSettings::default();
         let units: Vec<(&'static catalogue::Physics, Hidden)> = codes
             .iter()
@@ -154,7 +170,10 @@ impl Draft {
         for (physics, unit) in &units {
             reduce(physics.code, unit, &mut specimen, &mut baseline);
         }
-        let sensors = Sensors::draw(random, specimen.range_n, family == Family::NoneNoisy);
+        let mut sensors = Sensors::draw(random, specimen.range_n, family == Family::NoneNoisy);
+        if family == Family::Nuisance {
+            sensors.nuisance = Some(Nuisance::draw(random));
+        }
         let motions = motions(random, &specimen, &sensors, family == Family::Confounded);
         let programme: Vec<(Programme, Vec<f64>)> = motions
             .iter()
@@ -203,6 +222,14 @@ impl Draft {
                 .flat_map(|r| f(r).iter().copied())
                 .fold(f64::NEG_INFINITY, f64::max)
         };
+        let nuisance = self.sensors.nuisance;
+        let beside = self.hidden.iter().filter_map(|h| catalogue::find(h.code));
+        let also = beside
+            .flat_map(|p| p.also)
+            .chain(nuisance.iter().flat_map(|n| n.also()))
+            .chain(self.specimen.world.also())
+            .copied()
+            .collect();
         let label = Label {
             number,
             seed,
@@ -211,11 +238,20 @@ impl Draft {
             strength: self.strength,
             look_alike: None,
             top: [
-                largest(|r| &r.displacement_mm),
+                match nuisance {
+                    None => largest(|r| &r.displacement_mm),
+                    Some(_) => self.specimen.top_mm(),
+                },
                 // The largest force that a clipped channel would have shown.
-                self.specimen.top_n().max(largest(|r| &r.force_n)),
+                match nuisance {
+                    None => self.specimen.top_n().max(largest(|r| &r.force_n)),
+                    Some(_) => self.specimen.top_n(),
+                },
             ],
             sigma_n: self.sensors.sigma_n(self.specimen.rate_n_per_mm),
+            world: self.specimen.world,
+            nuisance: nuisance.map(Nuisance::name),
+            also,
         };
         Some(Case {
             label,
@@ -229,17 +265,24 @@ impl Draft {
     }
 }
 
-fn specimen(random: &mut ChaCha8Rng) -> TruthSpecimen {
+fn specimen(random: &mut ChaCha8Rng, world: World) -> TruthSpecimen {
     let rate_n_per_mm = between(random, 40.0, 140.0);
+    let [low, high] = world.shapes();
     TruthSpecimen {
         preload_n: between(random, 0.0, 150.0),
         rate_n_per_mm,
         friction_ratio: between(random, 0.04, 0.14),
         presliding_mm: between(random, 0.15, 1.0),
-        power: between(random, 0.9, 1.15),
+        power: between(random, low, high),
         form: Form::Gradual,
         bushing_n: 0.0,
         range_n: between(random, 1500.0, 3000.0),
+        world,
+        build: if world == World::Pack {
+            between(random, 0.0, 1.0)
+        } else {
+            0.0
+        },
     }
 }
 
@@ -382,7 +425,13 @@ impl Case {
     /// A case of `family` with the effects `codes`; `None` if no plausible size of one of them is visible.
     pub(crate) fn hiding(family: Family, codes: &[&str], seed: u64, strength: f64) -> Option<Case> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        Draft::visible(&mut random, family, codes, strength)?.finish(seed, 0, &mut random)
+        Draft::visible(&mut random, World::Own, family, codes, strength)?.finish(seed, 0, &mut random)
+    }
+
+    /// A case of another world with one effect.
+    pub(crate) fn foreign(world: World, code: &str, seed: u64, strength: f64) -> Option<Case> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        Draft::visible(&mut random, world, Family::Single, &[code], strength)?.finish(seed, 0, &mut random)
     }
 
     /// A case with one effect.
@@ -393,7 +442,7 @@ impl Case {
     /// A case with one effect, and the same specimen, motion and sensors with the effect removed.
     pub(crate) fn with_and_without(code: &str, seed: u64, strength: f64) -> Option<(Case, Case)> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let draft = Draft::visible(&mut random, Family::Single, &[code], strength)?;
+        let draft = Draft::visible(&mut random, World::Own, Family::Single, &[code], strength)?;
         let removed = Draft {
             family: Family::None,
             hidden: Vec::new(),
@@ -411,8 +460,14 @@ impl Case {
 #[cfg(test)]
 impl Draft {
     /// The first draft of at most [`TRIES`] in which every effect is visible.
-    fn visible(random: &mut ChaCha8Rng, family: Family, codes: &[&str], strength: f64) -> Option<Draft> {
-        (0..TRIES).find_map(|_| Draft::new(random, family, codes, strength))
+    fn visible(
+        random: &mut ChaCha8Rng,
+        world: World,
+        family: Family,
+        codes: &[&str],
+        strength: f64,
+    ) -> Option<Draft> {
+        (0..TRIES).find_map(|_| Draft::new(random, world, family, codes, strength))
     }
 }
 
@@ -422,17 +477,17 @@ mod tests {
 
     #[test]
     fn the_same_seed_draws_the_same_bits_and_another_seed_does_not() {
-        let case = Case::draw(5, 2, None);
-        assert_eq!(case, Case::draw(5, 2, None));
-        assert_ne!(case.recordings, Case::draw(6, 2, None).recordings);
-        assert_ne!(case.recordings, Case::draw(5, 5, None).recordings);
+        let case = Case::draw(World::Own, 5, 2, None);
+        assert_eq!(case, Case::draw(World::Own, 5, 2, None));
+        assert_ne!(case.recordings, Case::draw(World::Own, 6, 2, None).recordings);
+        assert_ne!(case.recordings, Case::draw(World::Own, 5, 5, None).recordings);
     }
 
     #[test]
     fn twenty_cases_have_their_families_and_valid_recordings() {
         for number in 0..20 {
-            let case = Case::draw(11, number, Some(5.0));
-            assert_eq!(case.label.family, Family::of(number));
+            let case = Case::draw(World::Own, 11, number, Some(5.0));
+            assert_eq!(case.label.family, Family::of(World::Own, number));
             assert_eq!(case.label.hidden.is_empty(), case.label.strength == 0.0);
             for r in &case.recordings {
                 assert!(
@@ -449,7 +504,15 @@ mod tests {
     fn a_concealed_case_matches_peak_and_energy_to_the_digit() {
         let mut random = ChaCha8Rng::seed_from_u64(2);
         let draft = (0..TRIES)
-            .find_map(|_| Draft::new(&mut random, Family::Concealed, &["viscous_damping"], 10.0))
+            .find_map(|_| {
+                Draft::new(
+                    &mut random,
+                    World::Own,
+                    Family::Concealed,
+                    &["viscous_damping"],
+                    10.0,
+                )
+            })
             .expect("drawn");
         let [preload_n, rate_n_per_mm, friction_ratio, presliding_mm] = draft.baseline.tuned.expect("tuned");
         let spring = TruthSpecimen {

@@ -1,5 +1,7 @@
 //! Kinds of cases, and their order in a run.
 
+use super::World;
+
 /// Kind of case: what is hidden, and how.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -18,6 +20,8 @@ pub(crate) enum Family {
     Outside,
     /// One effect of the library is hidden, and the baseline is tuned so that its peak force and loop energy match.
     Concealed,
+    /// Nothing is hidden; the instruments are imperfect.
+    Nuisance,
 }
 
 /// Families of 20 successive cases: 20 % without an effect, 40 % single, 15 % pairs, 5 % confounded, 10 % outside the
@@ -30,9 +34,19 @@ const ROUND: [Family; 20] = {
     ]
 };
 
+/// Families of 20 successive cases in a world other than `own`: 15 % without an effect, 20 % with imperfect instruments,
+/// 40 % single, 10 % pairs, 15 % outside the library.
+const FOREIGN_ROUND: [Family; 20] = {
+    use Family::{None, Nuisance, Outside, Pair, Single};
+    [
+        Single, None, Nuisance, Outside, Single, Pair, Single, Nuisance, Single, None, Outside, Single,
+        Nuisance, Single, Pair, Single, None, Outside, Nuisance, Single,
+    ]
+};
+
 impl Family {
     /// All families, in the order of the declaration.
-    pub(crate) const ALL: [Family; 7] = [
+    pub(crate) const ALL: [Family; 8] = [
         Family::None,
         Family::NoneNoisy,
         Family::Single,
@@ -40,11 +54,16 @@ impl Family {
         Family::Confounded,
         Family::Outside,
         Family::Concealed,
+        Family::Nuisance,
     ];
 
-    /// Family of case `number`, the same in every run.
-    pub(crate) fn of(number: u64) -> Family {
-        ROUND[(number % ROUND.len() as u64) as usize]
+    /// Family of case `number` of a world, the same in every run.
+    pub(crate) fn of(world: World, number: u64) -> Family {
+        let round = match world {
+            World::Own => &ROUND,
+            _ => &FOREIGN_ROUND,
+        };
+        round[(number % round.len() as u64) as usize]
     }
 
     /// Name for `--kind` on the command line.
@@ -57,6 +76,7 @@ impl Family {
             Family::Confounded => "confounded",
             Family::Outside => "outside",
             Family::Concealed => "concealed",
+            Family::Nuisance => "nuisance",
         }
     }
 }
@@ -77,6 +97,10 @@ mod tests {
             ),
             (8, 3, 1)
         );
-        assert!(Family::ALL.iter().all(|f| ROUND.contains(f)));
+        assert!(
+            Family::ALL
+                .iter()
+                .all(|f| ROUND.contains(f) || FOREIGN_ROUND.contains(f))
+        );
     }
 }

@@ -1,5 +1,7 @@
 //! One hidden effect of a case. `catalogue` lists what can be hidden, `specimen` calculates the forces.
 
+use super::world::Law;
+
 /// One hidden effect.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub(crate) struct Hidden {
@@ -12,6 +14,9 @@ pub(crate) struct Hidden {
     pub place: f64,
     /// Width in mm of a local effect.
     pub width: f64,
+    /// Its law in a world other than `own`; `None` for an effect with one formula.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub law: Option<Law>,
 }
 
 impl Hidden {

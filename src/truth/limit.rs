@@ -69,7 +69,7 @@ impl<'a> VisibilityMeter<'a> {
     fn forces(&self, specimen: &TruthSpecimen, hidden: &[Hidden]) -> Vec<f64> {
         self.programme
             .iter()
-            .flat_map(|(motion, times)| specimen.forces(hidden, motion, times))
+            .flat_map(|(motion, times)| specimen.forces_to_explain(hidden, motion, times))
             .zip(&self.weight)
             .map(|(f, w)| f * w)
             .collect()
@@ -216,6 +216,7 @@ mod tests {
                 size,
                 place: 10.0,
                 width: 2.0,
+                law: None,
             },
         )
     }
@@ -266,6 +267,7 @@ mod tests {
             size: 1.0,
             place: -0.01,
             width: 0.0,
+            law: None,
         };
         let knee = Hidden {
             place: 12.0,
@@ -283,6 +285,7 @@ mod tests {
             size: 1.0,
             place: 0.0,
             width: 0.0,
+            law: None,
         };
         let damping = Hidden {
             code: "viscous_damping",

@@ -5,23 +5,31 @@
 //! move exactly from turning point to turning point (found by bisection of the formula of the motion); speed and
 //! acceleration come from that formula; the sensors are a separate chain. The strength of a hidden effect is given in
 //! detection limits, see [`limit`]. `blind` compares the diagnosis with the truth.
+//!
+//! That formulation is one [`world`]. `foreign` has others, in which neither the friction nor the effects follow the formulas
+//! of the library, and `nuisance` has imperfect instruments.
 
 pub(crate) mod case;
 pub(crate) mod catalogue;
 pub(crate) mod family;
+mod forces;
+mod foreign;
 pub(crate) mod hidden;
 pub(crate) mod limit;
 pub(crate) mod motion;
+mod nuisance;
 pub(crate) mod path;
 pub(crate) mod rig;
 pub(crate) mod sensors;
 pub(crate) mod specimen;
+pub(crate) mod world;
 
 pub(crate) use case::{BaselineSettings, Case, Label};
 pub(crate) use family::Family;
 pub(crate) use hidden::Hidden;
 pub(crate) use motion::Programme;
 pub(crate) use specimen::{Form, TruthSpecimen};
+pub(crate) use world::World;
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;

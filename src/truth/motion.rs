@@ -167,6 +167,24 @@ impl Programme {
             / (DIFFERENCE_S * DIFFERENCE_S)
     }
 
+    /// Time in s between `from_s` and `to_s` at which the direction changes, by bisection.
+    pub(super) fn turning_point_s(&self, from_s: f64, to_s: f64) -> Option<f64> {
+        let (mut low, mut high) = (from_s, to_s);
+        let first = self.speed_mm_s(low);
+        if first * self.speed_mm_s(high) >= 0.0 {
+            return None;
+        }
+        for _ in 0..24 {
+            let middle = 0.5 * (low + high);
+            if self.speed_mm_s(middle) * first > 0.0 {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        Some(low)
+    }
+
     /// A multi-sine of five to nine sines between 0.3 and 3 Hz that stays within `reach_mm` of the mean.
     pub(crate) fn random(random: &mut ChaCha8Rng, mean_mm: f64, reach_mm: f64, duration_s: f64) -> Programme {
         let count = 5 + (between(random, 0.0, 4.99) as usize);

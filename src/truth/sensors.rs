@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
+use super::nuisance::Nuisance;
 use super::{Hidden, Programme, TruthSpecimen, between, normal, one_of};
 use crate::recording::Recording;
 
@@ -32,6 +33,7 @@ pub(crate) struct Sensors {
     pub rate_hz: f64,
     /// True if the sampling times are irregular.
     pub uneven: bool,
+    pub(super) nuisance: Option<Nuisance>,
 }
 
 impl Sensors {
@@ -52,6 +54,7 @@ impl Sensors {
             lag_s: between(random, 0.0, 2e-3),
             rate_hz,
             uneven: random.random_bool(0.15),
+            nuisance: None,
         }
     }
 
@@ -101,36 +104,35 @@ impl Sensors {
             .filter(|h| h.code != "sensor_saturation")
             .copied()
             .collect();
-        let clean = specimen.forces(&unclipped, motion, &seen_s);
-        let limit_n = hidden
-            .iter()
-            .find(|h| h.code == "sensor_saturation")
-            .map_or(f64::INFINITY, |h| h.limit_n(specimen.top_n()));
+        let skew_s = self.nuisance.map_or(0.0, |n| n.skew_s(random));
+        let skewed_s: Vec<f64> = seen_s.iter().map(|t| t - skew_s).collect();
+        let clean = specimen.forces(&unclipped, motion, &skewed_s);
         let phase = between(random, 0.0, TAU);
         let force_n = times_s
             .iter()
             .zip(&clean)
             .map(|(t, f)| {
                 let seen = f + self.noise_n * normal(random) + self.hum_n * (TAU * 50.0 * t + phase).sin();
-                quantised(seen.min(limit_n), FORCE_STEP_N)
+                quantised(specimen.clipped_n(hidden, seen), FORCE_STEP_N)
             })
             .collect();
-        let displacement_mm = seen_s
-            .iter()
-            .map(|&t| {
-                quantised(
-                    motion.at_mm(t) + self.noise_mm * normal(random),
-                    DISPLACEMENT_STEP_MM,
-                )
-            })
+        let displacement_mm = specimen
+            .seen_mm(hidden, motion, &seen_s)
+            .into_iter()
+            .map(|x| quantised(x + self.noise_mm * normal(random), DISPLACEMENT_STEP_MM))
             .collect();
-        Recording {
+        let mut recording = Recording {
             name: name.to_owned(),
             time_s: times_s,
             displacement_mm,
             force_n,
             ..Recording::default()
+        };
+        if let Some(nuisance) = self.nuisance {
+            let cyclic = !matches!(motion, Programme::Ramp { .. });
+            nuisance.spoil(random, &mut recording, self.noise_n, cyclic);
         }
+        recording
     }
 }
 
@@ -165,6 +167,7 @@ mod tests {
             lag_s: 0.0,
             rate_hz: 200.0,
             uneven: false,
+            nuisance: None,
         }
     }
 

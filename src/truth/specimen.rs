@@ -8,7 +8,7 @@
 //! of the steady loop reverses exponentially (the second derivative of the branch is the density of the lengths; W. D. Iwan
 //! 1966), as a presliding law with one parameter does. Other powers deviate a little from that law, as a real pack does.
 
-use super::{Hidden, Programme};
+use super::{Hidden, Programme, World};
 use crate::units::inertia_force_n;
 
 /// Number of Jenkins elements in a contact.
@@ -46,13 +46,17 @@ pub(crate) struct TruthSpecimen {
     pub friction_ratio: f64,
     /// Travel after a reversal over which the friction reverses to 1/e of the remainder, mm.
     pub presliding_mm: f64,
-    /// Power of the distribution of element lengths.
+    /// Power of the distribution of element lengths; in another world the shape of its operator, see [`World::shapes`].
     pub power: f64,
     pub form: Form,
     /// Friction that does not depend on the load, N; only in cases whose baseline has it too.
     pub bushing_n: f64,
     /// Force at the largest displacement without friction, N.
     pub range_n: f64,
+    /// Equations that it follows. Those of [`World::Own`] are in this file.
+    pub world: World,
+    /// Random number in [0, 1) that sets number, lengths and gaps of the leaves in [`World::Pack`]; 0 in the others.
+    pub build: f64,
 }
 
 impl TruthSpecimen {
@@ -66,8 +70,8 @@ impl TruthSpecimen {
         self.range_n * (1.0 + self.friction_ratio)
     }
 
-    /// True force in N at the rising times `times_s` of a motion, before the sensors.
-    pub(crate) fn forces(&self, hidden: &[Hidden], motion: &Programme, times_s: &[f64]) -> Vec<f64> {
+    /// True force in N in [`World::Own`] at the rising times `times_s` of a motion, before the sensors.
+    pub(super) fn own_forces(&self, hidden: &[Hidden], motion: &Programme, times_s: &[f64]) -> Vec<f64> {
         let mut contact = SlidingContact::new(self, hidden, motion);
         let delay_s = 1e-3 * get(hidden, "channel_delay").map_or(0.0, |h| h.size);
         times_s
@@ -160,31 +164,12 @@ impl<'a> SlidingContact<'a> {
             if to <= self.time_s {
                 continue;
             }
-            if let Some(turn) = self.turning_point(to) {
+            if let Some(turn) = self.motion.turning_point_s(self.time_s, to) {
                 self.advance(turn);
             }
             force_n = self.advance(to);
         }
         force_n
-    }
-
-    /// Time in s before `to_s` at which the direction changes.
-    fn turning_point(&self, to_s: f64) -> Option<f64> {
-        let speed = |t: f64| self.motion.speed_mm_s(t);
-        let (mut low, mut high) = (self.time_s, to_s);
-        let first = speed(low);
-        if first * speed(high) >= 0.0 {
-            return None;
-        }
-        for _ in 0..24 {
-            let middle = 0.5 * (low + high);
-            if speed(middle) * first > 0.0 {
-                low = middle;
-            } else {
-                high = middle;
-            }
-        }
-        Some(low)
     }
 
     /// One step in one direction.

@@ -427,7 +427,7 @@ fn yardsticks(d: &Diagnosis) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::truth::Case;
+    use crate::truth::{Case, World};
 
     #[test]
     fn a_round_gets_every_file_of_its_diagnosis() {
@@ -442,7 +442,7 @@ mod tests {
         };
         let round = folder.path().join("round-0");
         // One recording alone leaves a look-alike of this case, which a next test can settle.
-        let case = Case::draw(1, 3, None);
+        let case = Case::draw(World::Own, 1, 3, None);
         let diagnosis = job
             .diagnose(&case.recordings[..1], &[], Some(&round))
             .expect("diagnosed");

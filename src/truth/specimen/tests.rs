@@ -13,6 +13,8 @@ pub(crate) fn plain() -> TruthSpecimen {
         form: Form::Gradual,
         bushing_n: 0.0,
         range_n: 2000.0,
+        world: World::Own,
+        build: 0.0,
     }
 }
 
@@ -57,6 +59,7 @@ fn hidden(code: &'static str, size: f64, place: f64) -> Hidden {
         size,
         place,
         width: 2.0,
+        law: None,
     }
 }
 

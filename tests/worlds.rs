@@ -1,0 +1,130 @@
+//! The worlds of the blind test draw, size and record their cases, and the labels stay sealed. How often the diagnosis is right
+//! there is measured by `leafbench blind --world all`, not here.
+
+use rayon::prelude::*;
+
+use crate::blind::{BlindRequest, by_world, run};
+use crate::truth::catalogue::PHYSICS;
+use crate::truth::{Case, Family, World};
+
+/// All worlds but that of the other tests.
+const FOREIGN: [World; 4] = [
+    World::PrandtlIshlinskii,
+    World::BoucWen,
+    World::Lugre,
+    World::Pack,
+];
+/// Strength in detection limits.
+const CLEAR: f64 = 5.0;
+
+#[test]
+fn the_same_seed_draws_the_same_bits_in_every_world_and_each_world_other_ones() {
+    let drawn: Vec<Vec<Case>> = World::ALL
+        .par_iter()
+        .map(|&world| {
+            let round = (0..8).map(|number| Case::draw(world, 3, number, None));
+            round.collect()
+        })
+        .collect();
+    for (world, cases) in World::ALL.into_iter().zip(&drawn) {
+        for case in cases.iter().take(3) {
+            assert_eq!(*case, Case::draw(world, 3, case.label.number, None));
+            assert_eq!(case.label.world, world);
+        }
+        for (case, own) in cases.iter().zip(&drawn[0]).filter(|_| world != World::Own) {
+            assert_ne!(case.recordings, own.recordings, "{world:?}");
+        }
+    }
+}
+
+/// Every effect of the catalogue has a size that makes it visible in two of the worlds, every second in each, and its recordings
+/// are valid.
+#[test]
+fn effects_are_visible_in_every_world() {
+    let pairs: Vec<(World, &str)> = (0..FOREIGN.len())
+        .flat_map(|w| {
+            let every_second = PHYSICS.iter().skip(w % 2).step_by(2);
+            every_second
+                .filter(move |p| p.is_in(FOREIGN[w]))
+                .map(move |p| (FOREIGN[w], p.code))
+        })
+        .collect();
+    assert!(pairs.len() > 40, "{}", pairs.len());
+    let wrong: Vec<String> = pairs
+        .par_iter()
+        .filter_map(|&(world, code)| {
+            let Some(case) = Case::foreign(world, code, 5, CLEAR) else {
+                return Some(format!("{code} in {world:?}: not visible"));
+            };
+            let hidden = case.label.hidden[0];
+            let has_laws = PHYSICS.iter().any(|p| p.code == code && !p.laws.is_empty());
+            let finite = case
+                .recordings
+                .iter()
+                .all(|r| r.force_n.iter().chain(&r.displacement_mm).all(|v| v.is_finite()));
+            let right = finite && hidden.code == code && hidden.law.is_some() == has_laws;
+            (!right).then(|| format!("{code} in {world:?}: {hidden:?}, finite: {finite}"))
+        })
+        .collect();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// The diagnosis receives the recordings and the baseline: nothing in them names world, law, effect or imperfection.
+#[test]
+fn the_label_is_not_in_what_the_diagnosis_receives() {
+    for (world, number) in FOREIGN.into_iter().flat_map(|w| (0..10).map(move |n| (w, n))) {
+        let case = Case::draw(world, 9, number, Some(CLEAR));
+        let label = serde_json::to_value(&case.label).expect("plain data");
+        assert_eq!(label["world"], serde_json::to_value(world).expect("a name"));
+        assert_eq!(
+            label["nuisance"].is_string(),
+            case.label.family == Family::Nuisance
+        );
+        for (k, r) in case.recordings.iter().enumerate() {
+            assert_eq!(r.name, format!("case-{number:04}-{}.csv", k + 1));
+            let columns = (&r.command, &r.cycle, &r.flags, &r.command_mode);
+            assert_eq!(columns, (&None, &None, &None, &None));
+        }
+        assert_eq!((case.baseline.tuned, case.baseline.smoothing_mm_s.is_some()), {
+            let smoothed = case
+                .label
+                .hidden
+                .iter()
+                .any(|h| h.code == "rate_independent_friction");
+            (None, smoothed)
+        });
+    }
+}
+
+/// One case of each world is sealed, diagnosed, opened and scored.
+#[test]
+fn a_sealed_case_of_each_world_is_scored_in_its_row() {
+    let scores: Vec<_> = World::ALL
+        .into_iter()
+        .flat_map(|world| {
+            let request = BlindRequest {
+                cases: 1,
+                seed: 12,
+                world,
+                strength: Some(10.0),
+                family: None,
+                look_alikes: 0,
+                threads: 1,
+            };
+            run(&request, &mut |labels| assert_eq!(labels.len(), 1), &|_| {}).expect("labels match")
+        })
+        .collect();
+    assert!(scores.iter().all(|s| s.refused.is_none()));
+    let rows = by_world::rows(&scores);
+    let worlds: Vec<World> = rows
+        .iter()
+        .filter(|r| r.family.is_none())
+        .map(|r| r.world)
+        .collect();
+    assert_eq!(worlds, World::ALL);
+    for score in &scores {
+        let json = serde_json::to_value(score).expect("plain data");
+        assert_eq!(json["world"], serde_json::to_value(score.world).expect("a name"));
+        assert_eq!(json["label"]["world"].is_null(), score.world == World::Own);
+    }
+}
