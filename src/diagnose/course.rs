@@ -1,8 +1,10 @@
 //! A recording as any plant is driven over it: its motion without noise, the measured force, and what each point is used for.
 //! It outlives the diagnosis, so that yardsticks and the written model are compared on exactly the same points.
 
-use super::condition::{ConditionError, condition, range};
+use super::condition::condition;
 use super::data::Data;
+use super::samples::ConditionError;
+use super::smoothing::range;
 use super::splits::Split;
 use crate::model::{Motion, Plant};
 use crate::recording::{Flags, Recording};

@@ -46,6 +46,9 @@ pub struct Finding {
     pub code: String,
     /// From 0 to 0.99.
     pub confidence: f64,
+    /// Standard deviation of its size between recordings and branches, as a share of the size: 0 for a law that holds everywhere.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub size_spread: Option<f64>,
     /// A sentence for a technician.
     pub statement: String,
     /// Identified parameters of the effect, with 95 % intervals.

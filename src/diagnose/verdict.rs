@@ -20,6 +20,7 @@ use super::structure::ModelStructure;
 use super::tables::{
     baseline_parameters, candidates, curves, errors, errors_of_model, not_testable, values_of,
 };
+use super::varying_coefficient::{Variation, variation};
 use super::yardsticks;
 use crate::effect::Axis;
 use crate::identify::Residuals;
@@ -190,10 +191,13 @@ fn finding(
     let attached = &node.attached[judged.place];
     let from = context.offset(&node.attached, judged.place);
     let group = &node.values[from..from + attached.parameters.len()];
+    let variation = variation(context, node, judged.place);
+    let trust = variation.map_or(1.0, Variation::trust);
     Finding {
         code: attached.effect.code.to_owned(),
-        confidence: (judged.confidence * (1.0 - unexplained_share * unexplained_share))
+        confidence: (judged.confidence * trust * (1.0 - unexplained_share * unexplained_share))
             .clamp(0.0, MOST_CONFIDENCE),
+        size_spread: variation.map(|v| v.spread),
         statement: (attached.effect.statement)(group),
         parameters: values_of(&attached.parameters, from, node, confidence),
         gain: Some(judged.loss),

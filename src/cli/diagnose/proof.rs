@@ -156,6 +156,7 @@ mod tests {
     fn the_zero_of_the_force_channel_is_written_and_read_back() {
         let bench = Bench::shipped().expect("built in");
         let mut model = ImprovedModel {
+            law: None,
             model: "equivalent".to_owned(),
             parameters: vec![("rate_n_per_mm".to_owned(), 70.0)],
             structure: toml::Table::new(),

@@ -168,7 +168,7 @@ pub(super) fn stroke_mm(courses: &[Course]) -> f64 {
         .iter()
         .flat_map(|c| c.displacement_mm.iter().copied())
         .collect();
-    super::super::condition::range(&all)
+    super::super::smoothing::range(&all)
 }
 
 #[cfg(test)]
