@@ -44,7 +44,7 @@ fn fit(courses: &[Course], _threads: usize) -> Option<FittedYardstick> {
 
 fn terms(course: &Course, lengths_mm: [f64; ELEMENTS]) -> Terms {
     let mut elements = Elements::new(lengths_mm);
-    let mut states = vec![Vec::with_capacity(course.force_n.len()); ELEMENTS];
+    let mut states = vec![Vec::new(); ELEMENTS];
     let mut before_mm = course.displacement_mm.first().copied().unwrap_or(0.0);
     for &x in &course.displacement_mm {
         for (column, state) in states.iter_mut().zip(elements.advance(x - before_mm)) {
