@@ -224,12 +224,14 @@ impl Draft {
         };
         let nuisance = self.sensors.nuisance;
         let beside = self.hidden.iter().filter_map(|h| catalogue::find(h.code));
-        let also = beside
+        let mut also: Vec<&str> = beside
             .flat_map(|p| p.also)
             .chain(nuisance.iter().flat_map(|n| n.also()))
             .chain(self.specimen.world.also())
             .copied()
             .collect();
+        also.sort_unstable();
+        also.dedup();
         let label = Label {
             number,
             seed,
