@@ -11,6 +11,7 @@ use super::condition::Track;
 use super::data::Data;
 use super::note::{Note, NoteAction, NoteKind};
 use super::smoothing::{median, range};
+use crate::identify::confidence::correlation_time;
 
 /// Fewest cycles that are compared, and fewest pairs of points, for an estimate.
 const LEAST_CYCLES: usize = 4;
@@ -22,6 +23,10 @@ const CORRELATED: f64 = 0.25;
 /// Noise is the same in all parts of the motion: the quietest of six has at least this share of the median. Physics that does not
 /// repeat, such as stick-slip, is local.
 const EVERYWHERE: f64 = 0.25;
+/// Share of the variance above white noise that trends must leave, for it to be noise and no trend.
+const WANDERS: f64 = 0.08;
+/// Standard errors of the variance that are added to it.
+const UPPER_LIMIT: f64 = 2.0;
 /// Decay of a run-in, in cycles.
 const DECAYS: [f64; 3] = [1.5, 5.0, 20.0];
 /// Columns of the regression: time, and four shapes for each decay, for a linear change and for a single step.
@@ -41,13 +46,18 @@ pub(super) fn raise_noise(data: &mut Data, residuals: &mut [f64]) {
         ));
         from += length;
     }
-    // The channel is the same in all recordings: one without cycles to compare has the noise of the others.
+    // The channel is the same in all recordings: one that is too short to show its noise has that of the others.
     let estimates: Vec<f64> = found.iter().flatten().copied().collect();
-    let usual_n = median(estimates);
+    let coloured = estimates.iter().filter(|n| **n > 0.0).count();
+    let usual_n = if 2 * coloured >= estimates.len() {
+        median(estimates.into_iter().filter(|n| *n > 0.0).collect())
+    } else {
+        0.0
+    };
     from = 0;
     for (k, found_n) in found.into_iter().enumerate() {
         let length = data.lengths[k];
-        let slow_n = found_n.unwrap_or(usual_n);
+        let slow_n = found_n.unwrap_or(usual_n).max(usual_n);
         let points = from..from + length;
         for (weight, residual) in data.weight[points.clone()].iter_mut().zip(&mut residuals[points]) {
             let factor = 1.0 / (1.0f64).hypot(*weight * slow_n);
@@ -75,17 +85,24 @@ pub(super) fn raise_noise(data: &mut Data, residuals: &mut [f64]) {
 /// RMS in N of the noise beyond white noise; 0 if there is none, `None` if too few cycles repeat.
 fn slow_noise_n(track: &Track, weight: &[f64], residuals: &[f64]) -> Option<f64> {
     let pairs = Pairs::new(track, weight, residuals)?;
-    let rest = pairs.without_trends(track)?;
+    let mut rest = pairs.without_trends(track)?;
+    let excess = |rest: &[f64]| median(pairs.groups(track, rest)) - 1.0;
+    if excess(&rest) > WANDERS * excess(&pairs.difference) {
+        // Trends take away little: what they fit is noise as well.
+        rest.clone_from(&pairs.difference);
+    }
     let groups = pairs.groups(track, &rest);
     let least = groups.iter().copied().fold(f64::INFINITY, f64::min);
     let variance = median(groups);
     let coloured = variance > COLOURED && least > EVERYWHERE * variance && correlation(&rest) > CORRELATED;
+    if !coloured {
+        return Some(0.0);
+    }
+    // Few independent values know the variance badly: its upper limit is used.
+    let independent = rest.len() as f64 / correlation_time(&rest, &[rest.len()]);
+    let upper = (variance - 1.0) * (1.0 + UPPER_LIMIT * (2.0 / independent).sqrt());
     let weights = pairs.points.iter().map(|&i| weight[i]).collect();
-    Some(if coloured {
-        (variance - 1.0).sqrt() / median(weights)
-    } else {
-        0.0
-    })
+    Some(upper.sqrt() / median(weights))
 }
 
 /// Points with what they are compared with in another cycle.
@@ -253,7 +270,8 @@ mod tests {
             })
             .collect();
         let slow_n = estimate(&coloured);
-        assert!((slow_n - 3.0).abs() < 0.6, "{slow_n}");
+        // The estimate and its upper limit.
+        assert!((2.6..4.2).contains(&slow_n), "{slow_n}");
         // Drift, run-in of the friction, a step of the load and a ripple leave white noise.
         let physics: Vec<f64> = (0..data.len())
             .map(|i| {

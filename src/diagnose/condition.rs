@@ -26,6 +26,9 @@ const REVERSAL_NOISES: f64 = 6.0;
 const REVERSAL_STROKE: f64 = 5e-4;
 /// Smallest noise of a force sample as a share of its range: below it, rounding of the file counts.
 const LEAST_NOISE: f64 = 1e-5;
+/// Share of the stroke after a reversal for which the friction remembers that a vibration turned the specimen.
+const SHAKEN_TRAVEL: f64 = 0.08;
+
 /// A conditioned recording: columns of equal length, one row per point.
 #[derive(Debug, Clone)]
 pub(crate) struct Track {
@@ -140,7 +143,7 @@ impl Samples<'_> {
             .noise_n
             .hypot(rate * self.noise_mm)
             .max(LEAST_NOISE * force_range_n);
-        let known = compared(&motion.steady_mm, &self.force_n, &motion.travel, &self.gaps);
+        let known = compared(&motion.steady_mm, &self.force_n, &motion.travel, &self.unseen);
         self.note_start(&known);
         let mut points = Vec::new();
         for (bin, compared) in bins(
@@ -239,9 +242,20 @@ impl Samples<'_> {
                 reach_mm: motion.travel.reach(last, &motion.turning_points),
             },
             turn_error_mm: motion.travel.turn_error_mm(last, &motion.turning_points),
-            hidden_mm: (largest(&motion.back_mm[bin]) - self.noise_mm).max(0.0),
+            hidden_mm: (largest(&motion.back_mm[bin]) - self.noise_mm).max(self.shaken_back_mm(motion, last)),
             width_s: n / self.sample_hz(),
             cycle: cycle[last],
+        }
+    }
+
+    /// Way in mm that a vibration moves the specimen to and fro near a reversal, where the motion is slower than the vibration. It is
+    /// no reversal of the test, but the friction remembers it for some travel.
+    fn shaken_back_mm(&self, motion: &SmoothMotion, i: usize) -> f64 {
+        let remembered_mm = SHAKEN_TRAVEL * range(&motion.steady_mm);
+        if motion.travel.since_mm[i].min(motion.travel.until_mm[i]) < remembered_mm {
+            2.0 * self.shaken_mm
+        } else {
+            0.0
         }
     }
 

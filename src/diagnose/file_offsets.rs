@@ -13,7 +13,7 @@ use super::context::Node;
 use super::data::Data;
 use super::fit::converge;
 use super::note::{Note, NoteAction, NoteKind};
-use super::smoothing::range;
+use super::smoothing::{median, range};
 use super::splits::Split;
 use super::structure::ModelStructure;
 use crate::identify::Residuals;
@@ -81,14 +81,15 @@ impl FileOffsets {
 }
 
 /// A fit of the baseline with offsets.
-struct OffsetFit {
+pub(super) struct OffsetFit {
     kinds: &'static [OffsetKind],
-    offsets: Vec<FileOffsets>,
+    /// One for each recording.
+    pub offsets: Vec<FileOffsets>,
     cost: f64,
 }
 
 /// Offsets of the recordings, if they explain what the baseline leaves.
-pub(super) fn find(structure: &ModelStructure<'_>, node: &Node) -> Option<Vec<FileOffsets>> {
+pub(super) fn find(structure: &ModelStructure<'_>, node: &Node) -> Option<OffsetFit> {
     let data = structure.data;
     let files = data.tracks.len();
     let counted = data.counted() as f64;
@@ -98,24 +99,19 @@ pub(super) fn find(structure: &ModelStructure<'_>, node: &Node) -> Option<Vec<Fi
     }
     let (node, _) = converge(structure, node.values.clone())?;
     let (node, cost) = (&node, node.cost());
-    let all = fitted(structure, node, SETS[SETS.len() - 1])?;
     let explains = |fit: &OffsetFit| {
         let needed = GAIN_OF_ALL + GAIN_OF_EACH * (fit.kinds.len() * files) as f64;
         fit.cost < MOST_POWER_LEFT * counted
             && cost - fit.cost > LEAST_EXPLAINED * (cost - counted)
             && 0.5 * (cost - fit.cost) > needed
     };
-    if !explains(&all) {
-        return None;
-    }
-    let price = |fit: &OffsetFit| 0.5 * fit.cost + GAIN_OF_EACH * (fit.kinds.len() * files) as f64;
-    let smaller = SETS[..SETS.len() - 1]
-        .iter()
-        .filter_map(|kinds| fitted(structure, node, kinds));
-    let mut best = smaller
-        .chain([all])
-        .filter(explains)
-        .min_by(|a, b| price(a).total_cmp(&price(b)))?;
+    // The fewest kinds that explain it; of as many, the better.
+    let mut best = (1..=SETS[SETS.len() - 1].len()).find_map(|kinds| {
+        let sets = SETS.iter().filter(|set| set.len() == kinds);
+        sets.filter_map(|set| fitted(structure, node, set, LEAST_PREDICTED))
+            .filter(explains)
+            .min_by(|a, b| a.cost.total_cmp(&b.cost))
+    })?;
     if best.kinds.contains(&Delay) && !delays_differ(structure, node, &best) {
         best.offsets.iter_mut().for_each(|offset| offset.delay_s = 0.0);
     }
@@ -123,7 +119,18 @@ pub(super) fn find(structure: &ModelStructure<'_>, node: &Node) -> Option<Vec<Fi
         .offsets
         .iter()
         .any(|offset| *offset != FileOffsets::default());
-    any.then_some(best.offsets)
+    any.then_some(best)
+}
+
+/// Offsets that are left after a correction: the shift in time is exact only in the recordings themselves.
+pub(super) fn refine(structure: &ModelStructure<'_>, node: &Node, found: &mut OffsetFit) {
+    if let Some(left) = fitted(structure, node, found.kinds, 0.0) {
+        for (offset, left) in found.offsets.iter_mut().zip(&left.offsets) {
+            offset.add(Force, left.force_n);
+            offset.add(Displacement, left.displacement_mm);
+            offset.add(Delay, left.delay_s);
+        }
+    }
 }
 
 /// False if one delay for all recordings does as well: that one is left to the candidates.
@@ -141,9 +148,14 @@ fn delays_differ(structure: &ModelStructure<'_>, node: &Node, fit: &OffsetFit) -
     same.is_none_or(|(same, _)| 0.5 * (same.cost() - fit.cost) > GAIN_OF_ALL + GAIN_OF_EACH * files)
 }
 
-/// Fits the baseline with some kinds of offsets; `None` if they hardly explain anything.
-fn fitted(structure: &ModelStructure<'_>, node: &Node, kinds: &'static [OffsetKind]) -> Option<OffsetFit> {
-    let counted = structure.data.counted() as f64;
+/// Fits the baseline with some kinds of offsets; `None` if the first step is not predicted to explain a share `least`.
+fn fitted(
+    structure: &ModelStructure<'_>,
+    node: &Node,
+    kinds: &'static [OffsetKind],
+    least: f64,
+) -> Option<OffsetFit> {
+    let counted = structure.data.count(Split::Fit) as f64;
     let mut offsets = vec![FileOffsets::default(); structure.data.tracks.len()];
     let mut values = node.values.clone();
     for round in 0..ROUNDS {
@@ -164,13 +176,14 @@ fn fitted(structure: &ModelStructure<'_>, node: &Node, kinds: &'static [OffsetKi
         let right = left.tr_mul(&residuals);
         let step = normal.cholesky()?.solve(&right);
         let predicted = right.dot(&step);
-        if round == 0 && predicted < LEAST_PREDICTED * (fit.fit - counted).max(0.0) {
+        if round == 0 && predicted < least * (fit.fit - counted) {
             return None;
         }
         for (k, by) in step.iter().enumerate() {
             let (file, kind) = (k / kinds.len(), kinds[k % kinds.len()]);
             offsets[file].add(kind, by * prior(&data.tracks[file], kind));
         }
+        centre(&mut offsets, kinds);
         values = fit.values;
         if step.amax() < CONVERGED {
             break;
@@ -184,6 +197,20 @@ fn fitted(structure: &ModelStructure<'_>, node: &Node, kinds: &'static [OffsetKi
         offsets,
         cost: fit.cost(),
     })
+}
+
+/// Most recordings have no zero of their own: what all have in common is a parameter of the baseline.
+fn centre(offsets: &mut [FileOffsets], kinds: &[OffsetKind]) {
+    let middle = |f: fn(&FileOffsets) -> f64| median(offsets.iter().map(f).collect());
+    let (force_n, displacement_mm) = (middle(|o| o.force_n), middle(|o| o.displacement_mm));
+    for offset in offsets {
+        if kinds.contains(&Force) {
+            offset.force_n -= force_n;
+        }
+        if kinds.contains(&Displacement) {
+            offset.displacement_mm -= displacement_mm;
+        }
+    }
 }
 
 /// Prior standard deviation of an offset, in its unit.
@@ -206,7 +233,8 @@ fn columns(structure: &ModelStructure<'_>, values: &[f64], kinds: &[OffsetKind])
             ModelStructure::new(structure.setup, data, structure.attached.clone()).fitted(values)
         };
         let before = fitted(&alone)?;
-        for (k, &kind) in kinds.iter().enumerate() {
+        // A zero that all recordings share is no offset: the first recording is the reference until the offsets are centred.
+        for (k, &kind) in kinds.iter().enumerate().filter(|(_, k)| file > 0 || **k == Delay) {
             let mut offset = FileOffsets::default();
             offset.add(kind, STEP * prior(track, kind));
             let after = fitted(&shifted(&alone, &[offset]))?;

@@ -187,11 +187,15 @@ fn fitted_input(
 ) -> Result<(Data, RunSettings, Node), DiagnoseError> {
     let mut first = first_fit(setup, &mut data, &run)?;
     let structure = ModelStructure::new(setup, &data, first.attached.clone());
-    if let Some(offsets) = file_offsets::find(&structure, &first) {
-        let corrected = file_offsets::corrected(recordings, &offsets);
-        (data, run) = conditioned(&corrected, options)?;
-        first = first_fit(setup, &mut data, &run)?;
-        for (recording, offset) in recordings.iter().zip(&offsets) {
+    if let Some(mut found) = file_offsets::find(&structure, &first) {
+        for _ in 0..2 {
+            let corrected = file_offsets::corrected(recordings, &found.offsets);
+            (data, run) = conditioned(&corrected, options)?;
+            first = first_fit(setup, &mut data, &run)?;
+            let structure = ModelStructure::new(setup, &data, first.attached.clone());
+            file_offsets::refine(&structure, &first, &mut found);
+        }
+        for (recording, offset) in recordings.iter().zip(&found.offsets) {
             data.add_notes(file_offsets::notes(&recording.name, offset));
         }
     }

@@ -7,7 +7,7 @@ use super::note::{Note, NoteAction, NoteKind};
 use super::polarity::turned;
 use super::smoothing::{noise, range};
 use super::spikes::spikes;
-use super::vibration::{Vibration, motion_frequency_hz, remove_vibrations};
+use super::vibration::{Vibration, amplitude_at, motion_frequency_hz, remove_vibrations};
 use crate::recording::{Flags, Recording};
 
 /// A recording with fewer usable samples is refused.
@@ -19,6 +19,8 @@ const LARGEST: f64 = 1e9;
 const SHORTEST_S: f64 = 1e-3;
 /// A channel whose range is at most this share of its largest value does not change: rounding of the file.
 const FLAT: f64 = 1e-8;
+/// A vibration moves the specimen if the force answers with this share of what its rate would give.
+const ANSWERED: f64 = 0.3;
 /// A line of wandering phase counts as noise with this share of its amplitude: the RMS of a sine.
 const SINE_RMS: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
@@ -70,6 +72,10 @@ pub(super) struct Samples<'a> {
     pub force_n: Vec<f64>,
     /// The last sample before each gap.
     pub gaps: Vec<usize>,
+    /// The last sample before each motion that nobody recorded ends: gaps, and times when the displacement channel clipped.
+    pub unseen: Vec<usize>,
+    /// Vibration of the specimen: amplitude in mm.
+    pub shaken_mm: f64,
     /// True where a channel stands at an end of its range.
     pub clipped: Vec<bool>,
     /// White noise of one displacement sample in mm.
@@ -94,6 +100,8 @@ impl<'a> Samples<'a> {
             displacement_mm: Vec::new(),
             force_n: Vec::new(),
             gaps: Vec::new(),
+            unseen: Vec::new(),
+            shaken_mm: 0.0,
             clipped: Vec::new(),
             noise_mm: 0.0,
             wander_mm: 0.0,
@@ -213,6 +221,7 @@ impl<'a> Samples<'a> {
 
     fn find_gaps(&mut self) {
         self.gaps = gaps(&self.time_s, &self.displacement_mm, range(&self.displacement_mm));
+        self.unseen.clone_from(&self.gaps);
         for i in self.gaps.clone() {
             let (from_s, to_s) = (self.time_s[i], self.time_s[i + 1]);
             let text = format!(
@@ -240,6 +249,8 @@ impl<'a> Samples<'a> {
                 NoteAction::Masked,
                 text,
             );
+            let ends = |i: &usize| found.mask[*i] && !found.mask.get(i + 1).is_some_and(|m| *m);
+            self.unseen.extend((0..found.mask.len()).filter(ends));
             self.clipped = found.mask;
         }
         let Some(found) = clipped_force(&self.force_n, &self.displacement_mm) else {
@@ -274,10 +285,19 @@ impl<'a> Samples<'a> {
             }
             self.note_hum("displacement", "mm", line);
         }
+        let raw_n = self.force_n.clone();
         let of_force = remove_vibrations(&self.time_s, &mut self.force_n, motion_hz);
         for line in of_force.iter().filter(|line| line.is_steady()) {
             self.note_hum("force", "N", line);
         }
+        // A vibration that the force answers has moved the specimen.
+        let rate = range(&self.force_n) / range(&self.displacement_mm);
+        let moves = |line: &&Vibration| {
+            let answer_n = amplitude_at(&self.time_s, &raw_n, motion_hz, line.frequency_hz);
+            answer_n > ANSWERED * rate * line.amplitude
+        };
+        let shaking = of_displacement.iter().filter(moves);
+        self.shaken_mm = shaking.map(|line| line.amplitude).sum();
     }
 
     fn note_hum(&mut self, channel: &str, unit: &'static str, line: &Vibration) {

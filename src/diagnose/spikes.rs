@@ -30,9 +30,13 @@ pub(super) fn spikes(time_s: &[f64], values: &[f64], noise: f64) -> Spikes {
     let mut found = Spikes::default();
     let mut i = 0;
     while i < values.len() {
-        let run = (1..=LONGEST).map(|length| i..(i + length).min(values.len()));
-        let spike = run
-            .filter_map(|run| Some((height(time_s, values, &run)?, run)))
+        let mut earlier = (0..i).rev().filter(|j| found.samples.binary_search(j).is_err());
+        let before = [earlier.next(), earlier.next()];
+        let longest_first = (1..=LONGEST)
+            .rev()
+            .map(|length| i..(i + length).min(values.len()));
+        let spike = longest_first
+            .filter_map(|run| Some((height(time_s, values, before, &run)?, run)))
             .find(|(height, run)| *height > LEAST_NOISES * noise + LEAST_STEPS * step_around(values, run));
         match spike {
             Some((height, run)) => {
@@ -49,20 +53,28 @@ pub(super) fn spikes(time_s: &[f64], values: &[f64], noise: f64) -> Spikes {
     found
 }
 
-/// Distance of the nearest sample of a run from the straight line between its neighbours, if all lie on one side of it. At an end
-/// of the column the line goes through the next two samples.
-fn height(time_s: &[f64], values: &[f64], run: &Range<usize>) -> Option<f64> {
-    let n = values.len();
-    let (a, b) = match (run.start.checked_sub(1), run.end) {
-        (Some(before), after) if after < n => (before, after),
-        (None, after) if after + 1 < n => (after, after + 1),
-        (Some(before), _) => (before.checked_sub(1)?, before),
-        _ => return None,
+/// Least distance of a run's samples from two straight lines, if all lie on one side of both: between the samples around the run, and
+/// through the two samples before it, because the next sample may be a spike itself. At the start the lines go through what follows.
+fn height(time_s: &[f64], values: &[f64], before: [Option<usize>; 2], run: &Range<usize>) -> Option<f64> {
+    let after = Some(run.end).filter(|i| *i < values.len());
+    let next = Some(run.end + 1).filter(|i| *i < values.len());
+    let both = |a: Option<usize>, b: Option<usize>| Some((a?, b?));
+    let [last, earlier] = before;
+    let lines = [
+        both(last, after),
+        both(earlier, last).or(both(last, next)).or(both(after, next)),
+    ];
+    let off = |(a, b): (usize, usize), i: usize| {
+        let rate = (values[b] - values[a]) / (time_s[b] - time_s[a]);
+        values[i] - values[a] - rate * (time_s[i] - time_s[a])
     };
-    let rate = (values[b] - values[a]) / (time_s[b] - time_s[a]);
-    let off = |i: usize| values[i] - values[a] - rate * (time_s[i] - time_s[a]);
-    let sign = off(run.start).signum();
-    let least = run.clone().map(|i| sign * off(i)).fold(f64::INFINITY, f64::min);
+    let all = lines
+        .into_iter()
+        .flatten()
+        .flat_map(|line| run.clone().map(move |i| (line, i)));
+    let offs: Vec<f64> = all.map(|(line, i)| off(line, i)).collect();
+    let sign = offs.first()?.signum();
+    let least = offs.iter().map(|off| sign * off).fold(f64::INFINITY, f64::min);
     (least > 0.0).then_some(least)
 }
 

@@ -102,11 +102,11 @@ pub(super) fn starts_from_rest(x: &[f64], force_n: &[f64]) -> bool {
 }
 
 /// For each sample, whether the hysteresis no longer depends on a state that nobody recorded: that before the recording, and that
-/// in each gap (`gaps` are the last samples before one).
+/// after motion that nobody recorded (`unseen` are the last samples before it is over).
 ///
 /// From rest at the unloaded end it is known after a tenth of the stroke, because all shorter friction elements slide. From any
 /// other state it is known after the first half cycle, unless there is only one.
-pub(super) fn compared(x: &[f64], force_n: &[f64], travel: &Travel, gaps: &[usize]) -> Vec<bool> {
+pub(super) fn compared(x: &[f64], force_n: &[f64], travel: &Travel, unseen: &[usize]) -> Vec<bool> {
     let stroke_mm = range(x);
     let turns = &travel.turns;
     let from_rest = starts_from_rest(x, force_n);
@@ -123,7 +123,7 @@ pub(super) fn compared(x: &[f64], force_n: &[f64], travel: &Travel, gaps: &[usiz
     }
     let mut known = vec![true; x.len()];
     known[..first].fill(false);
-    for &last in gaps {
+    for &last in unseen {
         let again = remembered_from(x, travel, last + 1, stroke_mm).unwrap_or(x.len());
         known[last + 1..again].fill(false);
     }

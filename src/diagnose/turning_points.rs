@@ -154,9 +154,10 @@ fn turning_point(time_s: &[f64], locals: &[Local], x: &[f64], index: usize, nois
     let (after_s, mm) = if is_corner { corner } else { vertex };
     let sign = a.mm_s.signum();
     let beyond = (sign * (mm - x[i])).min(sign * (mm - x[i + 1]));
-    if beyond > 0.5 * noise_mm && after_s > 0.0 && after_s < dt_s {
+    let at_s = time_s[i] + after_s;
+    if beyond > 0.5 * noise_mm && at_s > time_s[i] && at_s < time_s[i + 1] {
         turn.mm = mm;
-        turn.between = Some((i, time_s[i] + after_s));
+        turn.between = Some((i, at_s));
     }
     let resolved = (a.window > 0 && b.window > 0) || is_round(time_s, x, i);
     if !resolved {

@@ -18,7 +18,7 @@ const LOWEST_HZ: f64 = 8.0;
 /// Periods of a vibration that a window holds, at least: fewer are like the motion itself.
 const LEAST_PERIODS: f64 = 5.0;
 /// Highest frequency as a share of the sampling rate. Above it, the channel's white noise holds the vibration already.
-const HIGHEST: f64 = 0.4;
+const HIGHEST: f64 = 0.3;
 /// Samples of a window, and the longest window in periods of the motion.
 const SAMPLES: Range<usize> = 40..256;
 const OF_MOTION: f64 = 0.4;
@@ -33,6 +33,8 @@ const OWN: usize = 3;
 const BESIDE: usize = 14;
 /// A line is steady if its amplitude and phase in most windows differ from their median by less than this share.
 const STEADY: f64 = 0.35;
+/// Rounds of the mean over the windows that agree.
+const TRIMMED_ROUNDS: usize = 4;
 /// Smallest amplitude of a line as a share of the channel's range: below it, rounding of the file counts.
 const LEAST_AMPLITUDE: f64 = 1e-5;
 /// Largest number of lines of a channel.
@@ -104,29 +106,15 @@ fn vibration(time_s: &[f64], values: &[f64], motion_hz: f64) -> Option<Vibration
         .map(|window| sine_in(time_s, values, window.clone(), frequency_hz))
         .collect();
     let refined_hz = windows.refined(time_s, &fits, frequency_hz);
-    // The phase that belongs to the refined frequency.
-    let turned: Vec<Complex<f64>> = (0..fits.len())
-        .filter_map(|k| {
-            let turn = TAU * (frequency_hz - refined_hz) * windows.middle_s(time_s, k);
-            Some(fits[k]? * Complex::new(turn.cos(), turn.sin()))
-        })
-        .collect();
-    let middle = Complex::new(
-        median(turned.iter().map(|a| a.re).collect()),
-        median(turned.iter().map(|a| a.im).collect()),
-    );
-    let off = median(turned.iter().map(|a| (a - middle).norm()).collect());
-    let steady = off < STEADY * middle.norm();
-    let amplitude = if steady {
-        middle.norm()
-    } else {
-        median(turned.iter().map(|a| a.norm()).collect())
-    };
-    (amplitude > LEAST_AMPLITUDE * range(values)).then_some(Vibration {
-        frequency_hz: refined_hz,
-        amplitude,
-        // The real part of a exp(i w t) is the line.
-        parts: steady.then_some([middle.re, -middle.im]),
+    let line = windows.line_at(time_s, values, refined_hz);
+    (line.amplitude > LEAST_AMPLITUDE * range(values)).then_some(line)
+}
+
+/// Amplitude on another channel at the frequency of a line; 0 if it is not seen there.
+pub(super) fn amplitude_at(time_s: &[f64], values: &[f64], motion_hz: f64, frequency_hz: f64) -> f64 {
+    Windows::new(time_s, motion_hz).map_or(0.0, |windows| {
+        let line = windows.line_at(time_s, values, frequency_hz);
+        if line.is_steady() { line.amplitude } else { 0.0 }
     })
 }
 
@@ -204,6 +192,36 @@ impl Windows {
             .filter(|(prominence, _)| *prominence > PROMINENT)
             .max_by(|a, b| spectrum[a.1].total_cmp(&spectrum[b.1]))
             .map(|(_, k)| (first + k) as f64 * step_hz)
+    }
+
+    /// The line at a frequency, with the amplitude and phase on which most windows agree.
+    fn line_at(&self, time_s: &[f64], values: &[f64], frequency_hz: f64) -> Vibration {
+        let fits = self.all.iter();
+        let fits: Vec<Complex<f64>> = fits
+            .filter_map(|window| sine_in(time_s, values, window.clone(), frequency_hz))
+            .collect();
+        let mut middle = Complex::new(
+            median(fits.iter().map(|a| a.re).collect()),
+            median(fits.iter().map(|a| a.im).collect()),
+        );
+        let distance = |middle: Complex<f64>| median(fits.iter().map(|a| (a - middle).norm()).collect());
+        let steady = distance(middle) < STEADY * middle.norm();
+        for _ in 0..TRIMMED_ROUNDS {
+            // The nearer half: a corner or a friction jump moves the amplitude of its window.
+            let limit = distance(middle);
+            let near: Vec<&Complex<f64>> = fits.iter().filter(|a| (*a - middle).norm() <= limit).collect();
+            middle = near.iter().copied().sum::<Complex<f64>>() / near.len().max(1) as f64;
+        }
+        Vibration {
+            frequency_hz,
+            amplitude: if steady {
+                middle.norm()
+            } else {
+                median(fits.iter().map(|a| a.norm()).collect())
+            },
+            // The real part of a exp(i w t) is the line.
+            parts: steady.then_some([middle.re, -middle.im]),
+        }
     }
 
     /// The frequency at which the phases in the windows agree. Longer and longer distances of two windows give it more and more

@@ -423,16 +423,26 @@ mod tests {
         assert!((176..=200).contains(&covered), "{covered} of 200");
     }
 
-    /// A slow wave is one long deviation: 40 samples of it are worth two or three, as many as a straight line has parameters.
+    /// One slow wave is worth three or four independent values, however often it is sampled.
     #[test]
     fn no_interval_without_a_degree_of_freedom() {
-        let y: Vec<f64> = (0..40)
-            .map(|i| 3.0 + 0.025 * f64::from(i) + (std::f64::consts::TAU * f64::from(i) / 40.0).cos())
-            .collect();
-        let fit = fitted(&StraightLine::new(y));
-        assert_eq!(fit.ci95, [None, None]);
+        for count in [40, 4000] {
+            let wave: Vec<f64> = (0..count)
+                .map(|i| (std::f64::consts::TAU * f64::from(i) / f64::from(count)).cos())
+                .collect();
+            let noise = |fitted: usize| ResidualNoise::new(&wave, &[wave.len()], fitted);
+            assert!(
+                (2.5..4.5).contains(&noise(2).independent),
+                "{}",
+                noise(2).independent
+            );
+            assert!(noise(1).quantile.is_some());
+            assert_eq!(noise(4).quantile, None);
+        }
+        let fit = fitted(&StraightLine::new(vec![1.0, 2.0]));
         let no_freedom = |w: &Warning| matches!(w, Warning::NoFreedom { names, .. } if names.len() == 2);
         assert!(fit.warnings.iter().any(no_freedom), "{:?}", fit.warnings);
+        assert_eq!(fit.ci95, [None, None]);
     }
 
     #[test]
