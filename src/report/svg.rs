@@ -379,7 +379,13 @@ mod tests {
             plot.render()
         };
         let (plain, shaded) = (plot(&[]), plot(&[(-1.0, 1.0)]));
-        assert_eq!(shaded.matches("<rect").count(), plain.matches("<rect").count() + 1);
-        assert!(!plain.contains("0.0\n</text>") && shaded.contains("0.0\n</text>"), "{shaded}");
+        assert_eq!(
+            shaded.matches("<rect").count(),
+            plain.matches("<rect").count() + 1
+        );
+        assert!(
+            !plain.contains("0.0\n</text>") && shaded.contains("0.0\n</text>"),
+            "{shaded}"
+        );
     }
 }
