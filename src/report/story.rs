@@ -26,6 +26,8 @@ pub(crate) struct StoryStep {
     /// Pictures that stand side by side.
     pub pictures: Vec<StoryPicture>,
     pub table: Option<StoryTable>,
+    /// What follows from the step, in strong print; empty for nothing.
+    pub conclusion: String,
     /// Paths, from the page's folder, of the files that the step links to.
     pub files: Vec<String>,
 }
@@ -72,6 +74,7 @@ impl StoryStep {
                 }
             }
             @if let Some(table) = &self.table { (table.render()) }
+            @if !self.conclusion.is_empty() { p { strong { (self.conclusion) } } }
             @if !self.files.is_empty() {
                 p {
                     @for file in &self.files { a href=(file) { (file) } " " }
@@ -162,7 +165,7 @@ pub(crate) fn located_picture(d: &Diagnosis) -> Option<StoryPicture> {
         legend: vec![
             ("measured minus refitted model, loading", Ink::Loading),
             ("unloading", Ink::Unloading),
-            ("with what is named", Ink::Improved),
+            ("loading and unloading, with what is named", Ink::Improved),
         ],
         remark: remark.to_owned(),
     })
@@ -184,6 +187,7 @@ mod tests {
                 head: vec!["what", "before"],
                 rows: vec![vec!["peak".to_owned(), "1 %".to_owned()]],
             }),
+            conclusion: "so > that".to_owned(),
             files: vec!["a/b.csv".to_owned()],
         };
         let part = StoryPart {
@@ -197,6 +201,7 @@ mod tests {
             "2. &lt;two&gt;",
             "x &amp; y",
             "grey: noise",
+            "<strong>so &gt; that</strong>",
             "href=\"a/b.csv\"",
             "<td class=\"n\">1 %</td>",
         ] {

@@ -38,6 +38,9 @@ pub(super) struct Concealed {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(super) struct ConcealedParameter {
     pub name: &'static str,
+    /// What it is, in words.
+    #[serde(skip)]
+    pub what: &'static str,
     pub unit: &'static str,
     pub value: f64,
 }
@@ -57,6 +60,7 @@ impl Concealed {
         let parameters = effect.parameters.iter().filter_map(|p| {
             Some(ConcealedParameter {
                 name: p.name,
+                what: p.what,
                 unit: p.unit,
                 value: drawn(p)?,
             })
@@ -120,17 +124,15 @@ impl NameCheck {
                 format!("The answer is right: {concealed} was concealed, and it alone is named.")
             }
             NameCheck::RightAndMore => {
-                format!("The answer is right in part: {concealed} was concealed, but {others} are named.")
+                format!("The answer is right in part: {concealed} was concealed; named: {others}.")
             }
             NameCheck::LookAlike => format!(
-                "The answer is wrong: {others} is named. {concealed}, which was concealed, is among its look-alikes only."
+                "The answer is wrong: {concealed} was concealed and is among the look-alikes only; named: {others}."
             ),
             NameCheck::NothingNamed => {
                 format!("The answer is missing: {concealed} was concealed, and nothing is named.")
             }
-            NameCheck::Wrong => {
-                format!("The answer is wrong: {concealed} was concealed, and {others} is named.")
-            }
+            NameCheck::Wrong => format!("The answer is wrong: {concealed} was concealed; named: {others}."),
         }
     }
 }

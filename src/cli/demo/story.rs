@@ -7,7 +7,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::concealed::{Concealed, NameCheck, SEED, spaced};
+use super::concealed::{Concealed, ConcealedParameter, NameCheck, SEED, spaced};
 use super::played::Played;
 use crate::cli::diagnose::{self, Ended};
 use crate::cli::{CliError, Output};
@@ -84,7 +84,11 @@ impl Story {
         let mut lines = vec![self.part.title.clone()];
         for (index, step) in self.part.steps.iter().enumerate() {
             lines.push(format!("{}. {}", index + 1, step.title));
-            lines.extend(step.text.iter().map(|text| format!("   {text}")));
+            let said = step.text.iter().chain([&step.conclusion]);
+            lines.extend(
+                said.filter(|text| !text.is_empty())
+                    .map(|text| format!("   {text}")),
+            );
         }
         lines
     }
@@ -130,7 +134,7 @@ pub(super) fn tell(bench: &Bench, configs: &Path, folder: &Path, output: &Output
         tests: ended.earlier.len(),
         fresh: fresh.errors,
         part: StoryPart {
-            title: "A concealed effect is found".to_owned(),
+            title: "A concealed effect and its diagnosis".to_owned(),
             lead: "From here on the mock rig's spring has an effect that its model lacks.".to_owned(),
             steps,
         },
@@ -174,18 +178,13 @@ fn twin_error(run: &Played) -> TwinError {
 }
 
 fn concealed_step(concealed: &Concealed) -> StoryStep {
-    let drawn = concealed
-        .parameters
-        .iter()
-        .map(|p| format!("{} {:.3} {}", p.name, p.value, p.unit));
     StoryStep {
         title: format!("Concealed: {}", spaced(concealed.code)),
         text: vec![
             concealed.statement.clone(),
             format!(
-                "The specimen of the mock rig has it from here on: {} (drawn with seed {SEED}). Neither the twin nor the diagnosis is \
-                 told.",
-                drawn.collect::<Vec<_>>().join(", ")
+                "The spring on the mock rig has it from here on. Its size was drawn with seed {SEED}; neither the twin nor the diagnosis \
+                 is told."
             ),
         ],
         ..StoryStep::default()
@@ -274,11 +273,11 @@ fn diagnosed_step(concealed: &Concealed, check: NameCheck, ended: &Ended) -> Sto
             )
         }
     });
-    text.push(check.words(concealed.code, &named));
     StoryStep {
         title: "Diagnosed".to_owned(),
         text,
         table: Some(sizes(concealed, ended)),
+        conclusion: check.words(concealed.code, &named),
         files: [diagnose::REPORT, diagnose::IMPROVED]
             .iter()
             .map(|name| format!("{DIAGNOSIS_FOLDER}/{name}"))
@@ -289,16 +288,15 @@ fn diagnosed_step(concealed: &Concealed, check: NameCheck, ended: &Ended) -> Sto
 
 /// Concealed and found size of each parameter.
 fn sizes(concealed: &Concealed, ended: &Ended) -> StoryTable {
-    let row = |p: &super::concealed::ConcealedParameter| {
+    let none = || "\u{2013}".to_owned();
+    let row = |p: &ConcealedParameter| {
         let found = concealed.found(p.name, &ended.diagnosis);
-        let none = || "\u{2013}".to_owned();
+        let interval = found.and_then(|v| v.ci95);
         vec![
-            format!("{} in {}", spaced(p.name), p.unit),
-            format!("{:.3}", p.value),
-            found.map_or_else(none, |v| format!("{:.3}", v.value)),
-            found
-                .and_then(|v| v.ci95)
-                .map_or_else(none, |[low, high]| format!("{low:.3} to {high:.3}")),
+            p.what.to_owned(),
+            format!("{:.3} {}", p.value, p.unit),
+            found.map_or_else(none, |v| format!("{:.3} {}", v.value, p.unit)),
+            interval.map_or_else(none, |[low, high]| format!("{low:.3} to {high:.3}")),
         ]
     };
     StoryTable {
@@ -368,8 +366,8 @@ impl FollowErrors {
 fn fresh_step(fresh: &Fresh) -> StoryStep {
     let errors = &fresh.errors;
     let (before, noise) = (percent(errors.before.nrmse), percent(Some(errors.noise_nrmse)));
-    let text = match &errors.after {
-        Some(after) => vec![
+    let (text, conclusion) = match &errors.after {
+        Some(after) => (
             format!(
                 "{DIAGNOSIS_FOLDER}/{} was loaded into the twin, and the mock rig ran {}: a motion that nothing was fitted to.",
                 diagnose::IMPROVED,
@@ -379,17 +377,23 @@ fn fresh_step(fresh: &Fresh) -> StoryStep {
                 "Error of the twin, as a share of the force range: {before} before, {} after; the noise of the sensors alone is {noise}.",
                 percent(after.nrmse)
             ),
-        ],
-        None => vec![format!(
-            "The diagnosis wrote no improved model, so the twin stays as it was: error {before} on {}, noise {noise}.",
-            errors.profile
-        )],
+        ),
+        None => (
+            format!(
+                "The mock rig ran {}: a motion that nothing was fitted to.",
+                errors.profile
+            ),
+            format!(
+                "The diagnosis wrote no improved model, so the twin stays as it was: error {before}, noise {noise}."
+            ),
+        ),
     };
     StoryStep {
         title: "Before and after, on a new recording".to_owned(),
-        text,
+        text: vec![text],
         pictures: fresh_pictures(fresh),
         table: Some(errors_table(errors)),
+        conclusion,
         files: Vec::new(),
     }
 }
