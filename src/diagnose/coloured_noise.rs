@@ -58,10 +58,11 @@ pub(super) fn raise_noise(data: &mut Data, residuals: &mut [f64]) {
     for (k, found_n) in found.into_iter().enumerate() {
         let length = data.lengths[k];
         let slow_n = found_n.unwrap_or(usual_n).max(usual_n);
-        for i in from..from + length {
-            let factor = 1.0 / (1.0f64).hypot(data.weight[i] * slow_n);
-            data.weight[i] *= factor;
-            residuals[i] *= factor;
+        let points = from..from + length;
+        for (weight, residual) in data.weight[points.clone()].iter_mut().zip(&mut residuals[points]) {
+            let factor = 1.0 / (1.0f64).hypot(*weight * slow_n);
+            *weight *= factor;
+            *residual *= factor;
         }
         from += length;
         if slow_n > 0.0 {
