@@ -418,7 +418,8 @@ fn instruments_on_other_seeds() {
     let seeds: u64 = std::env::var("SEEDS").map_or(3, |n| n.parse().expect("a number"));
     let mut right = 0;
     for seed in 1000..1000 + seeds {
-        for instrument in &INSTRUMENTS {
+        let only = std::env::var("INSTRUMENT").unwrap_or_default();
+        for instrument in INSTRUMENTS.iter().filter(|i| i.name.contains(&only)) {
             match instrument.mistake(seed) {
                 Some(mistake) => eprintln!("seed {seed}, {}: {mistake}", instrument.name),
                 None => right += 1,

@@ -27,7 +27,7 @@ const REVERSAL_STROKE: f64 = 5e-4;
 /// Smallest noise of a force sample as a share of its range: below it, rounding of the file counts.
 const LEAST_NOISE: f64 = 1e-5;
 /// Share of the stroke after a reversal for which the friction remembers that a vibration turned the specimen.
-const SHAKEN_TRAVEL: f64 = 0.08;
+const SHAKEN_TRAVEL: f64 = 0.15;
 
 /// A conditioned recording: columns of equal length, one row per point.
 #[derive(Debug, Clone)]

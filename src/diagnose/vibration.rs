@@ -110,11 +110,10 @@ fn vibration(time_s: &[f64], values: &[f64], motion_hz: f64) -> Option<Vibration
     (line.amplitude > LEAST_AMPLITUDE * range(values)).then_some(line)
 }
 
-/// Amplitude on another channel at the frequency of a line; 0 if it is not seen there.
+/// Amplitude on another channel at the frequency of a line; 0 if the recording is too short.
 pub(super) fn amplitude_at(time_s: &[f64], values: &[f64], motion_hz: f64, frequency_hz: f64) -> f64 {
     Windows::new(time_s, motion_hz).map_or(0.0, |windows| {
-        let line = windows.line_at(time_s, values, frequency_hz);
-        if line.is_steady() { line.amplitude } else { 0.0 }
+        windows.line_at(time_s, values, frequency_hz).amplitude
     })
 }
 
