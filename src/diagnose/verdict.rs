@@ -56,14 +56,8 @@ pub(super) fn conclude(
     refitted: &Node,
     nominal: Option<Vec<f64>>,
 ) -> Diagnosis {
-    let chosen = search.chosen;
-    let judged: Vec<JudgedEffect> = (context.setup.extras.len()..search.nodes[chosen].attached.len())
-        .filter(|&k| !search.nodes[chosen].attached[k].own)
-        .collect::<Vec<_>>()
-        .into_iter()
-        .map(|k| judge(context, &mut search, k))
-        .collect();
-    let (before, after) = (&search.nodes[0], &search.nodes[chosen]);
+    let judged = judge_all(context, &mut search);
+    let (before, after) = (&search.nodes[0], &search.nodes[search.chosen]);
     let left = lack_of_fit(context.data, &after.residuals);
     let unexplained_share = unexplained_share(before, after, left);
     let unexplained = is_unexplained(context, &search, left, unexplained_share);
@@ -72,19 +66,12 @@ pub(super) fn conclude(
         (false, false) => Verdict::MissingPhysics,
         (false, true) => Verdict::Adequate,
     };
+    let named = if unexplained { before } else { after };
     let discovered = unexplained.then(|| law::discover(context, before)).flatten();
     // What is refused is neither written nor quoted: without a law, the improved model is then the baseline with its general friction
     // law.
-    let improved = match &discovered {
-        Some(found) => &found.node,
-        None if unexplained => before,
-        None => after,
-    };
-    let confidence = intervals(
-        context,
-        if unexplained { before } else { after },
-        search.likelihood,
-    );
+    let improved = discovered.as_ref().map_or(named, |found| &found.node);
+    let confidence = intervals(context, named, search.likelihood);
     let effects: Vec<Finding> = judged
         .iter()
         .filter(|_| !unexplained)
@@ -124,6 +111,15 @@ pub(super) fn conclude(
         effects,
         fit,
     }
+}
+
+/// Compares every effect of the chosen set with what could take its place.
+fn judge_all(context: &FitContext<'_>, search: &mut SearchResult) -> Vec<JudgedEffect> {
+    let attached = &search.nodes[search.chosen].attached;
+    let missing: Vec<usize> = (context.setup.extras.len()..attached.len())
+        .filter(|&k| !attached[k].own)
+        .collect();
+    missing.into_iter().map(|k| judge(context, search, k)).collect()
 }
 
 /// Share of the baseline's residuals above the noise that the chosen set leaves.

@@ -443,7 +443,7 @@ mod tests {
         let pair = |swap: bool| {
             let mut effects = vec![
                 (find("sensor_saturation").expect("listed"), vec![400.0]),
-                (find("coulomb_friction").expect("listed"), vec![50.0, 0.05]),
+                (find("coulomb_friction").expect("listed"), vec![50.0, 0.05, 1.0]),
             ];
             if swap {
                 effects.reverse();

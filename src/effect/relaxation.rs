@@ -153,7 +153,16 @@ mod tests {
     }
 
     #[test]
+    fn arms_that_had_relaxed_before_the_recording_carry_nothing() {
+        let first_n =
+            |relaxed_share| (EFFECT.attach)(&[4.0, 10.0, 1.0, relaxed_share], spring()).step(5.0, 0.0);
+        assert!((first_n(1.0) - 500.0).abs() < 1e-9);
+        assert!((first_n(0.5) - 510.0).abs() < 1e-9);
+    }
+
+    #[test]
     fn parameters_are_recovered_from_clean_data() {
-        parameters_are_recovered(&EFFECT, &[4.0, 8.0, 0.3, 0.2]);
+        // The motion starts at 0 mm, where it makes no difference how far the arms had relaxed: that share stays at its start.
+        parameters_are_recovered(&EFFECT, &[4.0, 8.0, 0.3, 0.5]);
     }
 }
