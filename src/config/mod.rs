@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use crate::effect::law::Law;
+use crate::effect::law::ForceLaw;
 use crate::effect::{self, Effect, EffectError};
 use crate::model::{self, BuildError, Plant};
 use crate::profile::ProfileLimits;
@@ -241,7 +241,7 @@ pub(crate) struct ModelConfig {
     pub effects: Vec<EffectConfig>,
     /// A law that was read off recordings, around the model and below its effects.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub law: Option<Law>,
+    pub law: Option<ForceLaw>,
 }
 
 /// True for a value that is not written, because it changes nothing.

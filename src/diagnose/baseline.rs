@@ -4,7 +4,7 @@
 //! switch off friction that is not known (`Model::limit_friction`).
 
 use super::surrogate::Surrogate;
-use crate::effect::law::Law;
+use crate::effect::law::ForceLaw;
 use crate::effect::{self, EFFECTS, Effect, EffectError, FORMS, Stage};
 use crate::model::{BuildError, Model, Parameter, Plant};
 
@@ -78,7 +78,7 @@ pub(super) struct Setup {
     /// Replaces a slow model along the recordings.
     pub surrogate: Option<Surrogate>,
     /// A law that was read off the recordings, around the model.
-    pub law: Option<Law>,
+    pub law: Option<ForceLaw>,
 }
 
 impl Setup {

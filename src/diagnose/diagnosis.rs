@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::course::Course;
 pub(crate) use super::note::Note;
-use crate::effect::law::Law;
+use crate::effect::law::ForceLaw;
 pub(crate) use crate::effect::{Axis, Branch};
 
 /// Share by which two errors differ before one of them is called worse: the written model repeats the error of the fit to 2 %.
@@ -216,7 +216,7 @@ pub struct ImprovedModel {
     /// Effects in the order in which they are attached, specimen first.
     pub effects: Vec<AttachedEffect>,
     /// A law that was read off the recordings, around the model.
-    pub law: Option<Law>,
+    pub law: Option<ForceLaw>,
     /// Fitted zero of the force channel, N.
     pub force_zero_n: f64,
 }
@@ -273,7 +273,7 @@ pub struct Exponent {
 pub struct DiscoveredLaw {
     /// Axis, branches and table.
     #[serde(flatten)]
-    pub law: Law,
+    pub law: ForceLaw,
     /// Standard deviation of each value of the table.
     pub band: Vec<f64>,
     /// The shortest equation within the band.

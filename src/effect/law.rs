@@ -18,7 +18,7 @@ const TURN_MM: f64 = 0.02;
 /// A force over one axis. Places rise, both lists are of the same length.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Law {
+pub struct ForceLaw {
     /// Axis that the force depends on.
     pub axis: Axis,
     /// True if the force opposes the motion, false if it is the same on both branches.
@@ -49,7 +49,7 @@ pub(crate) enum LawError {
     Axis(Axis),
 }
 
-impl Law {
+impl ForceLaw {
     /// Checks that the table can be stepped.
     pub(crate) fn check(&self) -> Result<(), LawError> {
         if self.at.len() != self.force.len() || self.at.len() < 2 {
@@ -107,7 +107,7 @@ impl Law {
 
 #[derive(Clone)]
 struct Lawful {
-    law: Law,
+    law: ForceLaw,
     rates: Rates,
     drag: Drag,
     reversals: Reversals,
@@ -155,8 +155,8 @@ mod tests {
     use super::super::testing::*;
     use super::*;
 
-    fn law(axis: Axis, opposes_motion: bool, per_load: bool) -> Law {
-        Law {
+    fn law(axis: Axis, opposes_motion: bool, per_load: bool) -> ForceLaw {
+        ForceLaw {
             axis,
             opposes_motion,
             per_load,
@@ -199,7 +199,7 @@ mod tests {
 
     #[test]
     fn a_law_that_cannot_be_stepped_is_refused() {
-        let refused = |law: Law| law.check().expect_err("refused").to_string();
+        let refused = |law: ForceLaw| law.check().expect_err("refused").to_string();
         let sound = law(Axis::TimeS, false, false);
         assert_eq!(sound.check(), Ok(()));
         let mut short = sound.clone();

@@ -11,7 +11,7 @@ use super::super::score::Tangent;
 use super::super::splits::Split;
 use super::super::structure::ModelStructure;
 use crate::effect::Axis;
-use crate::effect::law::Law;
+use crate::effect::law::ForceLaw;
 
 /// Number of places of a table: a ripple of eight periods still has three for each.
 const PLACES: usize = 25;
@@ -29,15 +29,15 @@ const AXES: [Axis; 5] = [
 ];
 
 /// A law as it was read, with the standard deviation of each value.
-pub(super) struct Curve {
-    pub law: Law,
+pub(super) struct LawCurve {
+    pub law: ForceLaw,
     pub band: Vec<f64>,
     /// Fall of the sum of squares on selecting cycles.
     gain: f64,
 }
 
 /// Axis, branch and scale of a law, with its places.
-struct Frame {
+struct LawFrame {
     axis: Axis,
     opposes_motion: bool,
     per_load: bool,
@@ -55,17 +55,17 @@ struct Linearised<'a> {
     scale: LikelihoodScale,
 }
 
-impl Curve {
+impl LawCurve {
     /// The law over one axis that explains most of what a set leaves on selecting cycles.
-    pub(super) fn best(context: &FitContext<'_>, node: &Node) -> Option<Curve> {
+    pub(super) fn best(context: &FitContext<'_>, node: &Node) -> Option<LawCurve> {
         let linearised = Linearised::new(context, context.setup, node)?;
         let frames = AXES.iter().flat_map(|&axis| {
             [(false, false), (true, false), (false, true), (true, true)]
                 .map(|(opposes_motion, per_load)| (axis, opposes_motion, per_load))
         });
-        let frames: Vec<Frame> = frames
+        let frames: Vec<LawFrame> = frames
             .filter_map(|(axis, opposes_motion, per_load)| {
-                Some(Frame {
+                Some(LawFrame {
                     axis,
                     opposes_motion,
                     per_load,
@@ -82,8 +82,8 @@ impl Curve {
     }
 
     /// The same law with its values corrected by what it leaves at a set that was refitted with it.
-    pub(super) fn refitted(&self, context: &FitContext<'_>, setup: &Setup, node: &Node) -> Option<Curve> {
-        let frame = Frame {
+    pub(super) fn refitted(&self, context: &FitContext<'_>, setup: &Setup, node: &Node) -> Option<LawCurve> {
+        let frame = LawFrame {
             axis: self.law.axis,
             opposes_motion: self.law.opposes_motion,
             per_load: self.law.per_load,
@@ -136,7 +136,7 @@ impl<'a> Linearised<'a> {
     }
 
     /// The law in a frame, at the smoothness that the selecting cycles choose. It is added to `known`, if there is one.
-    fn curve(&self, frame: &Frame, known: Option<&Law>) -> Option<Curve> {
+    fn curve(&self, frame: &LawFrame, known: Option<&ForceLaw>) -> Option<LawCurve> {
         let entries = self.entries(frame);
         let own = self.jacobian.ncols();
         let size = own + PLACES;
@@ -169,12 +169,12 @@ impl<'a> Linearised<'a> {
             let variance = factor.inverse();
             let noise = self.scale.variance * self.scale.correlation_time;
             let force = |k: usize| solved[own + k] + known.map_or(0.0, |law| law.force[k]);
-            Some(Curve {
+            Some(LawCurve {
                 gain: self.gain(&entries, &solved),
                 band: (0..PLACES)
                     .map(|k| (noise * variance[(own + k, own + k)]).max(0.0).sqrt())
                     .collect(),
-                law: Law {
+                law: ForceLaw {
                     axis: frame.axis,
                     opposes_motion: frame.opposes_motion,
                     per_load: frame.per_load,
@@ -187,7 +187,7 @@ impl<'a> Linearised<'a> {
     }
 
     /// Places and weighted values of the hat functions at every point.
-    fn entries(&self, frame: &Frame) -> Vec<[(usize, f64); 2]> {
+    fn entries(&self, frame: &LawFrame) -> Vec<[(usize, f64); 2]> {
         let mut entries = Vec::with_capacity(self.data.len());
         for track in &self.data.tracks {
             for i in 0..track.len() {

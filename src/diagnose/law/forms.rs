@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::super::diagnosis::Exponent;
 use crate::effect::Axis;
-use crate::effect::law::Law;
+use crate::effect::law::ForceLaw;
 
 /// A table is known to no better than this share of its range, however many cycles were averaged.
 const FORM_ERROR: f64 = 0.02;
@@ -27,7 +27,7 @@ pub(super) struct Equation {
 }
 
 /// A form of an equation: columns of the coefficients at a place, for the values of its shape parameters.
-struct Form {
+struct EquationForm {
     /// Number of coefficients.
     coefficients: usize,
     /// Ranges of the shape parameters for places from `low` to `high`.
@@ -47,15 +47,15 @@ struct Symbol {
 }
 
 /// All forms, the shortest first.
-static FORMS: &[Form] = &[
-    Form {
+static FORMS: &[EquationForm] = &[
+    EquationForm {
         coefficients: 1,
         shapes: |_, _| vec![],
         columns: |_, _| vec![1.0],
         text: |c, _, s| format!("{}{}", number(c[0]), s.force),
         is_power: false,
     },
-    Form {
+    EquationForm {
         coefficients: 2,
         shapes: |_, _| vec![],
         columns: |z, _| vec![1.0, z],
@@ -63,7 +63,7 @@ static FORMS: &[Form] = &[
         is_power: false,
     },
     // A power of the axis, through zero.
-    Form {
+    EquationForm {
         coefficients: 1,
         shapes: |_, _| vec![POWERS],
         columns: |z, p| vec![z.abs().powf(p[0])],
@@ -71,7 +71,7 @@ static FORMS: &[Form] = &[
         is_power: true,
     },
     // A rise that settles, or a fall.
-    Form {
+    EquationForm {
         coefficients: 2,
         shapes: |low, high| vec![[0.02 * (high - low), 3.0 * (high - low)]],
         columns: |z, p| vec![1.0, (-z / p[0]).exp()],
@@ -89,7 +89,7 @@ static FORMS: &[Form] = &[
         is_power: false,
     },
     // A step.
-    Form {
+    EquationForm {
         coefficients: 2,
         shapes: |low, high| vec![[low, high], [0.01 * (high - low), 0.3 * (high - low)]],
         columns: |z, p| vec![1.0, ((z - p[0]) / p[1]).tanh()],
@@ -108,7 +108,7 @@ static FORMS: &[Form] = &[
         is_power: false,
     },
     // A bump.
-    Form {
+    EquationForm {
         coefficients: 2,
         shapes: |low, high| vec![[low, high], [0.02 * (high - low), 0.5 * (high - low)]],
         columns: |z, p| vec![1.0, (-((z - p[0]) / p[1]).powi(2)).exp()],
@@ -127,7 +127,7 @@ static FORMS: &[Form] = &[
         is_power: false,
     },
     // A contact: a power beyond a place.
-    Form {
+    EquationForm {
         coefficients: 2,
         shapes: |low, high| vec![[0.8, POWERS[1]], [low, high]],
         columns: |z, p| vec![1.0, (z - p[1]).max(0.0).powf(p[0])],
@@ -148,7 +148,7 @@ static FORMS: &[Form] = &[
         is_power: true,
     },
     // A ripple.
-    Form {
+    EquationForm {
         coefficients: 3,
         shapes: |low, high| vec![[0.08 * (high - low), 1.5 * (high - low)]],
         columns: |z, p| {
@@ -172,15 +172,15 @@ static FORMS: &[Form] = &[
 ];
 
 /// A form at its best shapes.
-struct Fitted {
+struct FormFit {
     chi_square: f64,
     coefficients: Vec<f64>,
     shapes: Vec<f64>,
 }
 
 /// The form with the lowest Bayesian information criterion; `band` is the standard deviation of each value.
-pub(super) fn shortest(law: &Law, band: &[f64]) -> Equation {
-    let table = Table::new(law, band);
+pub(super) fn shortest(law: &ForceLaw, band: &[f64]) -> Equation {
+    let table = LawTable::new(law, band);
     let symbol = symbol(law);
     let mut best: Option<(f64, Equation)> = None;
     for form in FORMS {
@@ -206,7 +206,7 @@ pub(super) fn shortest(law: &Law, band: &[f64]) -> Equation {
 }
 
 /// Places, values and standard deviations of a law.
-struct Table<'a> {
+struct LawTable<'a> {
     at: &'a [f64],
     force: &'a [f64],
     sigma: Vec<f64>,
@@ -214,8 +214,8 @@ struct Table<'a> {
     high: f64,
 }
 
-impl<'a> Table<'a> {
-    fn new(law: &'a Law, band: &[f64]) -> Table<'a> {
+impl<'a> LawTable<'a> {
+    fn new(law: &'a ForceLaw, band: &[f64]) -> LawTable<'a> {
         let (low, high) = law
             .force
             .iter()
@@ -223,7 +223,7 @@ impl<'a> Table<'a> {
                 (l.min(*f), h.max(*f))
             });
         let floor = (FORM_ERROR * (high - low)).max(f64::MIN_POSITIVE.sqrt());
-        Table {
+        LawTable {
             sigma: band.iter().map(|sigma| sigma.hypot(floor)).collect(),
             low: law.at[0],
             high: law.at[law.at.len() - 1],
@@ -233,9 +233,9 @@ impl<'a> Table<'a> {
     }
 
     /// The best shapes of a form on a grid, refined once around the best.
-    fn fit(&self, form: &Form, ranges: &[[f64; 2]]) -> Option<Fitted> {
+    fn fit(&self, form: &EquationForm, ranges: &[[f64; 2]]) -> Option<FormFit> {
         let mut ranges = ranges.to_vec();
-        let mut best: Option<Fitted> = None;
+        let mut best: Option<FormFit> = None;
         for _ in 0..3 {
             for shapes in grid(&ranges) {
                 let found = self.coefficients(form, &shapes);
@@ -259,7 +259,7 @@ impl<'a> Table<'a> {
     }
 
     /// Coefficients of a form at fixed shapes by weighted least squares.
-    fn coefficients(&self, form: &Form, shapes: &[f64]) -> Option<Fitted> {
+    fn coefficients(&self, form: &EquationForm, shapes: &[f64]) -> Option<FormFit> {
         let rows: Vec<Vec<f64>> = self.at.iter().map(|z| (form.columns)(*z, shapes)).collect();
         let matrix = DMatrix::from_fn(rows.len(), form.coefficients, |i, j| rows[i][j] / self.sigma[i]);
         let values = DVector::from_fn(rows.len(), |i, _| self.force[i] / self.sigma[i]);
@@ -269,7 +269,7 @@ impl<'a> Table<'a> {
         }
         let coefficients = normal.cholesky()?.solve(&matrix.tr_mul(&values));
         let chi_square = (values - matrix * &coefficients).norm_squared();
-        chi_square.is_finite().then(|| Fitted {
+        chi_square.is_finite().then(|| FormFit {
             chi_square,
             coefficients: coefficients.iter().copied().collect(),
             shapes: shapes.to_vec(),
@@ -277,7 +277,7 @@ impl<'a> Table<'a> {
     }
 
     /// Profile likelihood interval of the power, which is the first shape parameter.
-    fn exponent(&self, form: &Form, ranges: &[[f64; 2]], best: &Fitted) -> Exponent {
+    fn exponent(&self, form: &EquationForm, ranges: &[[f64; 2]], best: &FormFit) -> Exponent {
         let at = |power: f64| {
             let rest: Vec<[f64; 2]> = ranges[1..].to_vec();
             grid(&rest)
@@ -337,7 +337,7 @@ pub(super) fn axis_words(axis: Axis) -> &'static str {
     }
 }
 
-fn symbol(law: &Law) -> Symbol {
+fn symbol(law: &ForceLaw) -> Symbol {
     let (z, unit) = match law.axis {
         Axis::DisplacementMm => ("x", "mm"),
         Axis::ForceN => ("E", "N"),
@@ -359,7 +359,7 @@ fn with_unit(s: &Symbol) -> String {
     format!("{} / {}", s.z, s.unit)
 }
 
-/// Three digits.
+/// A number with three significant digits.
 fn number(value: f64) -> String {
     let mut text = String::new();
     let digits = if value == 0.0 {
@@ -385,7 +385,7 @@ mod tests {
 
     fn found(f: impl Fn(f64) -> f64) -> Equation {
         let at: Vec<f64> = (0..25).map(|k| 30.0 * f64::from(k) / 24.0).collect();
-        let law = Law {
+        let law = ForceLaw {
             axis: Axis::DisplacementMm,
             opposes_motion: false,
             per_load: false,

@@ -1,5 +1,5 @@
 //! Laws that nobody wrote down: where nothing in the library explains the difference, the difference itself becomes the law. It is
-//! a force over one axis ([`Law`]), same or opposed on the branches, in N or per load, with a band and the shortest equation
+//! a force over one axis ([`ForceLaw`]), same or opposed on the branches, in N or per load, with a band and the shortest equation
 //! within the band.
 //!
 //! `curve` reads the table off the residuals, together with the baseline's parameters; `forms` finds the equation.
@@ -15,8 +15,8 @@ use super::fit::converge;
 use super::splits::Split;
 use super::structure::ModelStructure;
 use super::tables::errors_of;
-use crate::effect::law::Law;
-use curve::Curve;
+use crate::effect::law::ForceLaw;
+use curve::LawCurve;
 
 /// Share of the baseline's error above the noise, on cycles that were not fitted, that a law must explain to be delivered.
 const LEAST_EXPLAINED: f64 = 0.5;
@@ -36,7 +36,7 @@ pub(super) fn discover(context: &FitContext<'_>, node: &Node) -> Option<Discover
     if context.setup.surrogate.is_some() {
         return None;
     }
-    let mut best = Curve::best(context, node)?;
+    let mut best = LawCurve::best(context, node)?;
     let mut setup = context.setup.clone();
     let mut fitted = node.clone();
     for round in 0..ROUNDS {
@@ -86,7 +86,7 @@ fn explained_share(data: &Data, before: &Node, after: &Node) -> f64 {
 }
 
 /// The law as a sentence for a technician.
-fn statement(law: &Law, equation: &forms::Equation) -> String {
+fn statement(law: &ForceLaw, equation: &forms::Equation) -> String {
     let motion = if law.opposes_motion {
         "opposes the motion"
     } else {
