@@ -1,9 +1,11 @@
 //! `leafbench demo`.
 //!
 //! - `played` a run on the mock rig with its twin · `loops` ramp and sine: table, files and sections of the page
-//! - `concealed` what is concealed afterwards, and whether the answer is right · `story` how it is found
+//! - `concealed` what is concealed afterwards, and whether the answer is right · `story` how it is found · `fresh` how the twin
+//!   follows a new motion then
 
 mod concealed;
+mod fresh;
 mod loops;
 mod played;
 mod story;

@@ -79,3 +79,8 @@ pub(super) fn curve(samples: &[Sample], force_n: fn(&Sample) -> Option<f64>) -> 
         .filter_map(|s| Some((s.displacement_mm, force_n(s)?)))
         .collect()
 }
+
+/// A share in percent; a dash where there is none.
+pub(super) fn percent(share: Option<f64>) -> String {
+    share.map_or("\u{2013}".to_owned(), |v| format!("{:.2} %", 100.0 * v))
+}

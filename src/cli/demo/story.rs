@@ -8,17 +8,15 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::concealed::{Concealed, ConcealedParameter, NameCheck, SEED, spaced};
-use super::played::Played;
+use super::fresh::{Fresh, FreshErrors, fresh_step};
+use super::played::{Played, percent};
 use crate::cli::diagnose::{self, Ended};
 use crate::cli::{CliError, Output};
 use crate::config::Bench;
 use crate::diagnose::Verdict;
 use crate::recording::export::{self, Selection};
-use crate::recording::metrics::{Range, loop_energy_j, secant_rate_n_per_mm};
-use crate::recording::{Recording, Sample, csv};
-use crate::report::story::{
-    StoryPart, StoryPicture, StoryStep, StoryTable, located_picture, loop_picture, residual_picture,
-};
+use crate::recording::{Recording, csv};
+use crate::report::story::{StoryPart, StoryPicture, StoryStep, StoryTable, located_picture, loop_picture};
 use crate::report::svg::{Ink, PlotCurve};
 
 /// Shipped profiles that are recorded for the diagnosis: a slow loop over the whole travel and a quick one at one mean.
@@ -30,6 +28,7 @@ const CONCEALED_FOLDER: &str = "concealed";
 const DIAGNOSIS_FOLDER: &str = "diagnosis";
 const BEFORE_FOLDER: &str = "twin-before";
 const AFTER_FOLDER: &str = "twin-after";
+const TRUTH_FOLDER: &str = "twin-truth";
 
 /// The story, for scripts; `part` tells it to people.
 #[derive(Serialize)]
@@ -55,27 +54,6 @@ pub(super) struct Story {
 struct TwinError {
     profile: String,
     nrmse: Option<f64>,
-}
-
-/// The twin on a motion that was not used for the diagnosis.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-struct FreshErrors {
-    profile: String,
-    before: FollowErrors,
-    /// `None` if the diagnosis wrote no improved model.
-    after: Option<FollowErrors>,
-    /// NRMSE that the noise of the sensors alone gives.
-    noise_nrmse: f64,
-}
-
-/// Errors of a twin on one run.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-struct FollowErrors {
-    nrmse: Option<f64>,
-    /// Largest force of the twin over that of the measurement, less 1.
-    peak_force_error: f64,
-    /// The same for the loop energy of the settled cycle.
-    loop_energy_error: f64,
 }
 
 impl Story {
@@ -114,14 +92,18 @@ pub(super) fn tell(bench: &Bench, configs: &Path, folder: &Path, output: &Output
     let after = improved_twin(&rig, &folder.join(DIAGNOSIS_FOLDER))?
         .map(|improved| play(FRESH, &improved, AFTER_FOLDER))
         .transpose()?;
-    let fresh = Fresh::new(before, after, &rig);
+    let told = Bench {
+        model: rig.specimen.model.clone(),
+        ..rig.clone()
+    };
+    let fresh = Fresh::new(before, after, &play(FRESH, &told, TRUTH_FOLDER)?, &rig);
     let (named, look_alikes) = codes(&ended);
     let name_check = NameCheck::of(concealed.code, &named, &look_alikes);
     let steps = vec![
         concealed_step(&concealed),
         recorded_step(&runs, &ended),
         diagnosed_step(&concealed, name_check, &ended),
-        fresh_step(&fresh),
+        fresh_step(&fresh, &format!("{DIAGNOSIS_FOLDER}/{}", diagnose::IMPROVED)),
     ];
     Ok(Story {
         seed: SEED,
@@ -303,156 +285,4 @@ fn sizes(concealed: &Concealed, ended: &Ended) -> StoryTable {
         head: vec!["size", "concealed", "found", "95 % interval"],
         rows: concealed.parameters.iter().map(row).collect(),
     }
-}
-
-/// The same fresh motion with the unchanged and with the improved twin.
-struct Fresh {
-    before: Played,
-    after: Option<Played>,
-    /// Standard deviation of measured minus model that the noise of the sensors alone gives, N.
-    noise_n: f64,
-    errors: FreshErrors,
-}
-
-impl Fresh {
-    fn new(before: Played, after: Option<Played>, bench: &Bench) -> Fresh {
-        let [displacement_mm, force_n] = ranges(&before.samples);
-        let noise = bench.noise();
-        let rate = secant_rate_n_per_mm(displacement_mm, force_n).unwrap_or(0.0);
-        let noise_n = noise.force_n.hypot(rate * noise.displacement_mm);
-        let errors = FreshErrors {
-            profile: before.profile.name.clone(),
-            before: FollowErrors::of(&before),
-            after: after.as_ref().map(FollowErrors::of),
-            noise_nrmse: noise_n / force_n.span(),
-        };
-        Fresh {
-            before,
-            after,
-            noise_n,
-            errors,
-        }
-    }
-}
-
-/// Ranges of displacement in mm and force in N.
-fn ranges(samples: &[Sample]) -> [Range; 2] {
-    let range = |value: fn(&Sample) -> f64| {
-        let values: Vec<f64> = samples.iter().map(value).collect();
-        Range::of(&values).unwrap_or(Range {
-            peak: 0.0,
-            valley: 0.0,
-        })
-    };
-    [range(|s| s.displacement_mm), range(|s| s.force_n)]
-}
-
-impl FollowErrors {
-    fn of(run: &Played) -> FollowErrors {
-        let cycle = run.settled_cycle();
-        let displacement: Vec<f64> = cycle.iter().map(|s| s.displacement_mm).collect();
-        let measured: Vec<f64> = cycle.iter().map(|s| s.force_n).collect();
-        let twin: Vec<f64> = cycle.iter().map(|s| s.twin_force_n.unwrap_or(f64::NAN)).collect();
-        let peak = |force: &[f64]| force.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let energy = |force: &[f64]| loop_energy_j(&displacement, force);
-        FollowErrors {
-            nrmse: run.twin_nrmse,
-            peak_force_error: peak(&twin) / peak(&measured) - 1.0,
-            loop_energy_error: energy(&twin) / energy(&measured) - 1.0,
-        }
-    }
-}
-
-fn fresh_step(fresh: &Fresh) -> StoryStep {
-    let errors = &fresh.errors;
-    let (before, noise) = (percent(errors.before.nrmse), percent(Some(errors.noise_nrmse)));
-    let (text, conclusion) = match &errors.after {
-        Some(after) => (
-            format!(
-                "{DIAGNOSIS_FOLDER}/{} was loaded into the twin, and the mock rig ran {}: a motion that nothing was fitted to.",
-                diagnose::IMPROVED,
-                errors.profile
-            ),
-            format!(
-                "Error of the twin, as a share of the force range: {before} before, {} after; the noise of the sensors alone is {noise}.",
-                percent(after.nrmse)
-            ),
-        ),
-        None => (
-            format!(
-                "The mock rig ran {}: a motion that nothing was fitted to.",
-                errors.profile
-            ),
-            format!(
-                "The diagnosis wrote no improved model, so the twin stays as it was: error {before}, noise {noise}."
-            ),
-        ),
-    };
-    StoryStep {
-        title: "Before and after, on a new recording".to_owned(),
-        text: vec![text],
-        pictures: fresh_pictures(fresh),
-        table: Some(errors_table(errors)),
-        conclusion,
-        files: Vec::new(),
-    }
-}
-
-/// One settled cycle: the loop with both twins, and the residuals of both against the noise.
-fn fresh_pictures(fresh: &Fresh) -> Vec<StoryPicture> {
-    let before = fresh.before.settled_cycle();
-    let after = fresh.after.as_ref().map(Played::settled_cycle);
-    let curve = |samples: &[Sample], ink, force_n: fn(&Sample) -> Option<f64>| PlotCurve {
-        name: String::new(),
-        points: super::played::curve(samples, force_n),
-        ink,
-    };
-    let mut loops = vec![
-        curve(before, Ink::Measured, |s| Some(s.force_n)),
-        curve(before, Ink::Twin, |s| s.twin_force_n),
-    ];
-    let residual = |s: &Sample| Some(s.force_n - s.twin_force_n?);
-    let mut residuals = vec![curve(before, Ink::Twin, residual)];
-    let mut legend = vec![("unchanged twin", Ink::Twin)];
-    if let Some(after) = after {
-        loops.push(curve(after, Ink::Improved, |s| s.twin_force_n));
-        residuals.push(curve(after, Ink::Improved, residual));
-        legend.push(("improved twin", Ink::Improved));
-    }
-    let one_cycle = format!("one cycle of {}", fresh.errors.profile);
-    let measured = [&[("measured", Ink::Measured)], legend.as_slice()].concat();
-    vec![
-        loop_picture(&loops, &measured, &one_cycle),
-        residual_picture(
-            &residuals,
-            fresh.noise_n,
-            &legend,
-            "grey: two standard deviations of the noise",
-        ),
-    ]
-}
-
-fn errors_table(errors: &FreshErrors) -> StoryTable {
-    let signed = |v: f64| format!("{:+.2} %", 100.0 * v);
-    let none = || "\u{2013}".to_owned();
-    let row = |name: &str, cell: &dyn Fn(&FollowErrors) -> String, noise: String| {
-        let after = errors.after.as_ref().map_or_else(none, cell);
-        vec![name.to_owned(), cell(&errors.before), after, noise]
-    };
-    StoryTable {
-        head: vec!["error of the twin", "unchanged", "improved", "noise alone"],
-        rows: vec![
-            row(
-                "RMS, share of the force range",
-                &|e| percent(e.nrmse),
-                percent(Some(errors.noise_nrmse)),
-            ),
-            row("peak force of a cycle", &|e| signed(e.peak_force_error), none()),
-            row("energy of its loop", &|e| signed(e.loop_energy_error), none()),
-        ],
-    }
-}
-
-fn percent(share: Option<f64>) -> String {
-    share.map_or("\u{2013}".to_owned(), |v| format!("{:.2} %", 100.0 * v))
 }
