@@ -91,7 +91,8 @@ struct Instrument {
     notes: &'static [&'static str],
     /// True if the recordings must be refused.
     refused: bool,
-    /// Vibration of the servo, which the specimen follows: amplitude in mm and frequency in Hz.
+    /// Vibration of the servo, which the specimen follows: amplitude in mm and frequency in Hz. It changes the friction near the
+    /// reversals, so that the verdict may be `unexplained`; nothing may be named.
     servo: [f64; 2],
     /// Samples per second of each recording, and how far single intervals deviate, as a share.
     rates_hz: [f64; 4],
@@ -381,8 +382,9 @@ impl Instrument {
         let noted: Vec<&str> = diagnosis.notes.iter().map(|n| n.kind.word()).collect();
         let lacks = self.notes.iter().find(|kind| !noted.contains(kind));
         let others = noted.iter().find(|kind| !self.notes.contains(kind));
-        if diagnosis.verdict != Verdict::Adequate {
-            let codes: Vec<&str> = diagnosis.effects.iter().map(|e| e.code.as_str()).collect();
+        let shaken = self.servo[0] > 0.0 && diagnosis.verdict == Verdict::Unexplained;
+        let codes: Vec<&str> = diagnosis.effects.iter().map(|e| e.code.as_str()).collect();
+        if diagnosis.verdict != Verdict::Adequate && !(shaken && codes.is_empty()) {
             return Some(format!("{codes:?} {} notes {noted:?}", diagnosis.summary));
         }
         lacks
