@@ -6,7 +6,7 @@ use std::process::{Command, Output};
 
 use crate::config::Bench;
 use crate::recording::Recording;
-use crate::truth::{Case, Family, sensors};
+use crate::truth::{Case, sensors};
 
 fn leafbench(arguments: &[&str]) -> Output {
     Command::new(program())
@@ -126,29 +126,6 @@ fn the_written_model_does_what_the_report_says() {
 }
 
 #[test]
-fn effects_that_the_diagnosis_refuses_are_not_written() {
-    let case = Case::hiding(Family::Outside, &["local_friction"], 31, 10.0).expect("visible");
-    let folder = tempfile::tempdir().expect("scratch folder");
-    let recordings = written(folder.path(), &case.recordings[..2], 2);
-    let out = folder.path().join("out");
-    let json = diagnosed(&out, &recordings, &[]);
-    assert_eq!(json["verdict"], "unexplained", "choose another case");
-    assert!(
-        json["candidates"]
-            .as_array()
-            .is_some_and(|c| c.iter().any(|c| c["chosen"] == true))
-    );
-    let effects = json["improved"]["effects"].as_array().expect("a list");
-    assert!(
-        effects.iter().all(|e| e["code"] == "friction_form"),
-        "{effects:?}"
-    );
-    if let Ok(bench) = Bench::load(&out.join("improved.toml")) {
-        assert!(bench.model.effects.iter().all(|e| e.code == "friction_form"));
-    }
-}
-
-#[test]
 fn a_recording_that_is_left_out_is_only_predicted() {
     let case = Case::single("progressive_stiffness", 2, 40.0).expect("visible");
     let folder = tempfile::tempdir().expect("scratch folder");
@@ -199,6 +176,26 @@ fn two_sided() -> String {
         format!("{},{x},{force_n}\n", f64::from(i) * 0.01)
     });
     format!("time_s,displacement_mm,force_n\n{}", rows.collect::<String>())
+}
+
+#[test]
+fn effects_that_the_diagnosis_refuses_are_not_written() {
+    let folder = tempfile::tempdir().expect("scratch folder");
+    let path = folder.path().join("damper.csv");
+    std::fs::write(&path, two_sided()).expect("scratch folder is writable");
+    let out = folder.path().join("out");
+    let json = diagnosed(&out, &[path], &[]);
+    assert_eq!(json["verdict"], "unexplained", "choose another device");
+    let candidates = json["candidates"].as_array().expect("a list");
+    let chosen = candidates.iter().any(|c| c["chosen"] == true);
+    assert!(chosen, "nothing was refused: choose another device");
+    let effects = json["improved"]["effects"].as_array().expect("a list");
+    assert!(
+        effects.iter().all(|e| e["code"] == "friction_form"),
+        "{effects:?}"
+    );
+    let bench = Bench::load(&out.join("improved.toml")).expect("runs as it is");
+    assert!(bench.model.effects.iter().all(|e| e.code == "friction_form"));
 }
 
 #[test]

@@ -14,6 +14,7 @@ mod diagnose_command;
 mod diagnose_leaf_pack;
 mod diagnose_live;
 mod diagnose_targets;
+mod discovered_law;
 mod documents;
 mod end_to_end;
 mod full_disk;

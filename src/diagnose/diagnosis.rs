@@ -366,8 +366,8 @@ impl Diagnosis {
             .filter(|y| is_worse(improved, y.nrmse_leftout))?;
         Some(format!(
             "A model that knows nothing of springs predicts better: {} has an error of {:.2} % on the points left out, the improved \
-             model {:.2} %. The form of the model does not suit this device: take what is named as a direction, not as the whole \
-             cause, and do not use the improved model as its twin.",
+             model {:.2} %. The form of the model does not suit this device: what is named is not the whole cause, and the improved \
+             model should not be its twin.",
             best.name,
             100.0 * best.nrmse_leftout,
             100.0 * improved

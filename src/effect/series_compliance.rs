@@ -227,7 +227,7 @@ mod tests {
     fn friction_that_waits_for_the_noise_band_does_not_chatter() {
         never_chatters(&stepped_at_1_khz(
             &super::super::coulomb_friction::EFFECT,
-            &[30.0, 0.05],
+            &[30.0, 0.05, 1.0],
         ));
         let mut ratios = [0.0; 16];
         (ratios[0], ratios[3]) = (0.03, 0.05);
