@@ -7,7 +7,7 @@
 mod blind;
 mod daemon;
 mod demo;
-mod diagnose;
+pub(crate) mod diagnose;
 mod export;
 mod hold;
 mod identify;
