@@ -61,11 +61,7 @@ pub(super) fn conclude(
     let left = lack_of_fit(context.data, &after.residuals);
     let unexplained_share = unexplained_share(before, after, left);
     let unexplained = is_unexplained(context, &search, left, unexplained_share);
-    let verdict = match (unexplained, judged.is_empty()) {
-        (true, _) => Verdict::Unexplained,
-        (false, false) => Verdict::MissingPhysics,
-        (false, true) => Verdict::Adequate,
-    };
+    let verdict = verdict_of(unexplained, &judged);
     let named = if unexplained { before } else { after };
     let discovered = unexplained.then(|| law::discover(context, before)).flatten();
     // What is refused is neither written nor quoted: without a law, the improved model is then the baseline with its general friction
@@ -110,6 +106,14 @@ pub(super) fn conclude(
         courses,
         effects,
         fit,
+    }
+}
+
+fn verdict_of(unexplained: bool, judged: &[JudgedEffect]) -> Verdict {
+    match (unexplained, judged.is_empty()) {
+        (true, _) => Verdict::Unexplained,
+        (false, false) => Verdict::MissingPhysics,
+        (false, true) => Verdict::Adequate,
     }
 }
 

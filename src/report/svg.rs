@@ -364,7 +364,7 @@ mod tests {
     }
     #[test]
     fn a_shaded_level_is_in_view_although_the_curves_lie_elsewhere() {
-        let curves = [PlotCurve::twin("", vec![(0.0, 7.0), (1.0, 8.0)])];
+        let curves = [PlotCurve::twin("", vec![(1.0, 7.0), (2.0, 8.0)])];
         let plot = |levels: &[(f64, f64)]| {
             let plot = Plot {
                 title: "",
