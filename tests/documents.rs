@@ -148,14 +148,18 @@ fn add_bench(tables: &mut BTreeMap<String, ParsedTable>) {
     }
 }
 
+/// A law without an effect in it.
+const LAW: &str = "[model.law]\naxis = \"displacement_mm\"\nopposes_motion = false\nper_load = false\nat = [0.0, 1.0]\nforce = [0.0, 1.0]\n";
+
 fn add_specimen(tables: &mut BTreeMap<String, ParsedTable>) {
     let refused = |text: String| Specimen::parse(&text, "specimen").expect_err("an unknown key");
     let text = "name = \"s\"\n[model]\nname = \"equivalent\"\n[[model.effect]]\ncode = \"backlash\"\n";
     let plain = Specimen::parse(text, "specimen").expect("a specimen");
     let error = refused(format!("{UNKNOWN} = 0\n{text}"));
     add(tables, "specimen", &error, table_of(&plain));
-    for heading in ["[model]", "[[model.effect]]"] {
-        let error = refused(with_unknown(text, heading));
+    let with_law = format!("{text}{LAW}");
+    for heading in ["[model]", "[[model.effect]]", "[model.law]"] {
+        let error = refused(with_unknown(&with_law, heading));
         add(tables, heading, &error, toml::Table::new());
     }
 }
