@@ -27,6 +27,8 @@ const LEAST_HELD_OUT: f64 = 0.25;
 /// A displacement that an effect takes must be this many standard deviations of the LVDT noise: a turning point is known to about
 /// one, and lost motion is the difference of two.
 const LEAST_NOISES: f64 = 2.0;
+/// The same for the displacement that a delay takes at the highest speed: filters that differ a little delay one channel, too.
+const LEAST_DELAY_NOISES: f64 = 4.0;
 /// Error of the baseline on cycles that were not fitted, in units of the noise, below which there is nothing to find. Clean runs of
 /// the mock rig have 0.04 to 0.5, effects of strength 1 in sealed cases 0.8 and more.
 const WITHIN_NOISE: f64 = 0.5;
@@ -122,6 +124,7 @@ fn required_gain(context: &FitContext<'_>, likelihood: LikelihoodScale, without:
 fn is_negligible(context: &FitContext<'_>, without: &Node, with: &Node, place: usize) -> bool {
     explained_force_n(context.data, without, with) < LEAST_FORCE_SHARE * context.data.force_range_n
         || below_displacement_noise(context, with, place)
+        || delays_less_than_noise(context, with, place)
         || is_zero(context, with, place)
 }
 
@@ -140,17 +143,35 @@ fn explained_force_n(data: &Data, without: &Node, with: &Node) -> f64 {
 /// True for an effect that moves the displacement by less than the LVDT resolves. Its mean over many reversals may be significant,
 /// but the errors of the reversals are too.
 fn below_displacement_noise(context: &FitContext<'_>, node: &Node, place: usize) -> bool {
+    has_size_below(
+        context,
+        node,
+        place,
+        "mm",
+        LEAST_NOISES * displacement_noise_mm(context),
+    )
+}
+
+/// The same for a delay: at the highest speed it moves the displacement by less than the LVDT resolves.
+fn delays_less_than_noise(context: &FitContext<'_>, node: &Node, place: usize) -> bool {
+    let least_mm = LEAST_DELAY_NOISES * displacement_noise_mm(context);
+    let least_ms = 1e3 * least_mm / context.span.speed_mm_s.max(f64::MIN_POSITIVE);
+    has_size_below(context, node, place, "ms", least_ms)
+}
+
+fn displacement_noise_mm(context: &FitContext<'_>) -> f64 {
+    median(context.data.tracks.iter().map(|t| t.noise_mm).collect())
+}
+
+/// True if a parameter in this unit, which is zero without the effect, is smaller than `least`.
+fn has_size_below(context: &FitContext<'_>, node: &Node, place: usize, unit: &str, least: f64) -> bool {
     let from = context.offset(&node.attached, place);
     let attached = &node.attached[place];
-    let noise_mm = median(context.data.tracks.iter().map(|t| t.noise_mm).collect());
-    let sizes = attached
-        .parameters
-        .iter()
-        .zip(attached.effect.neutral)
-        .enumerate();
+    let sizes = attached.parameters.iter().zip(attached.effect.neutral);
     sizes
-        .filter(|(_, (p, neutral))| p.unit == "mm" && **neutral == 0.0)
-        .any(|(i, _)| node.values[from + i].abs() < LEAST_NOISES * noise_mm)
+        .zip(&node.values[from..])
+        .filter(|((p, neutral), _)| p.unit == unit && **neutral == 0.0)
+        .any(|(_, value)| value.abs() < least)
 }
 
 /// True for an effect that changes no force at its values, such as a limit above every force. What its node gained is then due to
