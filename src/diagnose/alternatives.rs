@@ -1,6 +1,6 @@
 //! Alternatives: the effects that could replace a finding, and the nearest ones where no effect explains the recordings.
 
-use super::backward_elimination::without;
+use super::backward_elimination::{kinks_are_recorded, penalty, without};
 use super::context::{FitContext, Key, Node};
 use super::diagnosis::Alternative;
 use super::search::SearchResult;
@@ -126,10 +126,12 @@ fn compare(
         let &[other] = rest.as_slice() else {
             continue;
         };
-        if other == code || rivals.iter().any(|r| r.code == other) {
+        if other == code || rivals.iter().any(|r| r.code == other) || !kinks_are_recorded(context, node) {
             continue;
         }
-        let lack = likelihood.gain(node.cost() - search.nodes[search.chosen].cost());
+        let chosen = &search.nodes[search.chosen];
+        let lack = likelihood.gain(node.cost() - chosen.cost()) + penalty(&node.attached[extras..])
+            - penalty(&chosen.attached[extras..]);
         doubt += (-lack / scale).exp();
         if lack < distinguishable_lack(node, loss, distinct) {
             rivals.push(RivalSet {

@@ -1,5 +1,6 @@
 //! Chooses one of the fitted sets: the largest penalised gain, then backward elimination of effects that bring too little.
 
+use super::baseline::Attached;
 use super::context::{FitContext, Key, LikelihoodScale, Node};
 use super::data::Data;
 use super::fit::converge;
@@ -9,6 +10,10 @@ use super::splits::Split;
 
 /// Penalty per effect in log-likelihood. For one parameter it is a likelihood ratio of 16, which chance exceeds once in 16 000.
 pub(super) const PENALTY: f64 = 8.0;
+/// Penalty of each further parameter of an effect: half the logarithm of 55 independent samples (Schwarz 1978).
+const PARAMETER_PENALTY: f64 = 2.0;
+/// An effect with a kink acts on at most this share of its axis: a knee below nearly all that was recorded is a smooth curve.
+const MOST_OF_AXIS: f64 = 0.85;
 /// Share of the whole gain that an effect must bring.
 pub(super) const LEAST_SHARE: f64 = 5e-4;
 /// Share of the rest above the noise that an effect must take away: one that leaves more than it takes is the error of another
@@ -28,7 +33,7 @@ const LEAST_HELD_OUT: f64 = 0.25;
 /// one, and lost motion is the difference of two.
 const LEAST_NOISES: f64 = 2.0;
 /// The same for the displacement that a delay takes at the highest speed: filters that differ a little delay one channel, too.
-const LEAST_DELAY_NOISES: f64 = 4.0;
+const LEAST_DELAY_NOISES: f64 = 8.0;
 /// Error of the baseline on cycles that were not fitted, in units of the noise, below which there is nothing to find. Clean runs of
 /// the mock rig have 0.04 to 0.5, effects of strength 1 in sealed cases 0.8 and more.
 const WITHIN_NOISE: f64 = 0.5;
@@ -55,12 +60,36 @@ pub(super) fn choose(context: &FitContext<'_>, nodes: &mut Vec<Node>, likelihood
     let strained = |node: &Node| {
         implausible_bounds(context, node).saturating_sub(implausible_bounds(context, &nodes[0]))
     };
-    let penalty = |node: &Node| PENALTY * (node.attached.len() - extras + strained(node)) as f64;
-    let mut chosen = lowest(nodes, |n| likelihood.gain(n.cost()) + penalty(n));
+    let penalty = |node: &Node| penalty(&node.attached[extras..]) + PENALTY * strained(node) as f64;
+    let mut chosen = lowest(nodes, |n| {
+        if kinks_are_recorded(context, n) {
+            likelihood.gain(n.cost()) + penalty(n)
+        } else {
+            f64::INFINITY
+        }
+    });
     while let Some(smaller) = eliminate(context, nodes, likelihood, chosen) {
         chosen = smaller;
     }
     chosen
+}
+
+/// Log-likelihood that effects must bring for their number and their parameters.
+pub(super) fn penalty(effects: &[Attached]) -> f64 {
+    let of = |a: &Attached| PENALTY + PARAMETER_PENALTY * (a.parameters.len() - 1) as f64;
+    effects.iter().map(of).sum()
+}
+
+/// True if every kink of the missing effects lies well within what was recorded.
+pub(super) fn kinks_are_recorded(context: &FitContext<'_>, node: &Node) -> bool {
+    (context.setup.extras.len()..node.attached.len()).all(|k| {
+        let attached = &node.attached[k];
+        let from = context.offset(&node.attached, k);
+        let values = &node.values[from..from + attached.parameters.len()];
+        attached.effect.kinks.is_empty()
+            || (attached.effect.place)(values, &context.span)
+                .is_none_or(|place| place.to - place.from <= MOST_OF_AXIS * context.span.width(place.axis))
+    })
 }
 
 /// The set without the effect whose gain is farthest below the required gain; `None` if every gain is sufficient.
@@ -75,7 +104,8 @@ fn eliminate(
     for place in context.setup.extras.len()..nodes[chosen].attached.len() {
         let smaller = best_without(context, nodes, chosen, place);
         let loss = likelihood.gain(nodes[smaller].cost() - nodes[chosen].cost());
-        let needed = required_gain(context, likelihood, &nodes[smaller], total);
+        let own = penalty(&nodes[chosen].attached[place..=place]);
+        let needed = required_gain(context, likelihood, &nodes[smaller], total).max(own);
         let held_out = likelihood.gain(nodes[smaller].select - nodes[chosen].select);
         let excess = if is_negligible(context, &nodes[smaller], &nodes[chosen], place) {
             loss.min(needed) - needed - PENALTY

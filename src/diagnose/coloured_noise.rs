@@ -27,6 +27,10 @@ const EVERYWHERE: f64 = 0.25;
 const WANDERS: f64 = 0.08;
 /// Standard errors of the variance that are added to it.
 const UPPER_LIMIT: f64 = 2.0;
+/// Two cycles repeat at a place if their speeds differ by at most this share of the top speed, and the travels since the reversal by
+/// this share of the stroke: else missing physics would differ, too.
+const SAME_SPEED: f64 = 0.1;
+const SAME_TRAVEL: f64 = 0.05;
 /// Decay of a run-in, in cycles.
 const DECAYS: [f64; 3] = [1.5, 5.0, 20.0];
 /// Columns of the regression: time, and four shapes for each decay, for a linear change and for a single step.
@@ -105,6 +109,17 @@ fn slow_noise_n(track: &Track, weight: &[f64], residuals: &[f64]) -> Option<f64>
     Some(upper.sqrt() / median(weights))
 }
 
+/// Says of two points at one displacement whether speed and travel since the reversal are the same, too.
+fn repeats(track: &Track) -> impl Fn(usize, usize) -> bool {
+    let speed_mm_s = |i: usize| track.motion[i].velocity_mm_s.abs();
+    let most_mm_s = SAME_SPEED * track.top_speed_mm_s();
+    let most_mm = SAME_TRAVEL * range(&track.displacement_mm);
+    move |i, there| {
+        (speed_mm_s(i) - speed_mm_s(there)).abs() <= most_mm_s
+            && (track.since_reversal_mm[i] - track.since_reversal_mm[there]).abs() <= most_mm
+    }
+}
+
 /// Points with what they are compared with in another cycle.
 struct Pairs {
     /// Index of each point, in order of time.
@@ -135,6 +150,7 @@ impl Pairs {
             branches[place(i)][side(i)].push(i);
         }
         let x = &track.displacement_mm;
+        let is_repeated = repeats(track);
         for branch in branches.iter_mut().flatten() {
             branch.sort_by(|&a, &b| x[a].total_cmp(&x[b]));
         }
@@ -153,6 +169,9 @@ impl Pairs {
                 continue;
             }
             let [a, b] = [branch[above - 1], branch[above]];
+            if !is_repeated(i, a) {
+                continue;
+            }
             let share = if x[b] > x[a] {
                 (x[i] - x[a]) / (x[b] - x[a])
             } else {

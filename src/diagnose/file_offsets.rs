@@ -9,7 +9,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::condition::Track;
-use super::context::Node;
+use super::context::{FitContext, Node};
 use super::data::Data;
 use super::fit::converge;
 use super::note::{Note, NoteAction, NoteKind};
@@ -26,6 +26,9 @@ const MOST_POWER_LEFT: f64 = 2.0;
 const LEAST_EXPLAINED: f64 = 0.85;
 /// The first step, a linear prediction, must explain this share, or the search ends.
 const LEAST_PREDICTED: f64 = 0.5;
+/// An effect that explains this share of what the offsets explain has their place: it needs a few parameters, they need some for
+/// each recording.
+const EFFECT_SHARE: f64 = 0.8;
 /// Log-likelihood that each offset must gain, and all together beside that.
 const GAIN_OF_EACH: f64 = 5.0;
 const GAIN_OF_ALL: f64 = 15.0;
@@ -120,6 +123,18 @@ pub(super) fn find(structure: &ModelStructure<'_>, node: &Node) -> Option<Offset
         .iter()
         .any(|offset| *offset != FileOffsets::default());
     any.then_some(best)
+}
+
+/// True if a single effect explains about what the offsets explain.
+pub(super) fn an_effect_suffices(context: &FitContext<'_>, node: &Node, found: &OffsetFit) -> bool {
+    let Some((node, tangent)) = context.converged(node) else {
+        return false;
+    };
+    let needed = EFFECT_SHARE * (node.cost() - found.cost);
+    let children = context.children(&node, &tangent, &[], usize::MAX);
+    children
+        .iter()
+        .any(|child| node.cost() - child.cost() >= needed)
 }
 
 /// Offsets that are left after a correction: the shift in time is exact only in the recordings themselves.

@@ -12,8 +12,10 @@ use super::structure::ModelStructure;
 use crate::effect::Span;
 use crate::identify::least_squares::bounded_step;
 
-/// A step that lowers the sum of squares by less than this is the last one: a tenth of what one parameter gains on pure noise.
+/// A step that lowers the sum of squares by less than this is the last one: a tenth of what one parameter gains on pure noise, or
+/// where the model is far off, a share that changes no gain in log-likelihood by one.
 const CONVERGED: f64 = 0.1;
+const CONVERGED_SHARE: f64 = 2e-5;
 /// Largest number of steps with one Jacobian of the parent, and of new Jacobians until convergence.
 const STEPS: usize = 9;
 const ROUNDS: usize = 12;
@@ -47,6 +49,11 @@ impl<'s, 'a> NodeDescent<'s, 'a> {
             structure,
             damping: 1e-4,
         })
+    }
+
+    /// A fall of the sum of squares that is not worth a further step.
+    fn idle_fall(&self) -> f64 {
+        CONVERGED.max(CONVERGED_SHARE * self.cost)
     }
 
     /// A damped step; returns the fall of the sum of squares, 0 where no damping makes it fall.
@@ -89,7 +96,7 @@ impl<'s, 'a> NodeDescent<'s, 'a> {
         while size > LAST_MOVE * width {
             let lower = [size, -size].into_iter().find_map(|by| {
                 let trial = self.refitted_at(place, self.values[place] + by, &held, scale, gradient)?;
-                (trial.cost < self.cost - CONVERGED).then_some(trial)
+                (trial.cost < self.cost - self.idle_fall()).then_some(trial)
             });
             match lower {
                 Some(trial) => *self = trial,
@@ -114,7 +121,7 @@ impl<'s, 'a> NodeDescent<'s, 'a> {
         for _ in 0..2 {
             let mut slope = gradient(&trial.residuals);
             slope[place] = 0.0;
-            if trial.step(held, &slope, scale) < CONVERGED {
+            if trial.step(held, &slope, scale) < trial.idle_fall() {
                 break;
             }
         }
@@ -266,11 +273,11 @@ pub(super) fn converge(structure: &ModelStructure<'_>, values: Vec<f64>) -> Opti
         let before = descent.cost;
         for _ in 0..2 {
             let gradient = tangent.jacobian.tr_mul(&descent.residuals);
-            if descent.step(&tangent.normal, &gradient, &tangent.scale) < CONVERGED {
+            if descent.step(&tangent.normal, &gradient, &tangent.scale) < descent.idle_fall() {
                 break;
             }
         }
-        if before - descent.cost < 5.0 * CONVERGED {
+        if before - descent.cost < 5.0 * descent.idle_fall() {
             return Some((descent.node()?, tangent));
         }
     }

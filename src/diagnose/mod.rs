@@ -187,7 +187,9 @@ fn fitted_input(
 ) -> Result<(Data, RunSettings, Node), DiagnoseError> {
     let mut first = first_fit(setup, &mut data, &run)?;
     let structure = ModelStructure::new(setup, &data, first.attached.clone());
-    if let Some(mut found) = file_offsets::find(&structure, &first) {
+    let found = file_offsets::find(&structure, &first)
+        .filter(|found| !file_offsets::an_effect_suffices(&run.context(setup, &data), &first, found));
+    if let Some(mut found) = found {
         for _ in 0..2 {
             let corrected = file_offsets::corrected(recordings, &found.offsets);
             (data, run) = conditioned(&corrected, options)?;

@@ -6,7 +6,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::context::{FitContext, Node};
+use super::context::{FitContext, LikelihoodScale, Node};
 
 /// Ridge as a share of a part's power: a part that the other parameters imitate keeps the common size.
 const RIDGE: f64 = 1e-2;
@@ -33,7 +33,12 @@ impl Variation {
 }
 
 /// The variation of the effect at `place` of a node; `None` where the effect has no force or the node no tangent.
-pub(super) fn variation(context: &FitContext<'_>, node: &Node, place: usize) -> Option<Variation> {
+pub(super) fn variation(
+    context: &FitContext<'_>,
+    likelihood: LikelihoodScale,
+    node: &Node,
+    place: usize,
+) -> Option<Variation> {
     let (node, tangent) = context.converged(node)?;
     let structure = context.structure(node.attached.clone());
     let residuals = structure.fitted(&node.values)?;
@@ -54,8 +59,14 @@ pub(super) fn variation(context: &FitContext<'_>, node: &Node, place: usize) -> 
         normal[(i, i)] += RIDGE * power;
     }
     let right = columns.tr_mul(&residuals);
-    let deviation = normal.cholesky()?.solve(&right);
-    let weighted: f64 = deviation.iter().zip(&power).map(|(d, p)| d * d * p).sum();
+    let factor = normal.cholesky()?;
+    let deviation = factor.solve(&right);
+    // The noise alone makes the sizes differ by this much.
+    let variance = likelihood.variance * likelihood.correlation_time;
+    let by_noise = factor.inverse().diagonal() * variance;
+    let weighted: f64 = (0..power.len())
+        .map(|i| (deviation[i].powi(2) - by_noise[i]).max(0.0) * power[i])
+        .sum();
     Some(Variation {
         spread: (weighted / power.iter().sum::<f64>()).sqrt(),
     })

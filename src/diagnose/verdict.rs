@@ -71,7 +71,7 @@ pub(super) fn conclude(
     let effects: Vec<Finding> = judged
         .iter()
         .filter(|_| !unexplained)
-        .map(|j| finding(context, after, j, &confidence, unexplained_share))
+        .map(|j| finding(context, &search, j, &confidence, unexplained_share))
         .collect();
     let location = if unexplained {
         unexplained_locations(context, [refitted, before, after])
@@ -183,15 +183,16 @@ fn fits_every_cycle(context: &FitContext<'_>, node: &Node) -> bool {
 
 fn finding(
     context: &FitContext<'_>,
-    node: &Node,
+    search: &SearchResult,
     judged: &JudgedEffect,
     confidence: &Confidence,
     unexplained_share: f64,
 ) -> Finding {
+    let node = &search.nodes[search.chosen];
     let attached = &node.attached[judged.place];
     let from = context.offset(&node.attached, judged.place);
     let group = &node.values[from..from + attached.parameters.len()];
-    let variation = variation(context, node, judged.place);
+    let variation = variation(context, search.likelihood, node, judged.place);
     let trust = variation.map_or(1.0, Variation::trust);
     Finding {
         code: attached.effect.code.to_owned(),
