@@ -27,7 +27,7 @@ const LEAST_HELD_OUT: f64 = 0.25;
 /// one, and lost motion is the difference of two.
 const LEAST_NOISES: f64 = 2.0;
 /// The same for the displacement that a delay takes at the highest speed: filters that differ a little delay one channel, too.
-const LEAST_DELAY_NOISES: f64 = 4.0;
+const LEAST_DELAY_NOISES: f64 = 8.0;
 /// Error of the baseline on cycles that were not fitted, in units of the noise, below which there is nothing to find. Clean runs of
 /// the mock rig have 0.04 to 0.5, effects of strength 1 in sealed cases 0.8 and more.
 const WITHIN_NOISE: f64 = 0.5;
