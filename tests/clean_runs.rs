@@ -119,11 +119,11 @@ fn a_diagnosis_finds_nothing_in_clean_runs() {
     }
 }
 
-/// 3 ms at 1 mm/s are 3 um, the noise of the LVDT is 1 um: of 60 runs in real time two had as much (99 % sure). At 95 mm/s the same
+/// At 1 mm/s some ms are some um, the noise of the LVDT is 1 um: of 60 clean runs in real time two had as much (99 % sure). At 95 mm/s the same
 /// delay is seen.
 #[test]
 fn a_delay_that_moves_less_than_the_displacement_noise_is_no_finding() {
-    let bench = concealing("channel_delay", &[("delay_ms", 3.0)]);
+    let bench = concealing("channel_delay", &[("delay_ms", -2.5)]);
     let profiles = shipped_profiles();
     let of = |name: &str| {
         let folder = tempfile::tempdir().expect("a folder");
