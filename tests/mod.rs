@@ -17,6 +17,7 @@ mod diagnose_targets;
 mod discovered_law;
 mod documents;
 mod end_to_end;
+mod foreign_truth;
 mod full_disk;
 mod hostile;
 mod identify;

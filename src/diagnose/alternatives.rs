@@ -3,6 +3,7 @@
 use super::backward_elimination::{kinks_are_recorded, penalty, without};
 use super::context::{FitContext, Key, Node};
 use super::diagnosis::Alternative;
+use super::lack_of_fit::rest;
 use super::search::SearchResult;
 use super::splits::Split;
 use super::surrogate;
@@ -114,9 +115,9 @@ fn compare(
     let distinct = likelihood.gain(DISTINCT_POWER * likelihood.variance * context.data.counted() as f64);
     let mut rivals: Vec<RivalSet> = Vec::new();
     let mut doubt = 0.0;
-    // What the chosen set leaves above the noise is the error of its forms: rivals that lack less are not excluded by it.
-    let left = search.nodes[search.chosen].cost() - context.data.counted() as f64;
-    let scale = DOUBT_FLOOR + (DOUBT_SHARE * loss).max(likelihood.gain(left.max(0.0)));
+    // The structure that the chosen set leaves is the error of its forms: rivals that lack less are not excluded by it.
+    let left = rest(context.data, &search.nodes[search.chosen].residuals);
+    let scale = DOUBT_FLOOR + (DOUBT_SHARE * loss).max(likelihood.gain(left));
     for (i, node) in search.nodes.iter().enumerate() {
         if node.attached.len() != base.len() + extras + 1 {
             continue;

@@ -4,21 +4,19 @@ use super::baseline::Attached;
 use super::context::{FitContext, Key, LikelihoodScale, Node};
 use super::data::Data;
 use super::fit::converge;
+use super::lack_of_fit::rest;
 use super::search::lowest;
 use super::smoothing::median;
 use super::splits::Split;
 
 /// Penalty per effect in log-likelihood. For one parameter it is a likelihood ratio of 16, which chance exceeds once in 16 000.
 pub(super) const PENALTY: f64 = 8.0;
-/// Penalty of each further parameter of an effect: half the logarithm of 55 independent samples (Schwarz 1978).
-const PARAMETER_PENALTY: f64 = 2.0;
+/// Penalty of each further parameter of an effect, so that chance exceeds it as rarely as that of one parameter.
+const PARAMETER_PENALTY: f64 = 1.3;
 /// An effect with a kink acts on at most this share of its axis: a knee below nearly all that was recorded is a smooth curve.
 const MOST_OF_AXIS: f64 = 0.85;
 /// Share of the whole gain that an effect must bring.
 pub(super) const LEAST_SHARE: f64 = 5e-4;
-/// Share of the rest above the noise that an effect must take away: one that leaves more than it takes is the error of another
-/// effect's form.
-const LEAST_SHARE_OF_REST: f64 = 0.5;
 /// Mean square that an effect must take away, in units of the noise: an RMS of 7 % of the noise is no finding.
 const LEAST_POWER: f64 = 0.005;
 /// The same for a slow model: the error of its coarse steps repeats in every cycle and does not average out.
@@ -100,12 +98,14 @@ fn eliminate(
     chosen: usize,
 ) -> Option<usize> {
     let total = likelihood.gain(nodes[0].cost() - nodes[chosen].cost());
+    // An effect that takes less than the set leaves is the error of another effect's form.
+    let rest = likelihood.gain(rest(context.data, &nodes[chosen].residuals));
     let mut removed: Option<(f64, usize)> = None;
     for place in context.setup.extras.len()..nodes[chosen].attached.len() {
         let smaller = best_without(context, nodes, chosen, place);
         let loss = likelihood.gain(nodes[smaller].cost() - nodes[chosen].cost());
         let own = penalty(&nodes[chosen].attached[place..=place]);
-        let needed = required_gain(context, likelihood, &nodes[smaller], total).max(own);
+        let needed = required_gain(context, likelihood, total).max(rest).max(own);
         let held_out = likelihood.gain(nodes[smaller].select - nodes[chosen].select);
         let excess = if is_negligible(context, &nodes[smaller], &nodes[chosen], place) {
             loss.min(needed) - needed - PENALTY
@@ -138,7 +138,7 @@ fn best_without(context: &FitContext<'_>, nodes: &mut Vec<Node>, chosen: usize, 
 }
 
 /// Gain in log-likelihood that an effect must bring over the set without it; `total` is the gain of all effects.
-fn required_gain(context: &FitContext<'_>, likelihood: LikelihoodScale, without: &Node, total: f64) -> f64 {
+fn required_gain(context: &FitContext<'_>, likelihood: LikelihoodScale, total: f64) -> f64 {
     let counted = context.data.counted() as f64;
     let power = if context.setup.surrogate.is_some() {
         LEAST_POWER_SLOW
@@ -146,8 +146,7 @@ fn required_gain(context: &FitContext<'_>, likelihood: LikelihoodScale, without:
         LEAST_POWER
     };
     let of_noise = likelihood.gain(power * likelihood.variance * counted);
-    let of_rest = likelihood.gain(LEAST_SHARE_OF_REST * (without.cost() - counted).max(0.0));
-    PENALTY.max(LEAST_SHARE * total).max(of_noise).max(of_rest)
+    PENALTY.max(LEAST_SHARE * total).max(of_noise)
 }
 
 /// True for an effect that is too small to be real, however often it repeats.

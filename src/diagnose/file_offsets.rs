@@ -12,6 +12,7 @@ use super::condition::Track;
 use super::context::{FitContext, Node};
 use super::data::Data;
 use super::fit::converge;
+use super::friction_law;
 use super::note::{Note, NoteAction, NoteKind};
 use super::smoothing::{median, range};
 use super::splits::Split;
@@ -26,9 +27,9 @@ const MOST_POWER_LEFT: f64 = 2.0;
 const LEAST_EXPLAINED: f64 = 0.85;
 /// The first step, a linear prediction, must explain this share, or the search ends.
 const LEAST_PREDICTED: f64 = 0.5;
-/// An effect that explains this share of what the offsets explain has their place: it needs a few parameters, they need some for
+/// Physics that explains this share of what the offsets explain has their place: it needs a few parameters, they need some for
 /// each recording.
-const EFFECT_SHARE: f64 = 0.8;
+const PHYSICS_SHARE: f64 = 0.8;
 /// Log-likelihood that each offset must gain, and all together beside that.
 const GAIN_OF_EACH: f64 = 5.0;
 const GAIN_OF_ALL: f64 = 15.0;
@@ -125,16 +126,20 @@ pub(super) fn find(structure: &ModelStructure<'_>, node: &Node) -> Option<Offset
     any.then_some(best)
 }
 
-/// True if a single effect explains about what the offsets explain.
-pub(super) fn an_effect_suffices(context: &FitContext<'_>, node: &Node, found: &OffsetFit) -> bool {
+/// True if a general friction law or a single effect explains about what the offsets explain.
+pub(super) fn physics_suffices(context: &FitContext<'_>, node: &Node, found: &OffsetFit) -> bool {
     let Some((node, tangent)) = context.converged(node) else {
         return false;
     };
-    let needed = EFFECT_SHARE * (node.cost() - found.cost);
-    let children = context.children(&node, &tangent, &[], usize::MAX);
-    children
-        .iter()
-        .any(|child| node.cost() - child.cost() >= needed)
+    let needed = PHYSICS_SHARE * (node.cost() - found.cost);
+    let explains = |other: &Node| node.cost() - other.cost() >= needed;
+    let form = context.setup.form.as_ref();
+    let general = form.and_then(|form| friction_law::generalise(context, &node, form));
+    general.is_some_and(|general| explains(&general))
+        || context
+            .children(&node, &tangent, &[], usize::MAX)
+            .iter()
+            .any(explains)
 }
 
 /// Offsets that are left after a correction: the shift in time is exact only in the recordings themselves.

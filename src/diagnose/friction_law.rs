@@ -46,7 +46,7 @@ pub(super) fn search_start(context: &FitContext<'_>, first: &Node) -> Option<Sea
 }
 
 /// A node with the general friction law, where the data support one.
-fn generalise(context: &FitContext<'_>, node: &Node, form: &Attached) -> Option<Node> {
+pub(super) fn generalise(context: &FitContext<'_>, node: &Node, form: &Attached) -> Option<Node> {
     let structure = context.structure(node.attached.clone()).with(form);
     // The fit starts without the baseline's own friction: a law without memory of the last reversal would stop it early.
     let mut frictionless = node.values.clone();

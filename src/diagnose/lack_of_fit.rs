@@ -31,6 +31,11 @@ pub(super) struct LackOfFit {
     pub power: f64,
 }
 
+/// Sum of squares of the structure that a set leaves, over all fitted and compared points.
+pub(super) fn rest(data: &Data, residuals: &[f64]) -> f64 {
+    lack_of_fit(data, residuals).power.max(0.0) * data.counted() as f64
+}
+
 /// The largest of four: all axes together, displacement alone, near replicates, and a change after some cycles.
 pub(super) fn lack_of_fit(data: &Data, residuals: &[f64]) -> LackOfFit {
     let selecting = data.count(Split::Select).max(1) as f64;

@@ -50,7 +50,7 @@ mod location;
 mod mains_hum;
 mod near_replicates;
 mod next_test;
-mod note;
+pub(crate) mod note;
 mod polarity;
 mod repeats;
 mod samples;
@@ -188,7 +188,7 @@ fn fitted_input(
     let mut first = first_fit(setup, &mut data, &run)?;
     let structure = ModelStructure::new(setup, &data, first.attached.clone());
     let found = file_offsets::find(&structure, &first)
-        .filter(|found| !file_offsets::an_effect_suffices(&run.context(setup, &data), &first, found));
+        .filter(|found| !file_offsets::physics_suffices(&run.context(setup, &data), &first, found));
     if let Some(mut found) = found {
         for _ in 0..2 {
             let corrected = file_offsets::corrected(recordings, &found.offsets);
