@@ -8,8 +8,9 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::baseline::Setup;
 use super::condition::Track;
-use super::context::{FitContext, Node};
+use super::context::{FitContext, Node, RunSettings};
 use super::data::Data;
 use super::fit::converge;
 use super::friction_law;
@@ -124,6 +125,59 @@ pub(super) fn find(structure: &ModelStructure<'_>, node: &Node) -> Option<Offset
         .iter()
         .any(|offset| *offset != FileOffsets::default());
     any.then_some(best)
+}
+
+/// Zero of the displacement in mm that all recordings share, if it alone explains nearly all that the baseline leaves: a spring that
+/// carries a load at its lowest point cannot have a line of force over displacement that begins below zero.
+pub(super) fn common_zero_mm(run: &RunSettings, setup: &Setup, data: &Data, node: &Node) -> Option<f64> {
+    let zero_mm = crossing_mm(data)?;
+    let counted = data.counted() as f64;
+    let (here, _) = run.context(setup, data).converged(node)?;
+    if setup.model.slow || here.cost() < LEAST_POWER * counted {
+        return None;
+    }
+    let offset = FileOffsets {
+        displacement_mm: zero_mm,
+        ..FileOffsets::default()
+    };
+    let data = shifted(data, &vec![offset; data.tracks.len()]);
+    let context = run.context(setup, &data);
+    let (there, _) = context.converged(node)?;
+    let form = setup.form.as_ref();
+    let general = form.and_then(|form| friction_law::generalise(&context, &there, form));
+    let cost = general.map_or(there.cost(), |general| general.cost().min(there.cost()));
+    let explains = cost < MOST_POWER_LEFT * counted
+        && here.cost() - cost > LEAST_EXPLAINED * (here.cost() - counted)
+        && 0.5 * (here.cost() - cost) > GAIN_OF_ALL;
+    explains.then_some(zero_mm)
+}
+
+/// Displacement in mm at which the straight line through all points has no force, if the line has a negative force at zero.
+fn crossing_mm(data: &Data) -> Option<f64> {
+    let x: Vec<f64> = data
+        .tracks
+        .iter()
+        .flat_map(|t| t.displacement_mm.clone())
+        .collect();
+    let used: Vec<usize> = (0..data.len()).filter(|&i| data.weight[i] > 0.0).collect();
+    let mean = |of: &[f64]| used.iter().map(|&i| of[i]).sum::<f64>() / used.len().max(1) as f64;
+    let (mean_mm, mean_n) = (mean(&x), mean(&data.force_n));
+    let along: f64 = used
+        .iter()
+        .map(|&i| (x[i] - mean_mm) * (data.force_n[i] - mean_n))
+        .sum();
+    let power: f64 = used.iter().map(|&i| (x[i] - mean_mm).powi(2)).sum();
+    let crossing_mm = mean_mm - mean_n * power / along;
+    (along > 0.0 && crossing_mm > 0.0).then_some(crossing_mm)
+}
+
+/// The note on a zero that all recordings share.
+pub(super) fn common_zero_note(name: &str, zero_mm: f64) -> Note {
+    let text = format!(
+        "at {zero_mm:.2} mm of the displacement the force is zero: taken as the place where the spring is touched; set the zero of \
+         the LVDT there"
+    );
+    Note::new(name, NoteKind::Zero, (zero_mm, "mm"), NoteAction::Corrected, text)
 }
 
 /// True if a general friction law or a single effect explains about what the offsets explain.
@@ -307,6 +361,15 @@ fn interpolated(time_s: &[f64], values: &[f64], at_s: f64) -> f64 {
     }
     let share = (at_s - time_s[after - 1]) / (time_s[after] - time_s[after - 1]);
     values[after - 1] + share * (values[after] - values[after - 1])
+}
+
+/// The recordings without a zero of the displacement that they share.
+pub(super) fn without_zero(recordings: &[Recording], zero_mm: f64) -> Vec<Recording> {
+    let offset = FileOffsets {
+        displacement_mm: zero_mm,
+        ..FileOffsets::default()
+    };
+    corrected(recordings, &vec![offset; recordings.len()])
 }
 
 /// The recordings without their offsets. A sample whose force lies beyond the recording by the delay is left out.

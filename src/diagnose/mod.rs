@@ -186,6 +186,14 @@ fn fitted_input(
     options: &DiagnoseOptions,
 ) -> Result<(Data, RunSettings, Node), DiagnoseError> {
     let mut first = first_fit(setup, &mut data, &run)?;
+    let mut shifted = Vec::new();
+    let zero_mm = file_offsets::common_zero_mm(&run, setup, &data, &first);
+    if let Some(zero_mm) = zero_mm {
+        shifted = file_offsets::without_zero(recordings, zero_mm);
+        (data, run) = conditioned(&shifted, options)?;
+        first = first_fit(setup, &mut data, &run)?;
+    }
+    let recordings = if zero_mm.is_some() { &shifted } else { recordings };
     let structure = ModelStructure::new(setup, &data, first.attached.clone());
     let found = file_offsets::find(&structure, &first)
         .filter(|found| !file_offsets::physics_suffices(&run.context(setup, &data), &first, found));
@@ -200,6 +208,12 @@ fn fitted_input(
         for (recording, offset) in recordings.iter().zip(&found.offsets) {
             data.add_notes(file_offsets::notes(&recording.name, offset));
         }
+    }
+    if let Some(zero_mm) = zero_mm {
+        let notes = recordings
+            .iter()
+            .map(|r| file_offsets::common_zero_note(&r.name, zero_mm));
+        data.add_notes(notes.collect());
     }
     let structure = ModelStructure::new(setup, &data, first.attached.clone());
     if let Some((sigma_n, notes)) = force_zero::check(&structure, &first) {
