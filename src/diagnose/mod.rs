@@ -16,6 +16,7 @@
 //! | `backward_elimination` | the set that is chosen: largest penalised gain, then effects that bring too little are removed |
 //! | `lack_of_fit` | what no candidate explains (`near_replicates`) |
 //! | `law` | a law read off the recordings where no candidate explains them |
+//! | `two_sided` | the model of a device that pushes and pulls, where that is better than a spring |
 //! | `location` | where on the loop model and recordings differ (`binning`) |
 //! | `alternatives`, `intervals` | what could replace a finding; confidence intervals |
 //! | `next_test` | the test that separates a finding from its alternatives (`test_profiles`) |
@@ -67,6 +68,7 @@ mod test_profiles;
 mod thinning;
 mod travel;
 mod turning_points;
+mod two_sided;
 mod varying_coefficient;
 mod verdict;
 mod vibration;

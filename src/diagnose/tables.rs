@@ -199,8 +199,8 @@ pub(super) fn not_testable(context: &FitContext<'_>, baseline: &Node) -> Vec<Not
     rows
 }
 
-/// Curves of all tracks for the report, of the baseline (`before`) and of the improved model (`after`).
-pub(super) fn curves(data: &Data, before: &Node, after: &Node) -> Vec<Curve> {
+/// Curves of all tracks for the report, from the weighted residuals of the baseline (`before`) and of the improved model (`after`).
+pub(super) fn curves(data: &Data, before: &[f64], after: &[f64]) -> Vec<Curve> {
     let mut from = 0;
     data.tracks
         .iter()
@@ -230,11 +230,11 @@ pub(super) fn curves(data: &Data, before: &Node, after: &Node) -> Vec<Curve> {
                 time_s: pick.iter().map(|&i| track.time_s[i]).collect(),
                 displacement_mm: pick.iter().map(|&i| track.displacement_mm[i]).collect(),
                 measured_n: pick.iter().map(|&i| track.force_n[i]).collect(),
-                baseline_n: pick.iter().map(|&i| model(&before.residuals, i)).collect(),
-                improved_n: pick.iter().map(|&i| model(&after.residuals, i)).collect(),
+                baseline_n: pick.iter().map(|&i| model(before, i)).collect(),
+                improved_n: pick.iter().map(|&i| model(after, i)).collect(),
                 remarks: track.remarks.clone(),
-                nrmse_baseline: error(&before.residuals),
-                nrmse_improved: error(&after.residuals),
+                nrmse_baseline: error(before),
+                nrmse_improved: error(after),
             };
             from += n;
             curve

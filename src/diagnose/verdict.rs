@@ -20,6 +20,7 @@ use super::structure::ModelStructure;
 use super::tables::{
     baseline_parameters, candidates, curves, errors, errors_of_model, not_testable, values_of,
 };
+use super::two_sided::{self, TwoSidedFit};
 use super::varying_coefficient::{Variation, variation};
 use super::yardsticks;
 use crate::effect::Axis;
@@ -79,13 +80,29 @@ pub(super) fn conclude(
         effect_locations(context, [before, after], &judged)
     };
     let with_law = discovered.as_ref().map(|found| context.with_setup(&found.setup));
-    let improved_errors = errors_of_model(with_law.as_ref().unwrap_or(context), improved);
-    let fit = errors(context, &search, refitted, improved_errors, nominal);
     let courses = course::courses(context.data);
-    let law = discovered.as_ref().map(|found| found.law.clone());
+    let device = unexplained
+        .then(|| two_sided::better_than(context, &courses, &improved.residuals))
+        .flatten();
+    let improved_errors = match &device {
+        Some(device) => device.errors,
+        None => errors_of_model(with_law.as_ref().unwrap_or(context), improved),
+    };
+    let improved_residuals = device.as_ref().map_or(&improved.residuals, |d| &d.residuals);
+    let fit = errors(context, &search, refitted, improved_errors, nominal);
+    let law = discovered
+        .as_ref()
+        .filter(|_| device.is_none())
+        .map(|found| found.law.clone());
     Diagnosis {
         verdict,
-        summary: summary(verdict, &effects, law.as_ref(), &location, &fit),
+        summary: summary(
+            verdict,
+            &effects,
+            modelled(law.as_ref(), device.as_ref()),
+            &location,
+            &fit,
+        ),
         alternatives: alternatives(context, &search, refitted, &judged, unexplained),
         location,
         next_test: next_test(context, &search, &judged),
@@ -95,9 +112,12 @@ pub(super) fn conclude(
         candidates: candidates(context, &search),
         not_testable: not_testable(context, before),
         unexplained_share,
-        curves: curves(context.data, refitted, improved),
-        maps: binning::maps(context.data, &refitted.residuals, &improved.residuals),
-        improved: as_model(context, improved, law.as_ref()),
+        curves: curves(context.data, &refitted.residuals, improved_residuals),
+        maps: binning::maps(context.data, &refitted.residuals, improved_residuals),
+        improved: device.map_or_else(
+            || as_model(context, improved, law.as_ref()),
+            |device| device.model,
+        ),
         law,
         yardsticks: yardsticks::errors(&courses, context.threads()),
         proof: None,
@@ -375,10 +395,19 @@ fn as_model(context: &FitContext<'_>, node: &Node, law: Option<&DiscoveredLaw>) 
     }
 }
 
+/// What an unexplained difference is modelled by, in words.
+fn modelled(law: Option<&DiscoveredLaw>, device: Option<&TwoSidedFit>) -> Option<String> {
+    let of_device = device.map(|_| {
+        "the model two-sided (spring, damper and ten friction elements that do not follow the load; it pushes and pulls)"
+            .to_owned()
+    });
+    of_device.or_else(|| law.map(|law| format!("a law read off the recordings, {}", law.equation)))
+}
+
 fn summary(
     verdict: Verdict,
     effects: &[Finding],
-    law: Option<&DiscoveredLaw>,
+    modelled: Option<String>,
     location: &[Location],
     fit: &FitErrors,
 ) -> String {
@@ -404,10 +433,9 @@ fn summary(
             let place = location
                 .first()
                 .map_or(String::new(), |l| format!(": {}", l.words));
-            let modelled = law.map_or(String::new(), |law| {
+            let modelled = modelled.map_or(String::new(), |what| {
                 format!(
-                    " Modelled by a law read off the recordings, {}: the error on held-out cycles falls from {baseline} to {improved}, noise {noise}.",
-                    law.equation
+                    " Modelled by {what}: the error on held-out cycles falls from {baseline} to {improved}, noise {noise}."
                 )
             });
             format!("No effect in the library explains the difference{place}.{modelled}")

@@ -7,6 +7,7 @@ pub(crate) mod finite_segment;
 pub(crate) mod five_link;
 pub(crate) mod friction;
 pub(crate) mod leaf_pack;
+pub(crate) mod two_sided;
 
 /// A model ready to step. It is always driven by displacement, also where the profile controls force. Same input, same bits.
 pub trait Plant: Send {
@@ -148,6 +149,7 @@ pub(crate) static MODELS: &[Model] = &[
     finite_segment::MODEL,
     five_link::MODEL,
     leaf_pack::MODEL,
+    two_sided::MODEL,
 ];
 
 /// The model called `name`.

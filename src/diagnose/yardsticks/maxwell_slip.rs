@@ -13,6 +13,7 @@ use super::super::course::Course;
 use super::terms::{SPRING_AND_DAMPER, Terms, force_n, spring_and_damper, strengths, stroke_mm};
 use super::{FittedYardstick, Yardstick};
 use crate::model::friction::elements::Elements;
+use crate::model::two_sided::{ELEMENTS, lengths_mm};
 
 /// The entry of [`super::YARDSTICKS`].
 pub(super) const YARDSTICK: Yardstick = Yardstick {
@@ -20,25 +21,38 @@ pub(super) const YARDSTICK: Yardstick = Yardstick {
     fit,
 };
 
-/// Number of elements.
-const ELEMENTS: usize = 10;
 /// Shortest and longest length as a share of the stroke: an element longer than half of it is a spring in every closed loop.
 const SHORTEST: f64 = 0.002;
 const LONGEST: f64 = 0.5;
 
-fn fit(courses: &[Course], _threads: usize) -> Option<FittedYardstick> {
+/// A fitted device.
+pub(in super::super) struct FittedDevice {
+    pub shortest_mm: f64,
+    pub longest_mm: f64,
+    /// Offset in N, rate in N/mm, damping in N s/mm, slip forces in N: the parameters of the model `two-sided`.
+    pub strengths: Vec<f64>,
+}
+
+/// Fits the device to the points of the courses that are fitted.
+pub(in super::super) fn device(courses: &[Course]) -> Option<FittedDevice> {
     let stroke_mm = stroke_mm(courses);
-    let lengths_mm: [f64; ELEMENTS] = std::array::from_fn(|i| {
-        let share = i as f64 / (ELEMENTS - 1) as f64;
-        stroke_mm * SHORTEST * (LONGEST / SHORTEST).powf(share)
-    });
-    let terms = move |course: &Course| terms(course, lengths_mm);
+    let (shortest_mm, longest_mm) = (SHORTEST * stroke_mm, LONGEST * stroke_mm);
+    let lengths_mm = lengths_mm(shortest_mm, longest_mm);
     let mut not_negative = SPRING_AND_DAMPER.to_vec();
     not_negative.extend([true; ELEMENTS]);
-    let of_courses: Vec<Terms> = courses.iter().map(terms).collect();
-    let strengths = strengths(courses, &of_courses, &not_negative)?;
+    let terms: Vec<Terms> = courses.iter().map(|course| terms(course, lengths_mm)).collect();
+    Some(FittedDevice {
+        shortest_mm,
+        longest_mm,
+        strengths: strengths(courses, &terms, &not_negative)?,
+    })
+}
+
+fn fit(courses: &[Course], _threads: usize) -> Option<FittedYardstick> {
+    let device = device(courses)?;
     Some(Box::new(move |course: &Course| {
-        force_n(&terms(course), &strengths)
+        let lengths_mm = lengths_mm(device.shortest_mm, device.longest_mm);
+        force_n(&terms(course, lengths_mm), &device.strengths)
     }))
 }
 

@@ -11,7 +11,7 @@
 
 mod bouc_wen;
 mod cubic;
-mod maxwell_slip;
+pub(super) mod maxwell_slip;
 mod terms;
 
 use super::course::{Course, nrmse_leftout};
