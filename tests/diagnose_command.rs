@@ -162,6 +162,11 @@ fn a_recording_that_is_left_out_is_only_predicted() {
 
 /// A damper that pushes and pulls: friction of 400 N that reverses over 1 mm, and a weak spring about the middle of the stroke.
 fn two_sided() -> String {
+    device(|x, since_mm, direction| 10.0 * (x - 6.0) + 400.0 * direction * (1.0 - 2.0 * (-since_mm).exp()))
+}
+
+/// Eight triangles of 12 mm of a device whose force is a function of displacement, travel since the reversal and direction.
+fn device(force_n: fn(f64, f64, f64) -> f64) -> String {
     let rows = (0..1600).map(|i| {
         let (phase, stroke_mm) = (i % 200, 12.0);
         let (direction, back) = if phase < 100 { (1.0, 0) } else { (-1.0, 100) };
@@ -172,7 +177,7 @@ fn two_sided() -> String {
             stroke_mm - since_mm
         };
         let noise_n = 2.0 * (f64::from(i) * 12.9898).sin();
-        let force_n = 10.0 * (x - 6.0) + 400.0 * direction * (1.0 - 2.0 * (-since_mm).exp()) + noise_n;
+        let force_n = force_n(x, since_mm, direction) + noise_n;
         format!("{},{x},{force_n}\n", f64::from(i) * 0.01)
     });
     format!("time_s,displacement_mm,force_n\n{}", rows.collect::<String>())
@@ -198,11 +203,45 @@ fn effects_that_the_diagnosis_refuses_are_not_written() {
     assert!(bench.model.effects.iter().all(|e| e.code == "friction_form"));
 }
 
+/// A device that pushes and pulls is delivered as one: the model is written, runs, and is no worse than any yardstick.
+#[test]
+fn a_damper_is_modelled_as_a_two_sided_device() {
+    let folder = tempfile::tempdir().expect("scratch folder");
+    let path = folder.path().join("damper.csv");
+    std::fs::write(&path, two_sided()).expect("scratch folder is writable");
+    let out = folder.path().join("out");
+    let json = diagnosed(&out, &[path], &[]);
+    assert_eq!(
+        (&json["verdict"], &json["improved"]["model"]),
+        (&"unexplained".into(), &"two-sided".into())
+    );
+    let improved = number(&json["fit"]["improved"]["nrmse_heldout"]);
+    assert!(
+        improved < 0.2 * number(&json["fit"]["baseline"]["nrmse_heldout"]),
+        "{improved}"
+    );
+    let errors = json["yardsticks"].as_array().expect("a list").iter();
+    for yardstick in errors {
+        assert!(
+            improved < 1.1 * number(&yardstick["nrmse_leftout"]),
+            "{improved}, {yardstick}"
+        );
+    }
+    let simulated = number(&json["proof"]["simulated_nrmse"]);
+    assert!(
+        (simulated / improved - 1.0).abs() < 0.02,
+        "{simulated}, {improved}"
+    );
+    let bench = Bench::load(&out.join("improved.toml")).expect("runs as it is");
+    assert_eq!(bench.model.name, "two-sided");
+}
+
 #[test]
 fn a_device_that_no_model_of_a_spring_suits_is_said_to_be_met_better_by_a_yardstick() {
     let folder = tempfile::tempdir().expect("scratch folder");
     let path = folder.path().join("damper.csv");
-    std::fs::write(&path, two_sided()).expect("scratch folder is writable");
+    let cubic = device(|x, _, direction| 2.0 * (x - 6.0).powi(3) + 60.0 * direction);
+    std::fs::write(&path, cubic).expect("scratch folder is writable");
     let out = folder.path().join("out");
     let json = diagnosed(&out, &[path], &[]);
     let improved = number(&json["fit"]["improved"]["nrmse_heldout"]);

@@ -200,7 +200,7 @@ pub(super) fn not_testable(context: &FitContext<'_>, baseline: &Node) -> Vec<Not
 }
 
 /// Curves of all tracks for the report, from the weighted residuals of the baseline (`before`) and of the improved model (`after`).
-pub(super) fn curves(data: &Data, before: &[f64], after: &[f64]) -> Vec<Curve> {
+pub(super) fn curves(data: &Data, [before, after]: [&[f64]; 2]) -> Vec<Curve> {
     let mut from = 0;
     data.tracks
         .iter()

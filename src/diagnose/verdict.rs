@@ -5,7 +5,7 @@ use nalgebra::DMatrix;
 use super::alternatives::{JudgedEffect, RivalSet, alternative, judge, nearest};
 use super::binning;
 use super::context::{FitContext, Node};
-use super::course;
+use super::course::{self, Course};
 use super::diagnosis::*;
 use super::fit::converge;
 use super::friction_law;
@@ -20,7 +20,7 @@ use super::structure::ModelStructure;
 use super::tables::{
     baseline_parameters, candidates, curves, errors, errors_of_model, not_testable, values_of,
 };
-use super::two_sided::{self, TwoSidedFit};
+use super::two_sided;
 use super::varying_coefficient::{Variation, variation};
 use super::yardsticks;
 use crate::effect::Axis;
@@ -64,10 +64,8 @@ pub(super) fn conclude(
     let unexplained = is_unexplained(context, &search, left, unexplained_share);
     let verdict = verdict_of(unexplained, &judged);
     let named = if unexplained { before } else { after };
-    let discovered = unexplained.then(|| law::discover(context, before)).flatten();
-    // What is refused is neither written nor quoted: without a law, the improved model is then the baseline with its general friction
-    // law.
-    let improved = discovered.as_ref().map_or(named, |found| &found.node);
+    let courses = course::courses(context.data);
+    let delivered = delivered(context, named, unexplained, &courses);
     let confidence = intervals(context, named, search.likelihood);
     let effects: Vec<Finding> = judged
         .iter()
@@ -79,46 +77,24 @@ pub(super) fn conclude(
     } else {
         effect_locations(context, [before, after], &judged)
     };
-    let with_law = discovered.as_ref().map(|found| context.with_setup(&found.setup));
-    let courses = course::courses(context.data);
-    let device = unexplained
-        .then(|| two_sided::better_than(context, &courses, &improved.residuals))
-        .flatten();
-    let improved_errors = match &device {
-        Some(device) => device.errors,
-        None => errors_of_model(with_law.as_ref().unwrap_or(context), improved),
-    };
-    let improved_residuals = device.as_ref().map_or(&improved.residuals, |d| &d.residuals);
-    let fit = errors(context, &search, refitted, improved_errors, nominal);
-    let law = discovered
-        .as_ref()
-        .filter(|_| device.is_none())
-        .map(|found| found.law.clone());
+    let fit = errors(context, &search, refitted, delivered.errors, nominal);
+    let residuals = [&refitted.residuals[..], &delivered.residuals];
     Diagnosis {
         verdict,
-        summary: summary(
-            verdict,
-            &effects,
-            modelled(law.as_ref(), device.as_ref()),
-            &location,
-            &fit,
-        ),
+        summary: summary(verdict, &effects, delivered.modelled_by(), &location, &fit),
         alternatives: alternatives(context, &search, refitted, &judged, unexplained),
         location,
         next_test: next_test(context, &search, &judged),
-        baseline_parameters: baseline_parameters(context, improved, &confidence),
-        alarms: alarms(context, improved, &confidence),
+        baseline_parameters: baseline_parameters(context, &delivered.node, &confidence),
+        alarms: alarms(context, &delivered.node, &confidence),
         notes: context.data.tracks.iter().flat_map(|t| t.notes.clone()).collect(),
         candidates: candidates(context, &search),
         not_testable: not_testable(context, before),
         unexplained_share,
-        curves: curves(context.data, &refitted.residuals, improved_residuals),
-        maps: binning::maps(context.data, &refitted.residuals, improved_residuals),
-        improved: device.map_or_else(
-            || as_model(context, improved, law.as_ref()),
-            |device| device.model,
-        ),
-        law,
+        curves: curves(context.data, residuals),
+        maps: binning::maps(context.data, residuals[0], residuals[1]),
+        improved: delivered.model,
+        law: delivered.law,
         yardsticks: yardsticks::errors(&courses, context.threads()),
         proof: None,
         left_out: Vec::new(),
@@ -126,6 +102,60 @@ pub(super) fn conclude(
         courses,
         effects,
         fit,
+    }
+}
+
+/// What is written as the improved model.
+struct Delivered {
+    model: ImprovedModel,
+    /// The set with its parameters; with a law, refitted beside that.
+    node: Node,
+    law: Option<DiscoveredLaw>,
+    /// True for the model of a device that pushes and pulls.
+    two_sided: bool,
+    /// Weighted residuals of every point.
+    residuals: Vec<f64>,
+    errors: Errors,
+}
+
+impl Delivered {
+    /// What an unexplained difference is modelled by, in words.
+    fn modelled_by(&self) -> Option<String> {
+        if self.two_sided {
+            return Some(
+                "the model two-sided (spring, damper and ten friction elements that do not follow the load; it pushes and pulls)"
+                    .to_owned(),
+            );
+        }
+        let law = self.law.as_ref()?;
+        Some(format!("a law read off the recordings, {}", law.equation))
+    }
+}
+
+/// The named set; where the difference is unexplained, the baseline (`named`) with a law read off the recordings, or a two-sided
+/// device. What is refused is neither written nor quoted.
+fn delivered(context: &FitContext<'_>, named: &Node, unexplained: bool, courses: &[Course]) -> Delivered {
+    let found = unexplained.then(|| law::discover(context, named)).flatten();
+    let with_law = found.as_ref().map(|found| context.with_setup(&found.setup));
+    let node = found.as_ref().map_or(named, |found| &found.node).clone();
+    if unexplained && let Some(device) = two_sided::better_than(context, courses, &node.residuals) {
+        return Delivered {
+            model: device.model,
+            node: named.clone(),
+            law: None,
+            two_sided: true,
+            residuals: device.residuals,
+            errors: device.errors,
+        };
+    }
+    let law = found.as_ref().map(|found| found.law.clone());
+    Delivered {
+        model: as_model(context, &node, law.as_ref()),
+        errors: errors_of_model(with_law.as_ref().unwrap_or(context), &node),
+        residuals: node.residuals.clone(),
+        node,
+        law,
+        two_sided: false,
     }
 }
 
@@ -393,15 +423,6 @@ fn as_model(context: &FitContext<'_>, node: &Node, law: Option<&DiscoveredLaw>) 
         law: law.map(|l| l.law.clone()),
         force_zero_n: node.values[node.values.len() - 1],
     }
-}
-
-/// What an unexplained difference is modelled by, in words.
-fn modelled(law: Option<&DiscoveredLaw>, device: Option<&TwoSidedFit>) -> Option<String> {
-    let of_device = device.map(|_| {
-        "the model two-sided (spring, damper and ten friction elements that do not follow the load; it pushes and pulls)"
-            .to_owned()
-    });
-    of_device.or_else(|| law.map(|law| format!("a law read off the recordings, {}", law.equation)))
 }
 
 fn summary(

@@ -12,7 +12,6 @@
 
 use super::motion::BandedTravel;
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, load_n, wrapped};
-use crate::model::friction::elements::Elements;
 use crate::model::{Motion, Parameter, Plant};
 
 /// Edges of the length bands, mm. No usual sampling resolves the first band; the others grow by about 1.5.
@@ -67,22 +66,7 @@ pub(crate) const FORM: Effect = Effect {
             100.0 * v.iter().sum::<f64>()
         )
     },
-    attach: |v, inside| {
-        let mut ratios = [0.0; BANDS];
-        ratios.copy_from_slice(&v[..BANDS]);
-        wrapped(
-            FrictionForm {
-                ratios,
-                travel: BandedTravel::default(),
-                elements: Elements::new(std::array::from_fn(|k| {
-                    let (band, within) = (k / ELEMENTS_PER_BAND, (k % ELEMENTS_PER_BAND) as f64 + 0.5);
-                    BANDS_MM[band]
-                        * (BANDS_MM[band + 1] / BANDS_MM[band]).powf(within / ELEMENTS_PER_BAND as f64)
-                })),
-            },
-            inside,
-        )
-    },
+    attach: |v, inside| wrapped(FrictionForm::new(v), inside),
     if_known: |effect, knows| {
         let known = knows("load_dependent_friction") && knows("presliding");
         known.then(|| effect.parameters.to_vec())
@@ -104,15 +88,47 @@ pub(crate) const FORM: Effect = Effect {
 
 #[derive(Clone)]
 struct FrictionForm {
-    ratios: [f64; BANDS],
     travel: BandedTravel,
-    elements: Elements<{ BANDS * ELEMENTS_PER_BAND }>,
+    elements: Vec<Element>,
+}
+
+/// An element of a band whose ratio is not zero: most bands of a fitted law are, and their elements need no steps.
+#[derive(Clone)]
+struct Element {
+    per_mm: f64,
+    ratio: f64,
+    drag: f64,
+}
+
+impl FrictionForm {
+    fn new(ratios: &[f64]) -> FrictionForm {
+        let bands = ratios
+            .iter()
+            .zip(BANDS_MM.windows(2))
+            .filter(|(ratio, _)| **ratio != 0.0);
+        let elements = bands.flat_map(|(ratio, ends)| {
+            (0..ELEMENTS_PER_BAND).map(move |k| {
+                let within = (k as f64 + 0.5) / ELEMENTS_PER_BAND as f64;
+                Element {
+                    per_mm: 1.0 / (ends[0] * (ends[1] / ends[0]).powf(within)),
+                    ratio: ratio / ELEMENTS_PER_BAND as f64,
+                    drag: 0.0,
+                }
+            })
+        });
+        FrictionForm {
+            travel: BandedTravel::default(),
+            elements: elements.collect(),
+        }
+    }
 }
 
 impl Wrap for FrictionForm {
     fn reset(&mut self) {
         self.travel = BandedTravel::default();
-        self.elements.reset();
+        for element in &mut self.elements {
+            element.drag = 0.0;
+        }
     }
 
     fn told(&mut self, _motion: &Motion) {
@@ -120,13 +136,12 @@ impl Wrap for FrictionForm {
     }
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
-        let drags = self.elements.advance(self.travel.advance(displacement_mm));
-        let ratio: f64 = drags
-            .chunks_exact(ELEMENTS_PER_BAND)
-            .zip(&self.ratios)
-            .map(|(band, ratio)| ratio * band.iter().sum::<f64>())
-            .sum::<f64>()
-            / ELEMENTS_PER_BAND as f64;
+        let travel_mm = self.travel.advance(displacement_mm);
+        let mut ratio = 0.0;
+        for element in &mut self.elements {
+            element.drag = (element.drag + travel_mm * element.per_mm).clamp(-1.0, 1.0);
+            ratio += element.ratio * element.drag;
+        }
         let force_n = inside.step(displacement_mm, dt_s);
         force_n + load_n(&**inside, force_n) * ratio
     }

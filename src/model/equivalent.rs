@@ -149,7 +149,13 @@ impl Plant for Equivalent {
     fn step(&mut self, displacement_mm: f64, dt_s: f64) -> f64 {
         let slip_mm = displacement_mm - self.displacement_mm;
         self.displacement_mm = displacement_mm;
-        let drag = self.law.drag(slip_mm, dt_s, self.velocity_mm_s.take());
+        let velocity_mm_s = self.velocity_mm_s.take();
+        // A general friction law around the model leaves none to this one.
+        let drag = if self.friction_ratio == 0.0 {
+            0.0
+        } else {
+            self.law.drag(slip_mm, dt_s, velocity_mm_s)
+        };
         self.carried_n = (self.preload_n + self.rate_n_per_mm * (displacement_mm - self.datum_mm)).max(0.0);
         self.carried_n * (1.0 + self.friction_ratio * drag)
     }
