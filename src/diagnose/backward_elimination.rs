@@ -12,7 +12,7 @@ use super::splits::Split;
 /// Penalty per effect in log-likelihood. For one parameter it is a likelihood ratio of 16, which chance exceeds once in 16 000.
 pub(super) const PENALTY: f64 = 8.0;
 /// Penalty of each further parameter of an effect, so that chance exceeds it as rarely as that of one parameter.
-const PARAMETER_PENALTY: f64 = 1.3;
+pub(super) const PARAMETER_PENALTY: f64 = 1.3;
 /// An effect with a kink acts on at most this share of its axis: a knee below nearly all that was recorded is a smooth curve.
 const MOST_OF_AXIS: f64 = 0.85;
 /// Share of the whole gain that an effect must bring.
@@ -74,7 +74,10 @@ pub(super) fn choose(context: &FitContext<'_>, nodes: &mut Vec<Node>, likelihood
 
 /// Log-likelihood that effects must bring for their number and their parameters.
 pub(super) fn penalty(effects: &[Attached]) -> f64 {
-    let of = |a: &Attached| PENALTY + PARAMETER_PENALTY * (a.parameters.len() - 1) as f64;
+    let of = |a: &Attached| {
+        let free = a.parameters.iter().filter(|p| p.is_free()).count();
+        PENALTY + PARAMETER_PENALTY * free.saturating_sub(1) as f64
+    };
     effects.iter().map(of).sum()
 }
 

@@ -144,7 +144,9 @@ pub(super) fn common_zero_mm(run: &RunSettings, setup: &Setup, data: &Data, node
     let context = run.context(setup, &data);
     let (there, _) = context.converged(node)?;
     let form = setup.form.as_ref();
-    let general = form.and_then(|form| friction_law::generalise(&context, &there, form));
+    let general = form.and_then(|form| {
+        friction_law::generalise(&context, &there, form, &(form.effect.starts)(&context.span))
+    });
     let cost = general.map_or(there.cost(), |general| general.cost().min(there.cost()));
     let explains = cost < MOST_POWER_LEFT * counted
         && here.cost() - cost > LEAST_EXPLAINED * (here.cost() - counted)
@@ -188,7 +190,9 @@ pub(super) fn physics_suffices(context: &FitContext<'_>, node: &Node, found: &Of
     let needed = PHYSICS_SHARE * (node.cost() - found.cost);
     let explains = |other: &Node| node.cost() - other.cost() >= needed;
     let form = context.setup.form.as_ref();
-    let general = form.and_then(|form| friction_law::generalise(context, &node, form));
+    let general = form.and_then(|form| {
+        friction_law::generalise(context, &node, form, &(form.effect.starts)(&context.span))
+    });
     general.is_some_and(|general| explains(&general))
         || context
             .children(&node, &tangent, &[], usize::MAX)

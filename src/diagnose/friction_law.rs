@@ -32,9 +32,14 @@ pub(super) struct SearchStart {
 pub(super) fn search_start(context: &FitContext<'_>, first: &Node) -> Option<SearchStart> {
     let (refitted, tangent) = context.converged(first)?;
     let form = context.setup.form.as_ref();
-    let general = form.and_then(|form| generalise(context, &refitted, form));
+    let general =
+        form.and_then(|form| generalise(context, &refitted, form, &(form.effect.starts)(&context.span)));
     let seeds = match (&general, form) {
-        (Some(_), Some(form)) => seeds(context, &refitted, &tangent, form),
+        (Some(general), Some(form)) => {
+            let own = context.setup.model.parameters.len();
+            let fitted = general.values[own..general.values.len() - 1].to_vec();
+            seeds(context, &refitted, &tangent, (form, fitted))
+        }
         _ => Vec::new(),
     };
     Some(SearchStart {
@@ -45,17 +50,22 @@ pub(super) fn search_start(context: &FitContext<'_>, first: &Node) -> Option<Sea
     })
 }
 
-/// A node with the general friction law, where the data support one.
-pub(super) fn generalise(context: &FitContext<'_>, node: &Node, form: &Attached) -> Option<Node> {
+/// A node with the general friction law, fitted from these starts of its parameters, where the data support one.
+pub(super) fn generalise(
+    context: &FitContext<'_>,
+    node: &Node,
+    form: &Attached,
+    starts: &[Vec<f64>],
+) -> Option<Node> {
     let structure = context.structure(node.attached.clone()).with(form);
     // The fit starts without the baseline's own friction: a law without memory of the last reversal would stop it early.
     let mut frictionless = node.values.clone();
     if let Some(i) = context.setup.model.friction_ratio {
         frictionless[i] = context.setup.model.parameters[i].bounds[0];
     }
-    let starts: Vec<Vec<f64>> = (form.effect.starts)(&context.span)
-        .into_iter()
-        .map(|group| insert_group(&frictionless, &group))
+    let starts: Vec<Vec<f64>> = starts
+        .iter()
+        .map(|group| insert_group(&frictionless, group))
         .collect();
     let general = context
         .parallel_map(&starts, |start| converge(&structure, start.clone()))
@@ -67,13 +77,19 @@ pub(super) fn generalise(context: &FitContext<'_>, node: &Node, form: &Attached)
 }
 
 /// The best single effects on the baseline's own law, with the general law fitted afterwards. A general law that is fitted first
-/// adapts to the missing effect and can hide it.
-fn seeds(context: &FitContext<'_>, refitted: &Node, tangent: &Tangent, form: &Attached) -> Vec<Node> {
+/// adapts to the missing effect and can hide it. The law starts from what it is without the effect.
+fn seeds(
+    context: &FitContext<'_>,
+    refitted: &Node,
+    tangent: &Tangent,
+    (form, start): (&Attached, Vec<f64>),
+) -> Vec<Node> {
+    let starts = [start];
     let mut children = context.children(refitted, tangent, &[], SEEDS_TRIED);
     children.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
     children.truncate(SEEDS);
     let general = children.iter().filter_map(|child| {
-        let mut node = generalise(context, child, form)?;
+        let mut node = generalise(context, child, form, &starts)?;
         // The general law comes before the effect, as in all other nodes.
         let (own, added) = (context.setup.model.parameters.len(), node.values.len() - 1);
         node.attached.rotate_right(1);

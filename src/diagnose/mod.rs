@@ -14,6 +14,7 @@
 //! | `friction_law` | generalises the baseline's friction law before any effect is called missing |
 //! | `search` | beam search over sets of effects |
 //! | `backward_elimination` | the set that is chosen: largest penalised gain, then effects that bring too little are removed |
+//! | `simplest_form` | shapes of laws that the recordings do not ask for go back to their neutral values |
 //! | `lack_of_fit` | what no candidate explains (`near_replicates`) |
 //! | `law` | a law read off the recordings where no candidate explains them |
 //! | `two_sided` | the model of a device that pushes and pulls, where that is better than a spring |
@@ -57,6 +58,7 @@ mod repeats;
 mod samples;
 mod score;
 mod search;
+mod simplest_form;
 mod smoothing;
 mod spikes;
 mod splits;
@@ -152,12 +154,12 @@ pub fn diagnose(
     if start.generalised {
         setup.extras.clone_from(&start.base.attached);
     }
-    progress(0.15, "comparing candidates");
     let context = run.context(&setup, &data);
-    let mut search = search::search(&context, start.base.clone(), &start.seeds, &mut |share| {
-        progress(0.15 + 0.65 * share, "comparing candidates");
+    let mut search = search::search(&context, start.base.clone(), &start.seeds, &mut |share, step| {
+        progress(0.15 + 0.6 * share, step);
     });
     if setup.model.slow {
+        progress(0.75, "refitting the best sets on the model itself");
         let fits = (&mut start.refitted, &start.base);
         search = surrogate::confirm(&mut setup, &data, &run, fits, search);
     }

@@ -5,6 +5,7 @@ use super::backward_elimination::{LEAST_SHARE, PENALTY, choose};
 use super::context::{FitContext, Key, LikelihoodScale, Node};
 use super::fit::converge;
 use super::score::Tangent;
+use super::simplest_form::simplest_form;
 
 /// Sets that are kept from one size to the next. More would cost time in proportion.
 const BEAM_WIDTH: usize = 3;
@@ -15,6 +16,13 @@ const CHILDREN: [usize; MOST_EFFECTS] = [usize::MAX, 8, 6];
 /// Fall of the baseline's sum of squares, as a share, from which its fit had not converged to its lowest minimum.
 const BETTER_ROOT: f64 = 0.01;
 
+/// What is being compared, by the size of the sets.
+const STEPS: [&str; MOST_EFFECTS] = [
+    "comparing single effects",
+    "comparing pairs of effects",
+    "comparing sets of three effects",
+];
+
 /// All fitted sets and the one that is chosen.
 pub(super) struct SearchResult {
     /// Fitted sets; the baseline alone is the first.
@@ -24,19 +32,20 @@ pub(super) struct SearchResult {
     pub likelihood: LikelihoodScale,
 }
 
-/// Runs the search. `progress` gets the share of set sizes that are done.
+/// Runs the search. `progress` gets the share of set sizes that are done, and what is done next.
 ///
 /// `seeds` are fits of one effect each that were found in another way; of two fits of one effect the better is kept.
 pub(super) fn search(
     context: &FitContext<'_>,
     baseline: Node,
     seeds: &[Node],
-    progress: &mut dyn FnMut(f64),
+    progress: &mut dyn FnMut(f64, &str),
 ) -> SearchResult {
     let mut nodes = vec![baseline];
     let mut seen = vec![nodes[0].key(context.setup.extras.len())];
     let mut beam = vec![0];
     for (size, &count) in CHILDREN.iter().enumerate() {
+        progress(size as f64 / MOST_EFFECTS as f64, STEPS[size]);
         let parents = converge_beam(context, &mut nodes, &beam);
         let before = beam
             .iter()
@@ -55,7 +64,6 @@ pub(super) fn search(
         }
         added.sort_by(|&a, &b| nodes[a].cost().total_cmp(&nodes[b].cost()));
         added.truncate(BEAM_WIDTH);
-        progress((size + 1) as f64 / MOST_EFFECTS as f64);
         let Some(&best) = added.first() else { break };
         if size == 0
             && let Some(root) = better_root(context, &nodes[0], &nodes[best])
@@ -117,6 +125,7 @@ fn chosen(context: &FitContext<'_>, mut nodes: Vec<Node>) -> SearchResult {
     }
     let likelihood = LikelihoodScale::of(context.data, &nodes[best].residuals);
     let chosen = choose(context, &mut nodes, likelihood);
+    nodes[chosen] = simplest_form(context, nodes[chosen].clone(), likelihood);
     SearchResult {
         nodes,
         chosen,

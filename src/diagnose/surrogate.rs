@@ -258,7 +258,7 @@ pub(super) fn confirm(
         let converged = context
             .converged(base)
             .map_or_else(|| base.clone(), |(node, _)| node);
-        search = super::search::search(&context, converged, &[], &mut |_| {});
+        search = super::search::search(&context, converged, &[], &mut |_, _| {});
     }
     let context = run.context(setup, data);
     refit(&context, std::slice::from_mut(refitted), &[0]);

@@ -137,7 +137,8 @@ pub(super) fn baseline_parameters(
         let from = context.offset(&node.attached, k);
         list.extend(values_of(&attached.parameters, from, node, confidence));
         // The general friction law adds to the model's own friction ratio. Only the sum can be compared with a measurement.
-        let added: f64 = node.values[from..from + attached.parameters.len()].iter().sum();
+        let amplitudes = attached.effect.amplitudes.iter();
+        let added: f64 = amplitudes.map(|&i| node.values[from + i]).sum();
         if let Some(i) = context.setup.model.friction_ratio {
             let sum = Value {
                 name: format!("{}_in_all", list[i].name),

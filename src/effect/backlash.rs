@@ -26,6 +26,7 @@ pub(crate) const EFFECT: Effect = Effect {
     neutral: &[0.0],
     amplitudes: &[],
     kinks: &[(0, Axis::DisplacementMm)],
+    shapes: &[],
     starts: |s| {
         [2e-4, 1e-3, 4e-3, 0.02]
             .map(|p| vec![(p * s.travel_mm()).clamp(0.003, 20.0)])

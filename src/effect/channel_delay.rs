@@ -29,6 +29,7 @@ pub(crate) const EFFECT: Effect = Effect {
     neutral: &[0.0],
     amplitudes: &[0],
     kinks: &[],
+    shapes: &[],
     starts: |_| vec![vec![0.2]],
     statement: |v| {
         format!(

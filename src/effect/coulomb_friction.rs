@@ -46,6 +46,7 @@ pub(crate) const EFFECT: Effect = Effect {
     neutral: &[0.0, 0.05, 1.0],
     amplitudes: &[0],
     kinks: &[],
+    shapes: &[2],
     starts: |_| vec![vec![10.0, 0.02, 0.8], vec![10.0, 0.1, 0.8], vec![10.0, 0.5, 0.8]],
     statement: |v| {
         format!(

@@ -1,14 +1,17 @@
 //! The friction of the model in a general form: its transition after a reversal follows no particular law.
 //!
 //! ```text
-//! F = F_in + E sum c_i r_i,   r_i: mean of three elements with dr = dx / l, limited to [-1, 1], l within band i
+//! F = F_in + E sum c_i r_i,   r_i: mean of three elements, each limited to [-1, 1]
+//! dr = dx / l (E_0 / E)^s - m r dE / E,   l within band i,  E_0 = 1000 N
 //! ```
-//! E: load that the contacts carry, N. c_i: `ratio_i`, friction divided by load of band i. l: length of an element, mm.
-//! F_in: force of the plant inside, N.
+//! E: load that the contacts carry, N. c_i: `ratio_i`, friction divided by load of band i. l: length of an element at E_0, mm.
+//! s: `length_exponent`, power of the load with which the lengths grow. m: `force_memory`, 0: where the load changes, the friction
+//! follows it at once; 1: an element keeps its force until it slides further. s = m = 1 is an element of constant stiffness with a
+//! limit in proportion to the load (Jenkins; bristles of Canudas de Wit). F_in: force of the plant inside, N.
 //! Source: elastic-plastic (Jenkins) elements in parallel, a Prandtl-Ishlinskii model; W. D. Iwan (1966).
 //! Range: any friction that reverses over 0.01 to 10 mm and closes its nested loops (Masing 1926).
 //! It is not missing physics: the friction law is generalised first, so that its shape is not reported as missing physics.
-//! The force is linear in the ratios, so the result of a fit does not depend on its start.
+//! The force is linear in the ratios, so that only s and m need several starts.
 
 use super::motion::BandedTravel;
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, load_n, wrapped};
@@ -20,6 +23,10 @@ const BANDS_MM: [f64; BANDS + 1] = [
 ];
 /// Number of length bands.
 const BANDS: usize = 16;
+/// Load at which the lengths are those of the bands, N.
+const REFERENCE_N: f64 = 1000.0;
+/// Below this load the contacts are open, N.
+const OPEN_N: f64 = 1.0;
 /// Number of elements in a band.
 const ELEMENTS_PER_BAND: usize = 3;
 
@@ -55,15 +62,39 @@ pub(crate) const FORM: Effect = Effect {
         ratio("ratio_13"),
         ratio("ratio_14"),
         ratio("ratio_15"),
+        Parameter {
+            name: "length_exponent",
+            unit: "",
+            start: 0.0,
+            bounds: [0.0, 1.0],
+            belief: [0.0, 1.0],
+            what: "power of the load with which the lengths grow: 0 for the same travel at every load, 1 for a constant stiffness",
+        },
+        Parameter {
+            name: "force_memory",
+            unit: "",
+            start: 0.0,
+            bounds: [0.0, 1.0],
+            belief: [0.0, 1.0],
+            what: "share of the friction force that an element keeps where the load changes",
+        },
     ],
-    neutral: &[0.0; BANDS],
+    neutral: &[0.0; BANDS + 2],
     amplitudes: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15],
     kinks: &[],
-    starts: |_| vec![vec![0.002; BANDS]],
+    shapes: &[],
+    starts: |_| {
+        let start = |bent: [f64; 2]| {
+            let mut start = vec![0.002; BANDS];
+            start.extend(bent);
+            start
+        };
+        vec![start([0.0, 0.0]), start([0.0, 1.0]), start([1.0, 1.0])]
+    },
     statement: |v| {
         format!(
             "The friction of the model reverses in another form: {:.1} % of the load, over travels of 0.01 to 10 mm.",
-            100.0 * v.iter().sum::<f64>()
+            100.0 * v[..BANDS].iter().sum::<f64>()
         )
     },
     attach: |v, inside| wrapped(FrictionForm::new(v), inside),
@@ -90,6 +121,10 @@ pub(crate) const FORM: Effect = Effect {
 struct FrictionForm {
     travel: BandedTravel,
     elements: Vec<Element>,
+    length_exponent: f64,
+    force_memory: f64,
+    /// Load at the last step, N.
+    load_n: Option<f64>,
 }
 
 /// An element of a band whose ratio is not zero: most bands of a fitted law are, and their elements need no steps.
@@ -119,13 +154,30 @@ impl FrictionForm {
         FrictionForm {
             travel: BandedTravel::default(),
             elements: elements.collect(),
+            length_exponent: ratios[BANDS],
+            force_memory: ratios[BANDS + 1],
+            load_n: None,
         }
+    }
+
+    /// Factors of the drags and of the travel at a load in N.
+    fn factors(&mut self, load_n: f64) -> [f64; 2] {
+        let before_n = self.load_n.replace(load_n).unwrap_or(load_n);
+        if load_n < OPEN_N || before_n < OPEN_N {
+            return [1.0, 1.0];
+        }
+        let power = |base: f64, exponent: f64| if exponent == 0.0 { 1.0 } else { base.powf(exponent) };
+        [
+            power(before_n / load_n, self.force_memory),
+            power(REFERENCE_N / load_n, self.length_exponent),
+        ]
     }
 }
 
 impl Wrap for FrictionForm {
     fn reset(&mut self) {
         self.travel = BandedTravel::default();
+        self.load_n = None;
         for element in &mut self.elements {
             element.drag = 0.0;
         }
@@ -137,13 +189,15 @@ impl Wrap for FrictionForm {
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let travel_mm = self.travel.advance(displacement_mm);
+        let force_n = inside.step(displacement_mm, dt_s);
+        let load_n = load_n(&**inside, force_n);
+        let [kept, lengths] = self.factors(load_n);
         let mut ratio = 0.0;
         for element in &mut self.elements {
-            element.drag = (element.drag + travel_mm * element.per_mm).clamp(-1.0, 1.0);
+            element.drag = (kept * element.drag + lengths * travel_mm * element.per_mm).clamp(-1.0, 1.0);
             ratio += element.ratio * element.drag;
         }
-        let force_n = inside.step(displacement_mm, dt_s);
-        force_n + load_n(&**inside, force_n) * ratio
+        force_n + load_n * ratio
     }
 }
 
@@ -160,7 +214,7 @@ mod tests {
     #[test]
     fn force_by_hand() {
         // Full sliding upwards, then 1 mm back: the first band has reversed; in the last band (5.6 to 8 mm) each element moved by 1 mm.
-        let mut ratios = [0.0; BANDS];
+        let mut ratios = [0.0; BANDS + 2];
         (ratios[0], ratios[15]) = (0.02, 0.04);
         let mut plant = (FORM.attach)(&ratios, spring());
         plant.step(50.0, 0.1);
@@ -170,10 +224,27 @@ mod tests {
         assert!((plant.step(49.0, 0.1) - expected).abs() < 1e-6);
     }
 
+    /// Constant stiffness: an element that sticks keeps its force where the load rises, and adds c E_0 / l for each mm.
+    #[test]
+    fn with_both_exponents_an_element_has_a_constant_stiffness() {
+        let mut values = [0.0; BANDS + 2];
+        (values[15], values[16], values[17]) = (0.1, 1.0, 1.0);
+        let mut plant = (FORM.attach)(&values, spring());
+        let friction = |plant: &mut Box<dyn Plant>, x: f64| plant.step(x, 0.1) - (100.0 + 80.0 * x);
+        let steps: Vec<f64> = (1..=4)
+            .map(|i| friction(&mut plant, 0.1 * f64::from(i)))
+            .collect();
+        let per_mm = [0.5, 1.5, 2.5].map(|k: f64| 1.0 / (5.6 * (8.0f64 / 5.6).powf(k / 3.0)));
+        let each_n = 0.1 * 1000.0 * 0.1 * per_mm.iter().sum::<f64>() / 3.0;
+        for pair in steps.windows(2) {
+            assert!((pair[1] - pair[0] - each_n).abs() < 1e-9, "{steps:?}, {each_n}");
+        }
+    }
+
     #[test]
     fn the_force_is_linear_in_the_ratios() {
         let force = |ratios: &[f64]| drive(&mut (FORM.attach)(ratios, spring()));
-        let (mut a, mut b, mut both) = ([0.0; BANDS], [0.0; BANDS], [0.0; BANDS]);
+        let (mut a, mut b, mut both) = ([0.0; BANDS + 2], [0.0; BANDS + 2], [0.0; BANDS + 2]);
         (a[4], b[9]) = (0.01, 0.03);
         (both[4], both[9]) = (0.01, 0.03);
         let (a, b, both, none) = (force(&a), force(&b), force(&both), force(FORM.neutral));

@@ -37,6 +37,7 @@ pub(crate) const EFFECT: Effect = Effect {
     neutral: &[0.0, 0.0],
     amplitudes: &[0, 1],
     kinks: &[],
+    shapes: &[],
     starts: |_| vec![vec![0.1, 0.0]],
     statement: |v| {
         format!(

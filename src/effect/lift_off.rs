@@ -29,6 +29,7 @@ pub(crate) const EFFECT: Effect = Effect {
     neutral: &[NEVER_MM],
     amplitudes: &[],
     kinks: &[(0, Axis::DisplacementMm)],
+    shapes: &[],
     starts: |s| {
         [0.004, 0.012, 0.03, 0.06, 0.1, 0.16, 0.25]
             .map(|p| vec![s.displacement_at(p)])

@@ -47,6 +47,7 @@ pub(crate) const EFFECT: Effect = Effect {
     neutral: &[0.0, 0.3, 1.0],
     amplitudes: &[0],
     kinks: &[],
+    shapes: &[],
     starts: |_| vec![vec![0.01, 0.05, 1.0], vec![0.01, 0.5, 1.0], vec![0.01, 1.5, 0.7]],
     statement: |v| {
         format!(

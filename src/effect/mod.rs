@@ -158,6 +158,8 @@ pub(crate) struct Effect {
     /// Indices of the parameters that give the position of a kink of the force, each with its axis. A gradient cannot find
     /// such a position, so a search tries several.
     pub kinks: &'static [(usize, Axis)],
+    /// Indices of the parameters that only bend the law: at their neutral values it has its simplest form.
+    pub shapes: &'static [usize],
     /// Starting points of a search, within the ranges that the recordings cover.
     pub starts: fn(&Span) -> Vec<Vec<f64>>,
     /// Describes the effect with these values in one or two sentences for a technician.

@@ -55,6 +55,7 @@ pub(crate) const EFFECT: Effect = Effect {
     neutral: &[0.0, 0.0, 0.5, 1.0],
     amplitudes: &[0, 1],
     kinks: &[],
+    shapes: &[],
     starts: |_| {
         vec![
             vec![0.01, 1.0, 0.1, 1.0],

@@ -55,6 +55,7 @@ pub(crate) const EFFECT: Effect = Effect {
     neutral: &[0.0, 5.0, 0.3, 1.0],
     amplitudes: &[0],
     kinks: &[(1, Axis::DisplacementMm)],
+    shapes: &[3],
     starts: |s| {
         [0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9]
             .map(|p| vec![1.0, s.displacement_at(p), 0.2, 1.1])

@@ -47,6 +47,7 @@ pub(crate) const EFFECT: Effect = Effect {
     neutral: &[0.0, 5.0, 0.05],
     amplitudes: &[0],
     kinks: &[],
+    shapes: &[],
     starts: |_| {
         vec![
             vec![0.01, 1.0, 0.05],

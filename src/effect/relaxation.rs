@@ -57,6 +57,7 @@ pub(crate) const EFFECT: Effect = Effect {
     neutral: &[0.0, 10.0, 0.0, 0.0],
     amplitudes: &[0],
     kinks: &[],
+    shapes: &[2, 3],
     starts: |s| {
         [0.1, 1.0, 0.05 * s.duration_s, 0.3 * s.duration_s]
             .map(|tau| vec![0.5, tau.clamp(0.3, 1e4), 0.3, 0.5])

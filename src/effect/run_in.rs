@@ -67,6 +67,7 @@ pub(crate) const EFFECT: Effect = Effect {
     neutral: &[0.0, 0.0, 10.0, 0.3, 1.0],
     amplitudes: &[0, 1],
     kinks: &[],
+    shapes: &[4],
     starts: |s| {
         [0.2, 1.0]
             .map(|p| vec![0.01, 0.0, (p * s.cycles).clamp(0.5, 1e4), 0.3, 1.0])

@@ -35,6 +35,7 @@ pub(crate) const EFFECT: Effect = Effect {
     neutral: &[0.0, 0.0],
     amplitudes: &[0],
     kinks: &[],
+    shapes: &[1],
     starts: |_| vec![vec![1.0, 0.0], vec![1.0, 5.0]],
     statement: |v| {
         format!(

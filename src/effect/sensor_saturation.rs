@@ -25,6 +25,7 @@ pub(crate) const EFFECT: Effect = Effect {
     neutral: &[1e6],
     amplitudes: &[],
     kinks: &[(0, Axis::ForceN)],
+    shapes: &[],
     starts: |s| {
         [0.998, 0.99, 0.975, 0.95, 0.91, 0.85]
             .map(|p| vec![s.force_n[0] + p * (s.force_n[1] - s.force_n[0])])

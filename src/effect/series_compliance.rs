@@ -28,6 +28,7 @@ pub(crate) const EFFECT: Effect = Effect {
     neutral: &[0.0],
     amplitudes: &[0],
     kinks: &[],
+    shapes: &[],
     starts: |_| vec![vec![0.05]],
     statement: |v| {
         format!(
@@ -229,7 +230,7 @@ mod tests {
             &super::super::coulomb_friction::EFFECT,
             &[30.0, 0.05, 1.0],
         ));
-        let mut ratios = [0.0; 16];
+        let mut ratios = [0.0; 18];
         (ratios[0], ratios[3]) = (0.03, 0.05);
         never_chatters(&stepped_at_1_khz(&super::super::friction_form::FORM, &ratios));
     }

@@ -46,6 +46,7 @@ pub(crate) const EFFECT: Effect = Effect {
     neutral: &[0.0, 5.0, 1.5],
     amplitudes: &[0],
     kinks: &[],
+    shapes: &[],
     starts: |_| vec![vec![0.01, 1.0, 1.5], vec![0.01, 5.0, 1.5], vec![0.01, 30.0, 1.5]],
     statement: |v| {
         format!(

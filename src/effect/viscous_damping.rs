@@ -43,6 +43,7 @@ pub(crate) const EFFECT: Effect = Effect {
     neutral: &[0.0, 1.0],
     amplitudes: &[0],
     kinks: &[],
+    shapes: &[1],
     starts: |_| vec![vec![0.01, 1.0]],
     statement: |v| {
         if (v[1] - 1.0).abs() < PROPORTIONAL {

@@ -58,6 +58,11 @@ pub struct Parameter {
 }
 
 impl Parameter {
+    /// False where both bounds hold it at one value.
+    pub(crate) fn is_free(&self) -> bool {
+        self.bounds[0] < self.bounds[1]
+    }
+
     /// True if a bound stops `value` outside the plausible range. A bound that is also the limit of that range is no finding.
     pub(crate) fn strained_by(&self, value: f64) -> bool {
         let near = 1e-3 * (self.belief[1] - self.belief[0]);

@@ -23,6 +23,7 @@ pub(crate) const EFFECT: Effect = Effect {
     neutral: &[0.0],
     amplitudes: &[0],
     kinks: &[],
+    shapes: &[],
     starts: |_| vec![vec![1.0]],
     statement: |v| format!("The fixture carries {:.2} N for each mm of travel.", v[0]),
     attach: |v, inside| wrapped(FixtureStiffness { rate_n_per_mm: v[0] }, inside),

@@ -1,0 +1,45 @@
+//! Laws in their simplest form. A free exponent or spectrum follows laws that are not in the library, but where the recordings do not
+//! ask for it, it only makes the other parameters less certain.
+
+use super::backward_elimination::PARAMETER_PENALTY;
+use super::context::{FitContext, LikelihoodScale, Node};
+use super::fit::converge;
+
+/// The node with every shape at its neutral value whose freedom gains less than a parameter must.
+pub(super) fn simplest_form(context: &FitContext<'_>, mut node: Node, likelihood: LikelihoodScale) -> Node {
+    loop {
+        let simpler = context.parallel_map(&free_shapes(context, &node), |&(place, shape)| {
+            with_neutral(context, &node, place, shape)
+        });
+        let least = simpler
+            .into_iter()
+            .flatten()
+            .min_by(|a, b| a.cost().total_cmp(&b.cost()));
+        match least {
+            Some(simple) if likelihood.gain(simple.cost() - node.cost()) < PARAMETER_PENALTY => node = simple,
+            _ => return node,
+        }
+    }
+}
+
+/// Places of the missing effects with the indices of their shapes that are free.
+fn free_shapes(context: &FitContext<'_>, node: &Node) -> Vec<(usize, usize)> {
+    (context.setup.extras.len()..node.attached.len())
+        .flat_map(|place| {
+            let attached = &node.attached[place];
+            let free = attached.effect.shapes.iter().copied();
+            free.filter(|&shape| attached.parameters[shape].is_free())
+                .map(move |shape| (place, shape))
+        })
+        .collect()
+}
+
+/// The set with one shape held at its neutral value, fitted again.
+fn with_neutral(context: &FitContext<'_>, node: &Node, place: usize, shape: usize) -> Option<Node> {
+    let mut attached = node.attached.clone();
+    let neutral = attached[place].effect.neutral[shape];
+    attached[place].parameters[shape].bounds = [neutral; 2];
+    let mut values = node.values.clone();
+    values[context.offset(&attached, place) + shape] = neutral;
+    converge(&context.structure(attached), values).map(|(node, _)| node)
+}
