@@ -5,6 +5,7 @@ use super::context::{FitContext, Key, LikelihoodScale, Node};
 use super::data::Data;
 use super::fit::converge;
 use super::lack_of_fit::rest;
+use super::note::NoteKind;
 use super::search::lowest;
 use super::smoothing::median;
 use super::splits::Split;
@@ -32,6 +33,9 @@ const LEAST_HELD_OUT: f64 = 0.25;
 const LEAST_NOISES: f64 = 2.0;
 /// The same for the displacement that a delay takes at the highest speed: filters that differ a little delay one channel, too.
 const LEAST_DELAY_NOISES: f64 = 8.0;
+/// Share of the force that a vibration of the displacement makes, which an effect must take away: so much of it may stay when it is
+/// taken out.
+const LEAST_VIBRATION: f64 = 0.25;
 /// Error of the baseline on cycles that were not fitted, in units of the noise, below which there is nothing to find. Clean runs of
 /// the mock rig have 0.04 to 0.5, effects of strength 1 in sealed cases 0.8 and more.
 const WITHIN_NOISE: f64 = 0.5;
@@ -154,10 +158,22 @@ fn required_gain(context: &FitContext<'_>, likelihood: LikelihoodScale, total: f
 
 /// True for an effect that is too small to be real, however often it repeats.
 fn is_negligible(context: &FitContext<'_>, without: &Node, with: &Node, place: usize) -> bool {
-    explained_force_n(context.data, without, with) < LEAST_FORCE_SHARE * context.data.force_range_n
+    explained_force_n(context.data, without, with) < least_force_n(context)
         || below_displacement_noise(context, with, place)
         || delays_less_than_noise(context, with, place)
         || is_zero(context, with, place)
+}
+
+/// RMS force in N that an effect must take away.
+fn least_force_n(context: &FitContext<'_>) -> f64 {
+    let data = context.data;
+    let notes = data.tracks.iter().flat_map(|t| &t.notes);
+    let vibration_mm = notes
+        .filter(|note| note.kind == NoteKind::Hum && note.size.unit == "mm")
+        .map(|note| note.size.value)
+        .fold(0.0, f64::max);
+    let rate_n_per_mm = data.force_range_n / context.span.travel_mm();
+    (LEAST_FORCE_SHARE * data.force_range_n).max(LEAST_VIBRATION * vibration_mm * rate_n_per_mm)
 }
 
 /// RMS force in N by which one node improves on another; points count by their weight.

@@ -158,6 +158,8 @@ pub fn diagnose(
     let mut search = search::search(&context, start.base.clone(), &start.seeds, &mut |share, step| {
         progress(0.15 + 0.6 * share, step);
     });
+    let chosen = search.chosen;
+    simplest_form::simplify(&context, &mut search, chosen);
     if setup.model.slow {
         progress(0.75, "refitting the best sets on the model itself");
         let fits = (&mut start.refitted, &start.base);

@@ -5,7 +5,6 @@ use super::backward_elimination::{LEAST_SHARE, PENALTY, choose};
 use super::context::{FitContext, Key, LikelihoodScale, Node};
 use super::fit::converge;
 use super::score::Tangent;
-use super::simplest_form::simplest_form;
 
 /// Sets that are kept from one size to the next. More would cost time in proportion.
 const BEAM_WIDTH: usize = 3;
@@ -125,7 +124,6 @@ fn chosen(context: &FitContext<'_>, mut nodes: Vec<Node>) -> SearchResult {
     }
     let likelihood = LikelihoodScale::of(context.data, &nodes[best].residuals);
     let chosen = choose(context, &mut nodes, likelihood);
-    nodes[chosen] = simplest_form(context, nodes[chosen].clone(), likelihood);
     SearchResult {
         nodes,
         chosen,

@@ -4,9 +4,15 @@
 use super::backward_elimination::PARAMETER_PENALTY;
 use super::context::{FitContext, LikelihoodScale, Node};
 use super::fit::converge;
+use super::search::SearchResult;
+
+/// Gives a set of the search its simplest form.
+pub(super) fn simplify(context: &FitContext<'_>, search: &mut SearchResult, set: usize) {
+    search.nodes[set] = simplest_form(context, search.nodes[set].clone(), search.likelihood);
+}
 
 /// The node with every shape at its neutral value whose freedom gains less than a parameter must.
-pub(super) fn simplest_form(context: &FitContext<'_>, mut node: Node, likelihood: LikelihoodScale) -> Node {
+fn simplest_form(context: &FitContext<'_>, mut node: Node, likelihood: LikelihoodScale) -> Node {
     loop {
         let simpler = context.parallel_map(&free_shapes(context, &node), |&(place, shape)| {
             with_neutral(context, &node, place, shape)

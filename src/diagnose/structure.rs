@@ -156,7 +156,7 @@ impl<'a> ModelStructure<'a> {
             .collect()
     }
 
-    /// Columns of the Jacobian for the parameters in `which`, by one-sided differences within the bounds.
+    /// Columns of the Jacobian for the parameters in `which`, by one-sided differences within the bounds; zero for one that is held.
     pub(super) fn columns(
         &self,
         values: &[f64],
@@ -167,6 +167,9 @@ impl<'a> ModelStructure<'a> {
         let mut jacobian = DMatrix::zeros(residuals.len(), which.len());
         let mut moved = values.to_vec();
         for (column, &n) in which.iter().enumerate() {
+            if !self.parameters[n].is_free() {
+                continue;
+            }
             let step = RELATIVE_STEP * scale[n];
             let fits = values[n] + step <= self.parameters[n].bounds[1];
             moved[n] = values[n] + if fits { step } else { -step };

@@ -15,6 +15,7 @@ use super::law;
 use super::location::{locate, words};
 use super::next_test;
 use super::search::SearchResult;
+use super::simplest_form::simplify;
 use super::splits::Split;
 use super::structure::ModelStructure;
 use super::tables::{
@@ -173,7 +174,12 @@ fn judge_all(context: &FitContext<'_>, search: &mut SearchResult) -> Vec<JudgedE
     let missing: Vec<usize> = (context.setup.extras.len()..attached.len())
         .filter(|&k| !attached[k].own)
         .collect();
-    missing.into_iter().map(|k| judge(context, search, k)).collect()
+    let judged: Vec<JudgedEffect> = missing.into_iter().map(|k| judge(context, search, k)).collect();
+    // A free shape would let a rival imitate the effect in every test that could separate the two.
+    for rival in judged.iter().flat_map(|j| &j.rivals) {
+        simplify(context, search, rival.node);
+    }
+    judged
 }
 
 /// Share of the baseline's residuals above the noise that the chosen set leaves.
