@@ -154,7 +154,8 @@ pub(super) fn common_zero_mm(run: &RunSettings, setup: &Setup, data: &Data, node
     explains.then_some(zero_mm)
 }
 
-/// Displacement in mm at which the straight line through all points has no force, if the line has a negative force at zero.
+/// Displacement in mm at which the straight line through all points has no force, if the line has a negative force at zero and all
+/// points lie above.
 fn crossing_mm(data: &Data) -> Option<f64> {
     let x: Vec<f64> = data
         .tracks
@@ -170,7 +171,9 @@ fn crossing_mm(data: &Data) -> Option<f64> {
         .sum();
     let power: f64 = used.iter().map(|&i| (x[i] - mean_mm).powi(2)).sum();
     let crossing_mm = mean_mm - mean_n * power / along;
-    (along > 0.0 && crossing_mm > 0.0).then_some(crossing_mm)
+    // Below it the pusher would have been off the spring: that is lift-off, which is physics.
+    let lowest_mm = used.iter().map(|&i| x[i]).fold(f64::INFINITY, f64::min);
+    (along > 0.0 && crossing_mm > 0.0 && lowest_mm > crossing_mm).then_some(crossing_mm)
 }
 
 /// The note on a zero that all recordings share.
