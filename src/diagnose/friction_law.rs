@@ -32,15 +32,15 @@ pub(super) struct SearchStart {
 pub(super) fn search_start(context: &FitContext<'_>, first: &Node) -> Option<SearchStart> {
     let (refitted, tangent) = context.converged(first)?;
     let form = context.setup.form.as_ref();
-    let general = form.and_then(|form| general_law(context, &refitted, form));
-    let seeds = match &general {
-        Some(general) => {
+    let general =
+        form.and_then(|form| generalise(context, &refitted, form, &(form.effect.starts)(&context.span)));
+    let seeds = match (&general, form) {
+        (Some(general), Some(form)) => {
             let own = context.setup.model.parameters.len();
-            let form = &general.attached[general.attached.len() - 1];
             let fitted = general.values[own..general.values.len() - 1].to_vec();
             seeds(context, &refitted, &tangent, (form, fitted))
         }
-        None => Vec::new(),
+        _ => Vec::new(),
     };
     Some(SearchStart {
         generalised: general.is_some(),
@@ -48,30 +48,6 @@ pub(super) fn search_start(context: &FitContext<'_>, first: &Node) -> Option<Sea
         refitted,
         seeds,
     })
-}
-
-/// The general friction law in its straight form, in which load changes neither lengths nor what an element remembers; in its bent
-/// form where that explains more than the straight one with any single effect.
-fn general_law(context: &FitContext<'_>, refitted: &Node, form: &Attached) -> Option<Node> {
-    let starts = (form.effect.starts)(&context.span);
-    let mut straight = form.clone();
-    for &shape in form.effect.shapes {
-        let neutral = form.effect.neutral[shape];
-        straight.parameters[shape].bounds = [neutral; 2];
-    }
-    let plain = generalise(context, refitted, &straight, &starts[..1]);
-    let bent = generalise(context, refitted, form, &starts[1..]);
-    let (Some(plain), Some(bent)) = (&plain, &bent) else {
-        return plain.or(bent);
-    };
-    let (plain, tangent) = context.converged(plain)?;
-    let worse = |other: &Node| 0.5 * (other.cost() - bent.cost()) > PENALTY;
-    let suffices = !worse(&plain)
-        || context
-            .children(&plain, &tangent, &[], usize::MAX)
-            .iter()
-            .any(|child| !worse(child));
-    Some(if suffices { plain } else { bent.clone() })
 }
 
 /// A node with the general friction law, fitted from these starts of its parameters, where the data support one.

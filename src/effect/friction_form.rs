@@ -82,7 +82,7 @@ pub(crate) const FORM: Effect = Effect {
     neutral: &[0.0; BANDS + 2],
     amplitudes: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15],
     kinks: &[],
-    shapes: &[16, 17],
+    shapes: &[],
     starts: |_| {
         let start = |bent: [f64; 2]| {
             let mut start = vec![0.002; BANDS];
