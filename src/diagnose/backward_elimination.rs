@@ -298,6 +298,7 @@ mod tests {
             lengths: vec![100, 100],
             zero_sigma_n: 1.0,
             force_range_n: 1000.0,
+            discrepancy: None,
         };
         let node = |good: f64, noisy: f64| Node {
             attached: Vec::new(),

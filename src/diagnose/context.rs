@@ -37,7 +37,7 @@ pub(super) struct Node {
     pub values: Vec<f64>,
     /// Weighted residuals of every point.
     pub residuals: Vec<f64>,
-    /// Sum of squares on the cycles that are fitted.
+    /// Sum of squares on the cycles that are fitted, with that of the discrepancy's terms.
     pub fit: f64,
     /// Sum of squares on the cycles that sets are compared on.
     pub select: f64,
@@ -46,9 +46,9 @@ pub(super) struct Node {
 impl Node {
     /// Residuals and sums of squares at some values; `None` where the model has no finite force.
     pub(super) fn new(structure: &ModelStructure<'_>, values: Vec<f64>) -> Option<Node> {
-        let residuals = structure.residuals(&values)?;
+        let (residuals, terms) = structure.compared(&values)?;
         Some(Node {
-            fit: structure.data.sum(&residuals, Split::Fit),
+            fit: structure.data.sum(&residuals, Split::Fit) + terms,
             select: structure.data.sum(&residuals, Split::Select),
             residuals,
             values,

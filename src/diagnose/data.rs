@@ -1,6 +1,9 @@
 //! All tracks of a specimen, laid end to end, with weights that follow from the noise.
 
+use std::sync::Arc;
+
 use super::condition::Track;
+use super::discrepancy::Discrepancy;
 use super::note::{Note, NoteAction, NoteKind};
 use super::smoothing::{noise, range};
 use super::splits::Split;
@@ -28,6 +31,8 @@ pub(super) struct Data {
     pub zero_sigma_n: f64,
     /// Measured range of the force in N over all tracks.
     pub force_range_n: f64,
+    /// What the form of the friction law may do otherwise; `None` where no doubt is needed.
+    pub discrepancy: Option<Arc<Discrepancy>>,
 }
 
 impl Data {
@@ -44,6 +49,7 @@ impl Data {
             force_range_n,
             force_n,
             tracks,
+            discrepancy: None,
         }
     }
 
@@ -72,8 +78,10 @@ impl Data {
 
     /// The same with no cycle held out.
     pub(super) fn all_fitted(&self) -> Data {
+        let split = vec![Split::Fit; self.len()];
         Data {
-            split: vec![Split::Fit; self.len()],
+            discrepancy: self.of_discrepancy(|d| d.with_split(&split)),
+            split,
             ..self.clone()
         }
     }
@@ -86,10 +94,15 @@ impl Data {
             tracks: vec![self.tracks[file].clone()],
             force_n: self.force_n[points.clone()].to_vec(),
             weight: self.weight[points.clone()].to_vec(),
-            split: self.split[points].to_vec(),
+            split: self.split[points.clone()].to_vec(),
             lengths: vec![self.lengths[file]],
+            discrepancy: self.of_discrepancy(|d| d.on(points.clone(), &self.split[points.clone()])),
             ..*self
         }
+    }
+
+    fn of_discrepancy(&self, new: impl Fn(&Discrepancy) -> Option<Discrepancy>) -> Option<Arc<Discrepancy>> {
+        self.discrepancy.as_deref().and_then(new).map(Arc::new)
     }
 
     /// Adds notes to the recordings that they are about.

@@ -321,6 +321,10 @@ pub struct Diagnosis {
     pub not_testable: Vec<NotTestable>,
     /// Share of the baseline's residual above the noise that no effect explains, 0 to 1.
     pub unexplained_share: f64,
+    /// RMS of what has the shape of the friction law and got no name, as a share of the RMS friction; `None` where no such doubt was
+    /// needed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub friction_shape_share: Option<f64>,
     /// The recordings with the forces before and after.
     pub curves: Vec<Curve>,
     /// Mean residuals along every axis.

@@ -14,6 +14,7 @@
 //! | `friction_law` | generalises the baseline's friction law before any effect is called missing |
 //! | `search` | beam search over sets of effects |
 //! | `backward_elimination` | the set that is chosen: largest penalised gain, then effects that bring too little are removed |
+//! | `second_search` | a search in which the shape of the friction law is in doubt (`discrepancy`) |
 //! | `simplest_form` | shapes of laws that the recordings do not ask for go back to their neutral values |
 //! | `lack_of_fit` | what no candidate explains (`near_replicates`) |
 //! | `law` | a law read off the recordings where no candidate explains them |
@@ -40,6 +41,7 @@ mod context;
 pub(crate) mod course;
 mod data;
 pub(crate) mod diagnosis;
+mod discrepancy;
 mod file_offsets;
 mod fit;
 mod force_zero;
@@ -58,6 +60,7 @@ mod repeats;
 mod samples;
 mod score;
 mod search;
+mod second_search;
 mod simplest_form;
 mod smoothing;
 mod spikes;
@@ -87,6 +90,9 @@ use crate::recording::Recording;
 use baseline::Setup;
 use context::{Node, RunSettings};
 use data::Data;
+use friction_law::SearchStart;
+use search::SearchResult;
+use second_search::DoubtedSearch;
 use structure::ModelStructure;
 
 /// Why there is no diagnosis. All reasons are errors of the input. An unexplained difference is a verdict, not an error.
@@ -165,11 +171,40 @@ pub fn diagnose(
         let fits = (&mut start.refitted, &start.base);
         search = surrogate::confirm(&mut setup, &data, &run, fits, search);
     }
-    progress(0.8, "checking alternatives and planning the next test");
-    let context = run.context(&setup, &data);
-    let diagnosis = verdict::conclude(&context, search, &start.refitted, nominal);
+    let start = (&start, nominal);
+    let diagnosis = concluded(&run, &setup, &data, start, search, progress);
     progress(1.0, "done");
     Ok(diagnosis)
+}
+
+/// Searches a second time where the friction law is in doubt, and judges the search that explains the recordings.
+fn concluded(
+    run: &RunSettings,
+    setup: &Setup,
+    data: &Data,
+    (start, nominal): (&SearchStart, Option<Vec<f64>>),
+    search: SearchResult,
+    progress: &mut dyn FnMut(f64, &str),
+) -> Diagnosis {
+    let second = second_search::search_again(run, setup, data, start, &search, &mut |share, step| {
+        progress(0.75 + 0.05 * share, step);
+    });
+    progress(0.8, "checking alternatives and planning the next test");
+    let plain = run.context(setup, data);
+    let base = search.nodes[0].clone();
+    let known = verdict::Known {
+        plain: &plain,
+        refitted: &start.refitted,
+        base: &base,
+        nominal,
+    };
+    let explains = |doubted: &DoubtedSearch| {
+        verdict::is_explained(&run.context(setup, &doubted.data), &doubted.search, &base)
+    };
+    match second.filter(explains) {
+        Some(doubted) => verdict::conclude(&run.context(setup, &doubted.data), doubted.search, known),
+        None => verdict::conclude(&plain, search, known),
+    }
 }
 
 /// The points of the recordings, with what every step of the search needs.

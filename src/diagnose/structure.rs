@@ -7,6 +7,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::baseline::{Attached, Setup, build, wrap};
+use super::condition::Track;
 use super::data::Data;
 use super::splits::Split;
 use crate::identify::Residuals;
@@ -91,12 +92,22 @@ impl<'a> ModelStructure<'a> {
 
     /// Weighted residuals (measured minus model) of every point of every split.
     pub(super) fn residuals(&self, values: &[f64]) -> Option<Vec<f64>> {
-        let mut out = vec![0.0; self.data.len()];
-        self.compare(values, &mut out).ok()?;
-        out.iter().all(|r| r.is_finite()).then_some(out)
+        self.compared(values).map(|(residuals, _)| residuals)
     }
 
-    /// Weighted residuals of every point; returns each recording's own zero, in its standard deviations.
+    /// The same, with the sum of squares of the discrepancy's terms in their standard deviations.
+    pub(super) fn compared(&self, values: &[f64]) -> Option<(Vec<f64>, f64)> {
+        let mut out = vec![0.0; self.data.len()];
+        let linear = self.compare(values, &mut out).ok()?;
+        let terms = linear[self.data.lengths.len()..]
+            .iter()
+            .map(|size| size * size)
+            .sum();
+        out.iter().all(|r| r.is_finite()).then_some((out, terms))
+    }
+
+    /// Weighted residuals of every point; returns each recording's own zero, then each term of the discrepancy, in standard
+    /// deviations.
     fn compare(&self, values: &[f64], out: &mut [f64]) -> Result<Vec<f64>, BuildError> {
         self.predict(values, out)?;
         let data = self.data;
@@ -104,7 +115,7 @@ impl<'a> ModelStructure<'a> {
             *o = (f - *o) * w;
         }
         let mut from = 0;
-        let zeros = data.tracks.iter().zip(&data.lengths).map(|(track, &length)| {
+        let zero = |(track, &length): (&Track, &usize)| {
             let points = from..from + length;
             from += length;
             let sigma_n = OWN_ZERO * track.noise_n;
@@ -118,8 +129,17 @@ impl<'a> ModelStructure<'a> {
                 out[i] -= data.weight[i] * zero_n;
             }
             if sigma_n > 0.0 { zero_n / sigma_n } else { 0.0 }
-        });
-        Ok(zeros.collect())
+        };
+        let mut linear: Vec<f64> = data.tracks.iter().zip(&data.lengths).map(zero).collect();
+        if let Some(discrepancy) = &data.discrepancy {
+            linear.extend(discrepancy.remove(&data.split, out).iter());
+        }
+        Ok(linear)
+    }
+
+    /// Number of values that are solved for inside the residuals.
+    fn linear_count(&self) -> usize {
+        self.data.lengths.len() + self.data.discrepancy.as_ref().map_or(0, |d| d.count())
     }
 
     pub(super) fn parameters_bounds(&self) -> Vec<[f64; 2]> {
@@ -189,25 +209,25 @@ impl Residuals for ModelStructure<'_> {
     }
 
     fn count(&self) -> usize {
-        self.data.len() + self.data.lengths.len() + 1
+        self.data.len() + self.linear_count() + 1
     }
 
     fn evaluate(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
         let (samples, priors) = out.split_at_mut(self.data.len());
-        let zeros = self.compare(values, samples)?;
+        let linear = self.compare(values, samples)?;
         for (o, split) in samples.iter_mut().zip(&self.data.split) {
             if *split != Split::Fit {
                 *o = 0.0;
             }
         }
-        priors[..zeros.len()].copy_from_slice(&zeros);
-        priors[zeros.len()] = -values[values.len() - 1] / self.data.zero_sigma_n;
+        priors[..linear.len()].copy_from_slice(&linear);
+        priors[linear.len()] = -values[values.len() - 1] / self.data.zero_sigma_n;
         Ok(())
     }
 
     fn stretches(&self) -> Vec<usize> {
         let mut lengths = self.data.lengths.clone();
-        lengths.extend(std::iter::repeat_n(1, self.data.lengths.len() + 1));
+        lengths.extend(std::iter::repeat_n(1, self.linear_count() + 1));
         lengths
     }
 }

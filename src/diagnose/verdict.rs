@@ -50,23 +50,35 @@ const TENSION_ALARM: f64 = 0.05;
 /// Highest confidence that is reported.
 const MOST_CONFIDENCE: f64 = 0.99;
 
-/// Judges the chosen set and puts everything together. `refitted` is the baseline with its own friction law, `nominal` its
-/// residuals before the fit.
-pub(super) fn conclude(
-    context: &FitContext<'_>,
-    mut search: SearchResult,
-    refitted: &Node,
-    nominal: Option<Vec<f64>>,
-) -> Diagnosis {
+/// What a verdict needs beside the search.
+pub(super) struct Known<'a> {
+    /// The data without a discrepancy.
+    pub plain: &'a FitContext<'a>,
+    /// The baseline with its own friction law.
+    pub refitted: &'a Node,
+    /// What the search started from, without a discrepancy.
+    pub base: &'a Node,
+    /// Residuals of the baseline before the fit.
+    pub nominal: Option<Vec<f64>>,
+}
+
+/// Judges the chosen set and puts everything together.
+pub(super) fn conclude(context: &FitContext<'_>, mut search: SearchResult, known: Known<'_>) -> Diagnosis {
+    let Known {
+        plain,
+        refitted,
+        base,
+        nominal,
+    } = known;
     let judged = judge_all(context, &mut search);
     let (before, after) = (&search.nodes[0], &search.nodes[search.chosen]);
     let left = lack_of_fit(context.data, &after.residuals);
-    let unexplained_share = unexplained_share(before, after, left);
-    let unexplained = is_unexplained(context, &search, left, unexplained_share);
+    let unexplained_share = unexplained_share(base, after, left);
+    let unexplained = is_unexplained(context, &search, base, left);
     let verdict = verdict_of(unexplained, &judged);
     let named = if unexplained { before } else { after };
     let courses = course::courses(context.data);
-    let delivered = delivered(context, named, unexplained, &courses);
+    let delivered = delivered(plain, &as_written(context, plain, named), unexplained, &courses);
     let confidence = intervals(context, named, search.likelihood);
     let effects: Vec<Finding> = judged
         .iter()
@@ -78,11 +90,13 @@ pub(super) fn conclude(
     } else {
         effect_locations(context, [before, after], &judged)
     };
-    let fit = errors(context, &search, refitted, delivered.errors, nominal);
+    let fit = errors(plain, &search, refitted, delivered.errors, nominal);
+    let friction_shape_share = friction_shape_share(context, plain, after);
     let residuals = [&refitted.residuals[..], &delivered.residuals];
     Diagnosis {
         verdict,
-        summary: summary(verdict, &effects, delivered.modelled_by(), &location, &fit),
+        summary: summary(verdict, &effects, delivered.modelled_by(), &location, &fit)
+            + &friction_shape_share.map_or(String::new(), rest_in_words),
         alternatives: alternatives(context, &search, refitted, &judged, unexplained),
         location,
         next_test: next_test(context, &search, &judged),
@@ -92,6 +106,7 @@ pub(super) fn conclude(
         candidates: candidates(context, &search),
         not_testable: not_testable(context, before),
         unexplained_share,
+        friction_shape_share,
         curves: curves(context.data, residuals),
         maps: binning::maps(context.data, residuals[0], residuals[1]),
         improved: delivered.model,
@@ -160,6 +175,52 @@ fn delivered(context: &FitContext<'_>, named: &Node, unexplained: bool, courses:
     }
 }
 
+/// The node with its effects as they are and the baseline fitted without the discrepancy, which no file contains.
+fn as_written(context: &FitContext<'_>, plain: &FitContext<'_>, node: &Node) -> Node {
+    if context.data.discrepancy.is_none() {
+        return node.clone();
+    }
+    let mut held = node.attached.clone();
+    for k in context.setup.extras.len()..held.len() {
+        let from = context.offset(&node.attached, k);
+        for (parameter, value) in held[k].parameters.iter_mut().zip(&node.values[from..]) {
+            parameter.bounds = [*value; 2];
+        }
+    }
+    converge(&plain.structure(held), node.values.clone()).map_or_else(
+        || node.clone(),
+        |(fitted, _)| Node {
+            attached: node.attached.clone(),
+            ..fitted
+        },
+    )
+}
+
+/// RMS of the discrepancy in a set, as a share of the RMS friction.
+fn friction_shape_share(context: &FitContext<'_>, plain: &FitContext<'_>, node: &Node) -> Option<f64> {
+    let friction_n = context.data.discrepancy.as_ref()?.friction_n();
+    let with = plain.structure(node.attached.clone()).residuals(&node.values)?;
+    let weight = &plain.data.weight;
+    let counted = (0..weight.len()).filter(|&i| weight[i] > 0.0);
+    let squares: Vec<f64> = counted
+        .map(|i| ((with[i] - node.residuals[i]) / weight[i]).powi(2))
+        .collect();
+    Some((squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt() / friction_n)
+}
+
+fn rest_in_words(share: f64) -> String {
+    format!(
+        " The rest has the shape of the friction law and is {:.1} % of the friction: no further name.",
+        100.0 * share
+    )
+}
+
+/// True if the chosen set leaves no structure above the noise; `base` is the baseline without a discrepancy.
+pub(super) fn is_explained(context: &FitContext<'_>, search: &SearchResult, base: &Node) -> bool {
+    let left = lack_of_fit(context.data, &search.nodes[search.chosen].residuals);
+    !is_unexplained(context, search, base, left)
+}
+
 fn verdict_of(unexplained: bool, judged: &[JudgedEffect]) -> Verdict {
     match (unexplained, judged.is_empty()) {
         (true, _) => Verdict::Unexplained,
@@ -189,17 +250,12 @@ fn unexplained_share(before: &Node, after: &Node, left: LackOfFit) -> f64 {
 }
 
 /// True if the chosen set leaves structure above the noise.
-fn is_unexplained(
-    context: &FitContext<'_>,
-    search: &SearchResult,
-    left: LackOfFit,
-    unexplained_share: f64,
-) -> bool {
+fn is_unexplained(context: &FitContext<'_>, search: &SearchResult, before: &Node, left: LackOfFit) -> bool {
     let data = context.data;
     let correlation_time = search.likelihood.correlation_time;
-    let (before, after) = (&search.nodes[0], &search.nodes[search.chosen]);
+    let after = &search.nodes[search.chosen];
     let repeats = left.power > LACK_POWER
-        && unexplained_share > LACK_SHARE
+        && unexplained_share(before, after, left) > LACK_SHARE
         && 0.5 * left.sum / correlation_time > LACK_GAIN;
     // Structure that does not repeat from cycle to cycle is not found by regressions, but it exceeds the noise.
     let counted = data.count(Split::Select).max(1) as f64;
