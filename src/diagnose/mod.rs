@@ -198,8 +198,12 @@ fn concluded(
         base: &base,
         nominal,
     };
+    // A doubt that needs more names than the search without it makes nothing simpler.
+    let names = |search: &SearchResult| search.nodes[search.chosen].attached.len();
+    let explained = verdict::is_explained(&plain, &search, &base);
     let explains = |doubted: &DoubtedSearch| {
-        verdict::is_explained(&run.context(setup, &doubted.data), &doubted.search, &base)
+        (!explained || names(&doubted.search) <= names(&search))
+            && verdict::is_explained(&run.context(setup, &doubted.data), &doubted.search, &base)
     };
     match second.filter(explains) {
         Some(doubted) => verdict::conclude(&run.context(setup, &doubted.data), doubted.search, known),
