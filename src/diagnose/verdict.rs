@@ -181,9 +181,9 @@ fn as_written(context: &FitContext<'_>, plain: &FitContext<'_>, node: &Node) -> 
         return node.clone();
     }
     let mut held = node.attached.clone();
-    for k in context.setup.extras.len()..held.len() {
+    for (k, effect) in held.iter_mut().enumerate().skip(context.setup.extras.len()) {
         let from = context.offset(&node.attached, k);
-        for (parameter, value) in held[k].parameters.iter_mut().zip(&node.values[from..]) {
+        for (parameter, value) in effect.parameters.iter_mut().zip(&node.values[from..]) {
             parameter.bounds = [*value; 2];
         }
     }
