@@ -31,7 +31,7 @@ pub(super) struct Data {
     pub zero_sigma_n: f64,
     /// Measured range of the force in N over all tracks.
     pub force_range_n: f64,
-    /// What the form of the friction law may do otherwise; `None` where no doubt is needed.
+    /// By what the friction law may deviate; `None` in the first search.
     pub discrepancy: Option<Arc<Discrepancy>>,
 }
 

@@ -6,18 +6,20 @@
 //! t = s mu E P_q(E) r_b,   s mu E P_q(E) (1 - d r_b) / 2   and   s mu E P_q(E) (m_b - r_b)
 //! ```
 //! E: force of the baseline, N. mu: its friction divided by load. s: [`SHARE`]. P_q: Legendre polynomial of order q over the range
-//! of E. r_b: mean drag of elastic-plastic elements with lengths in band b, -1 to 1. d: direction. The first kind changes how much
-//! friction reverses over which travel at which load; the second lets the two directions differ after a reversal. m_b is a drag
-//! that forgets where the last branch began, `d - (d - m_0) (1 + x / l)^-2` after a travel x from its value m_0 at the reversal: how
-//! much a contact remembers of small nested loops is not known either.
+//! of E. r_b: mean drag of elastic-plastic elements with lengths in band b, -1 to 1. d: direction, 1 or -1.
+//! m_b: drag of a contact that forgets earlier reversals, `d - (d - m_0) (1 + x / l)^-2`; x: travel since the last reversal, mm; m_0:
+//! its drag there; l: mean length of the band, mm.
+//! The first kind of term changes how much friction reverses over which travel, at each load. The second lets the two directions
+//! differ after a reversal. The third lets the contact forget small nested loops.
 //! The terms are linear, so they are solved for inside the residuals, like the zero of each recording.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::condition::Track;
 use super::splits::Split;
+use crate::model::friction::elements::Elements;
 
-/// Standard deviation of a term as a share of the friction. With eight bands and three orders the shape is then known to a third.
+/// Standard deviation of a term as a share of the friction.
 const SHARE: f64 = 0.1;
 /// Bands of lengths, elements in each, and the range of the lengths in mm, spaced by a constant factor.
 const BANDS: usize = 8;
@@ -28,7 +30,7 @@ const ORDERS: usize = 3;
 /// Number of terms.
 const TERMS: usize = 3 * BANDS * ORDERS;
 
-/// What the form of the friction law may do otherwise, along the recordings.
+/// The terms by which the friction law may deviate, at every point of the recordings.
 pub(super) struct Discrepancy {
     /// Weighted force of one standard deviation of each term; one column per point.
     terms: DMatrix<f64>,
@@ -39,8 +41,11 @@ pub(super) struct Discrepancy {
 }
 
 impl Discrepancy {
-    /// Of a model with this force at every point, N, and this friction divided by load. `weight` and `split` are those of every
-    /// point. `None` without friction.
+    /// Number of terms.
+    pub(super) const COUNT: usize = TERMS;
+
+    /// The terms for a model: its force at every point in N, and its friction divided by load. `weight` and `split` have one entry
+    /// for each point. `None` if the model has no friction.
     pub(super) fn new(
         tracks: &[Track],
         weight: &[f64],
@@ -105,11 +110,6 @@ impl Discrepancy {
         self.friction_n
     }
 
-    /// Number of terms.
-    pub(super) fn count(&self) -> usize {
-        TERMS
-    }
-
     /// Takes from weighted residuals what the terms explain of the fitted points. Returns the size of each term in its standard
     /// deviations.
     pub(super) fn remove(&self, split: &[Split], residuals: &mut [f64]) -> DVector<f64> {
@@ -131,8 +131,9 @@ struct BandDrags {
     at_mm: f64,
     direction: f64,
     since_mm: f64,
-    lengths_mm: [f64; BANDS * PER_BAND],
-    drag: [f64; BANDS * PER_BAND],
+    elements: Elements<{ BANDS * PER_BAND }>,
+    /// Mean length of each band, mm.
+    lengths_mm: [f64; BANDS],
     /// Drag of the forgetful contact of each band, and its value at the last reversal.
     forgetful: [[f64; 2]; BANDS],
 }
@@ -141,14 +142,14 @@ impl BandDrags {
     fn new() -> BandDrags {
         let count = BANDS * PER_BAND;
         let [shortest, longest] = LENGTHS_MM;
+        let lengths_mm: [f64; BANDS * PER_BAND] =
+            std::array::from_fn(|k| shortest * (longest / shortest).powf((k as f64 + 0.5) / count as f64));
         BandDrags {
             at_mm: 0.0,
             direction: 1.0,
             since_mm: 0.0,
-            lengths_mm: std::array::from_fn(|k| {
-                shortest * (longest / shortest).powf((k as f64 + 0.5) / count as f64)
-            }),
-            drag: [0.0; BANDS * PER_BAND],
+            elements: Elements::new(lengths_mm),
+            lengths_mm: band_means(&lengths_mm),
             forgetful: [[0.0; 2]; BANDS],
         }
     }
@@ -162,20 +163,19 @@ impl BandDrags {
             self.forgetful.iter_mut().for_each(|f| f[1] = f[0]);
         }
         self.since_mm += travel_mm.abs();
-        for (drag, length_mm) in self.drag.iter_mut().zip(&self.lengths_mm) {
-            *drag = (*drag + travel_mm / length_mm).clamp(-1.0, 1.0);
-        }
+        let drags = band_means(self.elements.advance(travel_mm));
         std::array::from_fn(|band| {
-            let elements = band * PER_BAND..(band + 1) * PER_BAND;
-            let length_mm = self.lengths_mm[elements.clone()].iter().sum::<f64>() / PER_BAND as f64;
-            let left = self.direction - self.forgetful[band][1];
-            self.forgetful[band][0] = self.direction - left / (1.0 + self.since_mm / length_mm).powi(2);
-            [
-                self.drag[elements].iter().sum::<f64>() / PER_BAND as f64,
-                self.forgetful[band][0],
-            ]
+            let [forgetful, at_reversal] = &mut self.forgetful[band];
+            let left = self.direction - *at_reversal;
+            *forgetful = self.direction - left / (1.0 + self.since_mm / self.lengths_mm[band]).powi(2);
+            [drags[band], *forgetful]
         })
     }
+}
+
+/// Mean over the elements of each band.
+fn band_means(of: &[f64; BANDS * PER_BAND]) -> [f64; BANDS] {
+    std::array::from_fn(|band| of[band * PER_BAND..][..PER_BAND].iter().sum::<f64>() / PER_BAND as f64)
 }
 
 #[cfg(test)]

@@ -177,7 +177,7 @@ pub fn diagnose(
     Ok(diagnosis)
 }
 
-/// Searches a second time where the friction law is in doubt, and judges the search that explains the recordings.
+/// Searches a second time, and judges the second search if it explains the recordings, else the first.
 fn concluded(
     run: &RunSettings,
     setup: &Setup,
@@ -198,12 +198,11 @@ fn concluded(
         base: &base,
         nominal,
     };
-    // A doubt that needs more names than the search without it makes nothing simpler.
+    // Where the first search explains the recordings, the second must not need more effects.
     let names = |search: &SearchResult| search.nodes[search.chosen].attached.len();
-    let explained = verdict::is_explained(&plain, &search, &base);
     let explains = |doubted: &DoubtedSearch| {
-        (!explained || names(&doubted.search) <= names(&search))
-            && verdict::is_explained(&run.context(setup, &doubted.data), &doubted.search, &base)
+        verdict::is_explained(&run.context(setup, &doubted.data), &doubted.search, &base)
+            && (names(&doubted.search) <= names(&search) || !verdict::is_explained(&plain, &search, &base))
     };
     match second.filter(explains) {
         Some(doubted) => verdict::conclude(&run.context(setup, &doubted.data), doubted.search, known),

@@ -1,5 +1,5 @@
-//! A second search, in which the shape of the friction law is in doubt ([`Discrepancy`]): what is left of the friction law shall not be
-//! named as further physics.
+//! The second search: the friction law may deviate by the terms of [`Discrepancy`], so that its error of shape is not named as further
+//! physics.
 
 use std::sync::Arc;
 
@@ -14,12 +14,9 @@ use super::friction_law::SearchStart;
 use super::search::{SearchResult, search};
 use super::simplest_form;
 use super::splits::Split;
+use super::verdict::{LACK_GAIN, LACK_POWER};
 
-/// The terms are needed if on selecting cycles they take away this mean square, in units of the noise, and this log-likelihood.
-const LEAST_POWER: f64 = 0.06;
-const LEAST_GAIN: f64 = 10.0;
-
-/// Root mean square of the terms in their standard deviations above which the difference is more than a doubt about a shape.
+/// Largest RMS of the terms, in their standard deviations: a larger difference is no error of shape.
 const MOST_SIZE: f64 = 2.0;
 
 /// A search with the discrepancy, and the data that it ran on.
@@ -28,8 +25,8 @@ pub(super) struct DoubtedSearch {
     pub search: SearchResult,
 }
 
-/// Searches again with the discrepancy, where what the chosen set leaves has the shape of the friction law, or where a second name may
-/// be no more than that. `None` where the search finds nothing better.
+/// Searches again if what the first search leaves has the shape of the friction law, or if the first search named two or more effects.
+/// `None` if neither is so, or if the result is no better.
 pub(super) fn search_again(
     run: &RunSettings,
     setup: &Setup,
@@ -45,16 +42,16 @@ pub(super) fn search_again(
     let chosen = &first.nodes[first.chosen];
     let mut data = data.clone();
     data.discrepancy = Some(Arc::new(of_set(&run.context(setup, &data), chosen)?));
-    let count = data.discrepancy.as_ref().map_or(0, |d| d.count());
     let context = run.context(setup, &data);
     let again = |node: &Node| {
         let structure = context.structure(node.attached.clone());
         converge(&structure, node.values.clone()).map(|(node, _)| node)
     };
     let names = |node: &Node| node.attached.len() - extras;
+    // The same limits as for structure that no candidate explains.
     let fall = chosen.select - again(chosen)?.select;
-    let leaves_shape = fall >= LEAST_POWER * data.count(Split::Select).max(1) as f64
-        && first.likelihood.gain(fall) >= LEAST_GAIN;
+    let leaves_shape = fall >= LACK_POWER * data.count(Split::Select).max(1) as f64
+        && first.likelihood.gain(fall) >= LACK_GAIN;
     if !leaves_shape && names(chosen) < 2 {
         return None;
     }
@@ -66,11 +63,13 @@ pub(super) fn search_again(
     let (_, squares) = context
         .structure(doubted.attached.clone())
         .compared(&doubted.values)?;
-    if squares > MOST_SIZE * MOST_SIZE * count as f64 {
-        return None;
-    }
-    let better = doubted.cost() < chosen.cost();
-    (leaves_shape || (names(doubted) < names(chosen) && better)).then_some(DoubtedSearch { search, data })
+    let better = leaves_shape || (names(doubted) < names(chosen) && doubted.cost() < chosen.cost());
+    (better && is_error_of_shape(squares)).then_some(DoubtedSearch { search, data })
+}
+
+/// True if terms with this sum of squares, in their standard deviations, are small enough for an error of shape.
+fn is_error_of_shape(squares: f64) -> bool {
+    squares <= MOST_SIZE * MOST_SIZE * Discrepancy::COUNT as f64
 }
 
 /// The discrepancy of the friction in a set.
@@ -110,6 +109,14 @@ mod tests {
     use super::*;
 
     const RATIO: f64 = 0.05;
+
+    /// All terms at two standard deviations are the limit; one term may be larger.
+    #[test]
+    fn a_large_difference_is_no_error_of_shape() {
+        let all = |sigmas: f64| sigmas * sigmas * Discrepancy::COUNT as f64;
+        assert!(is_error_of_shape(all(1.9)) && !is_error_of_shape(all(2.1)));
+        assert!(is_error_of_shape(10.0 * 10.0));
+    }
 
     #[test]
     fn the_friction_ratio_is_read_off_a_force() {

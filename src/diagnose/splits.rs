@@ -15,7 +15,8 @@ pub(crate) enum Split {
 
 /// Fewest cycles of a recording, and fewest recordings, that can be split.
 const LEAST: usize = 3;
-/// Cycles whose travels differ by this factor are dealt out by their travel, so that small loops are fitted, too.
+/// If the travels of the cycles differ by this factor, the cycles are sorted by travel before they are split, so that small loops are
+/// fitted too.
 const UNEQUAL: f64 = 1.3;
 /// Number of pieces that a track without cycles is cut into; two in four are fitted.
 const PIECES: usize = 24;

@@ -9,6 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use super::baseline::{Attached, Setup, build, wrap};
 use super::condition::Track;
 use super::data::Data;
+use super::discrepancy::Discrepancy;
 use super::splits::Split;
 use crate::identify::Residuals;
 use crate::identify::jacobian::typical;
@@ -139,7 +140,7 @@ impl<'a> ModelStructure<'a> {
 
     /// Number of values that are solved for inside the residuals.
     fn linear_count(&self) -> usize {
-        self.data.lengths.len() + self.data.discrepancy.as_ref().map_or(0, |d| d.count())
+        self.data.lengths.len() + self.data.discrepancy.as_ref().map_or(0, |_| Discrepancy::COUNT)
     }
 
     pub(super) fn parameters_bounds(&self) -> Vec<[f64; 2]> {

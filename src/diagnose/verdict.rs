@@ -31,9 +31,9 @@ use crate::model::Parameter;
 
 /// The lack of fit is unexplained structure if it exceeds all three: a mean square in units of the noise, a share of what the
 /// effects explain, a gain in log-likelihood. Chosen so that noise and the inexact form of an effect stay below.
-const LACK_POWER: f64 = 0.06;
+pub(super) const LACK_POWER: f64 = 0.06;
 const LACK_SHARE: f64 = 0.15;
-const LACK_GAIN: f64 = 10.0;
+pub(super) const LACK_GAIN: f64 = 10.0;
 /// Mean square above the noise on reporting cycles that chance and the inexact form of an effect do not reach.
 const REPORT_POWER: f64 = 0.45;
 /// A set does not fit if it leaves this mean square on selecting cycles, in units of the noise, and this share of the baseline's.
@@ -175,7 +175,8 @@ fn delivered(context: &FitContext<'_>, named: &Node, unexplained: bool, courses:
     }
 }
 
-/// The node with its effects as they are and the baseline fitted without the discrepancy, which no file contains.
+/// The node as it can be written: a file has no discrepancy, so the baseline is fitted again without it. The effects keep their
+/// values.
 fn as_written(context: &FitContext<'_>, plain: &FitContext<'_>, node: &Node) -> Node {
     if context.data.discrepancy.is_none() {
         return node.clone();
@@ -210,7 +211,7 @@ fn friction_shape_share(context: &FitContext<'_>, plain: &FitContext<'_>, node: 
 
 fn rest_in_words(share: f64) -> String {
     format!(
-        " The rest has the shape of the friction law and is {:.1} % of the friction: no further name.",
+        " The rest, {:.1} % of the friction, has the shape of the friction law: no further effect is named.",
         100.0 * share
     )
 }
