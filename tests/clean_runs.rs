@@ -177,6 +177,15 @@ fn patient(name: &str, seed: u64, folder: &Path) -> String {
     path.display().to_string()
 }
 
+/// Copies a recording to where it outlives the test, for whoever looks into its finding.
+fn kept(csv: &Path) -> String {
+    let folder = std::env::temp_dir().join("leafbench-findings");
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let copy = folder.join(csv.file_name().expect("a file"));
+    std::fs::copy(csv, &copy).expect("copied");
+    copy.display().to_string()
+}
+
 /// What a rig in real time showed in all shipped profiles, `rounds` times: completed runs, and alarms, findings and what disturbed it
 /// as lines. With `over_pty` the mock rig is another process behind a pair of pseudo-terminals, else it is in memory.
 fn real_time_rounds(rig: u64, rounds: u64, over_pty: bool) -> (usize, Vec<String>) {
@@ -215,7 +224,8 @@ fn real_time_rounds(rig: u64, rounds: u64, over_pty: bool) -> (usize, Vec<String
                 );
                 let csv = folder.path().join(format!("{id}.csv"));
                 assert!(csv.is_file(), "{export}");
-                lines.extend(found_in(&csv, &loaded).map(|text| format!("FINDING {at}: {text}")));
+                let found = found_in(&csv, &loaded);
+                lines.extend(found.map(|text| format!("FINDING {at}: {text}; kept as {}", kept(&csv))));
             } else {
                 lines.push(format!("DISTURBED {at}: {}", run.outcome().expect("ended").cause));
                 daemon.back_to_ready();
