@@ -1,12 +1,13 @@
 //! Alternatives: the effects that could replace a finding, and the nearest ones where no effect explains the recordings.
 
 use super::backward_elimination::{kinks_are_recorded, penalty, without};
-use super::context::{FitContext, Key, Node};
+use super::context::FitContext;
+use super::course::Split;
 use super::diagnosis::Alternative;
 use super::lack_of_fit::rest;
+use super::node::{Key, Node};
+use super::on_the_model::refit_rivals;
 use super::search::SearchResult;
-use super::splits::Split;
-use super::surrogate;
 use super::tables::candidates;
 use crate::effect::Effect;
 
@@ -97,7 +98,7 @@ fn fit_rivals(context: &FitContext<'_>, search: &mut SearchResult, without: usiz
     if let Some((parent, tangent)) = context.converged(&search.nodes[without]) {
         let children = context.children(&parent, &tangent, &seen, RIVALS_TRIED);
         search.nodes.extend(children);
-        surrogate::refit_rivals(context, search, base);
+        refit_rivals(context, search, base);
     }
 }
 

@@ -1,19 +1,16 @@
 //! Chooses one of the fitted sets: the largest penalised gain, then backward elimination of effects that bring too little.
 
 use super::baseline::Attached;
-use super::context::{FitContext, Key, LikelihoodScale, Node};
+use super::context::FitContext;
+use super::course::Split;
 use super::data::Data;
 use super::fit::converge;
 use super::lack_of_fit::rest;
+use super::likelihood::{LikelihoodScale, PARAMETER_PENALTY, PENALTY};
+use super::node::{Key, Node};
 use super::note::NoteKind;
-use super::search::lowest;
 use super::smoothing::median;
-use super::splits::Split;
 
-/// Penalty per effect in log-likelihood. For one parameter it is a likelihood ratio of 16, which chance exceeds once in 16 000.
-pub(super) const PENALTY: f64 = 8.0;
-/// Penalty of each further parameter of an effect, so that chance exceeds it as rarely as that of one parameter.
-pub(super) const PARAMETER_PENALTY: f64 = 1.3;
 /// An effect with a kink acts on at most this share of its axis: a knee below nearly all that was recorded is a smooth curve.
 const MOST_OF_AXIS: f64 = 0.85;
 /// Share of the whole gain that an effect must bring.
@@ -281,6 +278,13 @@ pub(super) fn without(context: &FitContext<'_>, nodes: &mut Vec<Node>, of: usize
         }
         (None, known) => known.unwrap_or(0),
     }
+}
+
+/// Index of the node of lowest cost.
+pub(super) fn lowest(nodes: &[Node], cost: impl Fn(&Node) -> f64) -> usize {
+    (0..nodes.len())
+        .min_by(|&a, &b| cost(&nodes[a]).total_cmp(&cost(&nodes[b])))
+        .expect("the baseline is the first node")
 }
 
 #[cfg(test)]

@@ -3,9 +3,10 @@
 //! Known physics that is not built into the model is attached as effects and fitted with the model's own parameters. A model may
 //! switch off friction that is not known (`Model::limit_friction`).
 
+use super::error::BaselineError;
 use super::surrogate::Surrogate;
 use crate::effect::law::ForceLaw;
-use crate::effect::{self, EFFECTS, Effect, EffectError, FORMS, Stage};
+use crate::effect::{self, EFFECTS, Effect, FORMS, Stage};
 use crate::model::{BuildError, Model, Parameter, Plant};
 
 /// The model that a diagnosis starts from.
@@ -31,17 +32,6 @@ impl Baseline {
             known: None,
         }
     }
-}
-
-/// Why a baseline cannot be used.
-#[derive(Debug, thiserror::Error, PartialEq)]
-pub enum BaselineError {
-    /// The model refuses the structure or the start values.
-    #[error("the baseline cannot be built")]
-    Build(#[from] BuildError),
-    /// A known code is not a code of physics (`docs/formats.md`).
-    #[error("known physics")]
-    Known(#[from] EffectError),
 }
 
 /// One effect in a structure, with its parameters and their bounds in this baseline.

@@ -7,10 +7,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::condition::Track;
 use super::data::Data;
 use super::note::{Note, NoteAction, NoteKind};
 use super::smoothing::{median, range};
+use super::track::Track;
 use crate::identify::confidence::correlation_time;
 
 /// Fewest cycles that are compared, and fewest pairs of points, for an estimate.
@@ -265,7 +265,7 @@ fn correlation(values: &[f64]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::binning::tests::sampled;
+    use super::super::data::tests::sampled;
     use super::super::smoothing::tests::noisy;
     use super::*;
 

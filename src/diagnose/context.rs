@@ -1,72 +1,30 @@
 //! What every step of the search needs: setup, data, threads, and the fits of single sets of effects.
 //!
-//! Gains are in log-likelihood of effective samples, see [`LikelihoodScale`].
+//! Gains are in log-likelihood of effective samples, see `likelihood`.
 
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::baseline::{Attached, Setup};
-use super::condition::Track;
 use super::data::Data;
+use super::error::DiagnoseError;
 use super::fit::{converge, fit_child};
+use super::node::{Key, Node};
+use super::options::DiagnoseOptions;
 use super::score::{CandidateScore, Tangent};
-use super::splits::Split;
 use super::structure::ModelStructure;
-use super::{DiagnoseError, DiagnoseOptions};
+use super::track::Track;
 use crate::effect::Span;
 use crate::identify::FitControl;
-use crate::identify::confidence::correlation_time;
 use crate::identify::evaluator::Evaluator;
 use crate::identify::least_squares::{LeastSquaresSettings, minimise};
 use crate::profile::ProfileLimits;
 
-/// Predicted gain below which a candidate is not fitted: far below what an effect must bring (`search::PENALTY`).
+/// Predicted gain below which a candidate is not fitted: far below what an effect must bring (`likelihood::PENALTY`).
 const LEAST_PREDICTED_GAIN: f64 = 1.0;
 /// A candidate is fitted from its best start and from up to 2 others that are predicted to bring at least 0.4 of its gain.
 const STARTS: usize = 3;
 const START_SHARE: f64 = 0.4;
-
-/// Codes of a set of effects, sorted.
-pub(super) type Key = Vec<&'static str>;
-
-/// A fitted set of effects.
-#[derive(Clone)]
-pub(super) struct Node {
-    pub attached: Vec<Attached>,
-    /// The model's parameters, one group per effect, the force zero.
-    pub values: Vec<f64>,
-    /// Weighted residuals of every point.
-    pub residuals: Vec<f64>,
-    /// Sum of squares on the cycles that are fitted, with that of the discrepancy's terms.
-    pub fit: f64,
-    /// Sum of squares on the cycles that sets are compared on.
-    pub select: f64,
-}
-
-impl Node {
-    /// Residuals and sums of squares at some values; `None` where the model has no finite force.
-    pub(super) fn new(structure: &ModelStructure<'_>, values: Vec<f64>) -> Option<Node> {
-        let (residuals, terms) = structure.compared(&values)?;
-        Some(Node {
-            fit: structure.data.sum(&residuals, Split::Fit) + terms,
-            select: structure.data.sum(&residuals, Split::Select),
-            residuals,
-            values,
-            attached: structure.attached.clone(),
-        })
-    }
-
-    /// Codes after the first `extras` effects, which belong to the baseline.
-    pub(super) fn key(&self, extras: usize) -> Key {
-        let mut key: Key = self.attached[extras..].iter().map(|a| a.effect.code).collect();
-        key.sort_unstable();
-        key
-    }
-
-    pub(super) fn cost(&self) -> f64 {
-        self.fit + self.select
-    }
-}
 
 /// What stays the same from the first fit of the baseline to the verdict.
 pub(super) struct RunSettings {
@@ -111,32 +69,6 @@ fn span(data: &Data) -> Span {
         speed_mm_s: most(&Track::top_speed_mm_s, 0.0),
         duration_s: most(&|t| t.time_s[t.len() - 1], 0.0),
         cycles: most(&|t| f64::from(t.cycles), 1.0),
-    }
-}
-
-/// Turns a fall of the sum of squares into log-likelihood of effective samples: neighbouring residuals are correlated, and they
-/// are larger than the white noise. Both make a gain smaller than independent samples of pure noise would.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct LikelihoodScale {
-    /// Variance of the residuals of the best set, in variances of the white noise; at least 1.
-    pub variance: f64,
-    /// Correlation time in samples.
-    pub correlation_time: f64,
-}
-
-impl LikelihoodScale {
-    pub(super) fn of(data: &Data, residuals: &[f64]) -> LikelihoodScale {
-        let counted = data.weight.iter().filter(|w| **w > 0.0).count().max(1);
-        let variance = residuals.iter().map(|r| r * r).sum::<f64>() / counted as f64;
-        LikelihoodScale {
-            variance: variance.max(1.0),
-            correlation_time: correlation_time(residuals, &data.lengths),
-        }
-    }
-
-    /// Gain in log-likelihood of effective samples where the sum of squares falls by `fall`.
-    pub(super) fn gain(&self, fall: f64) -> f64 {
-        0.5 * fall / (self.variance * self.correlation_time)
     }
 }
 

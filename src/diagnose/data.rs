@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use super::condition::Track;
+use super::course::Split;
 use super::discrepancy::Discrepancy;
 use super::note::{Note, NoteAction, NoteKind};
 use super::smoothing::{noise, range};
-use super::splits::Split;
+use super::track::Track;
 
 /// Best linearity of a load cell as a share of the range. No point is weighted as if its force were known better.
 pub(super) const LINEARITY: f64 = 2e-4;
@@ -226,4 +226,56 @@ fn slope_factors(track: &Track, slopes: &[f64]) -> Vec<(usize, f64)> {
         (plain_n > 0.0 && steep_n > plain_n).then(|| (i, plain_n / steep_n))
     };
     (1..track.len()).zip(slopes).filter_map(factor).collect()
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use rand::{RngExt, SeedableRng};
+
+    use super::super::condition::condition;
+    use super::super::splits::assign_splits;
+    use super::*;
+    use crate::recording::Recording;
+
+    /// Ten cycles between 1 and 11 mm, and residuals of unit noise plus `extra` of (displacement, direction).
+    pub(in crate::diagnose) fn case(extra: impl Fn(f64, f64) -> f64) -> (Data, Vec<f64>) {
+        sampled(0.005, 10.0, extra)
+    }
+
+    /// The same motion for `duration_s`, sampled every `dt_s`.
+    pub(in crate::diagnose) fn sampled(
+        dt_s: f64,
+        duration_s: f64,
+        extra: impl Fn(f64, f64) -> f64,
+    ) -> (Data, Vec<f64>) {
+        let count = (duration_s / dt_s) as i32;
+        let time_s: Vec<f64> = (0..count).map(|i| dt_s * f64::from(i)).collect();
+        let displacement_mm: Vec<f64> = time_s
+            .iter()
+            .map(|t| 6.0 - 5.0 * (std::f64::consts::TAU * t).cos())
+            .collect();
+        let recording = Recording {
+            force_n: displacement_mm.iter().map(|x| 80.0 * x).collect(),
+            time_s,
+            displacement_mm,
+            ..Recording::default()
+        };
+        let mut tracks = condition(&[recording], 3000).expect("conditioned");
+        assign_splits(&mut tracks);
+        let mut data = Data::new(tracks);
+        data.weight
+            .iter_mut()
+            .filter(|w| **w > 0.0)
+            .for_each(|w| *w = 1.0);
+        let track = &data.tracks[0];
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+        let residuals = (0..data.len())
+            .map(|i| {
+                let noise = 3f64.sqrt() * (2.0 * random.random::<f64>() - 1.0);
+                let at = extra(track.displacement_mm[i], track.direction[i]);
+                if data.weight[i] > 0.0 { noise + at } else { 0.0 }
+            })
+            .collect();
+        (data, residuals)
+    }
 }

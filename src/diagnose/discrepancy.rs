@@ -15,8 +15,8 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-use super::condition::Track;
-use super::splits::Split;
+use super::course::Split;
+use super::track::Track;
 use crate::model::friction::elements::Elements;
 
 /// Standard deviation of a term as a share of the friction.
@@ -180,8 +180,8 @@ fn band_means(of: &[f64; BANDS * PER_BAND]) -> [f64; BANDS] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::binning::tests::case;
     use super::super::data::Data;
+    use super::super::data::tests::case;
     use super::*;
 
     const RATIO: f64 = 0.05;

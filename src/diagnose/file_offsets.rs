@@ -9,15 +9,16 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::baseline::Setup;
-use super::condition::Track;
-use super::context::{FitContext, Node, RunSettings};
+use super::context::{FitContext, RunSettings};
+use super::course::Split;
 use super::data::Data;
 use super::fit::converge;
-use super::friction_law;
+use super::general_law::generalise;
+use super::node::Node;
 use super::note::{Note, NoteAction, NoteKind};
 use super::smoothing::{median, range};
-use super::splits::Split;
 use super::structure::ModelStructure;
+use super::track::Track;
 use crate::identify::Residuals;
 use crate::recording::Recording;
 
@@ -144,9 +145,8 @@ pub(super) fn common_zero_mm(run: &RunSettings, setup: &Setup, data: &Data, node
     let context = run.context(setup, &data);
     let (there, _) = context.converged(node)?;
     let form = setup.form.as_ref();
-    let general = form.and_then(|form| {
-        friction_law::generalise(&context, &there, form, &(form.effect.starts)(&context.span))
-    });
+    let general =
+        form.and_then(|form| generalise(&context, &there, form, &(form.effect.starts)(&context.span)));
     let cost = general.map_or(there.cost(), |general| general.cost().min(there.cost()));
     let explains = cost < MOST_POWER_LEFT * counted
         && here.cost() - cost > LEAST_EXPLAINED * (here.cost() - counted)
@@ -193,9 +193,8 @@ pub(super) fn physics_suffices(context: &FitContext<'_>, node: &Node, found: &Of
     let needed = PHYSICS_SHARE * (node.cost() - found.cost);
     let explains = |other: &Node| node.cost() - other.cost() >= needed;
     let form = context.setup.form.as_ref();
-    let general = form.and_then(|form| {
-        friction_law::generalise(context, &node, form, &(form.effect.starts)(&context.span))
-    });
+    let general =
+        form.and_then(|form| generalise(context, &node, form, &(form.effect.starts)(&context.span)));
     general.is_some_and(|general| explains(&general))
         || context
             .children(&node, &tangent, &[], usize::MAX)

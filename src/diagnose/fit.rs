@@ -6,7 +6,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::baseline::Attached;
-use super::context::Node;
+use super::node::Node;
 use super::score::{Tangent, insert_group};
 use super::structure::ModelStructure;
 use crate::effect::Span;

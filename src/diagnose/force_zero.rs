@@ -5,11 +5,11 @@
 //! widened in two cases that friction cannot imitate: the force falls below zero, where a spring under a pusher has none, or a zero
 //! above the true one alone explains nearly all that the baseline leaves.
 
-use super::context::Node;
+use super::course::Split;
 use super::data::Data;
 use super::fit::converge;
+use super::node::Node;
 use super::note::{Note, NoteAction, NoteKind};
-use super::splits::Split;
 use super::structure::ModelStructure;
 
 /// A force this far below zero, as a share of the largest force, is no wrong tare: the device pulls.

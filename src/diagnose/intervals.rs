@@ -1,8 +1,10 @@
 //! 95 % confidence intervals of the parameters of a set.
 
-use super::context::{FitContext, LikelihoodScale, Node};
+use super::context::FitContext;
+use super::course::Split;
 use super::fit::profile_interval;
-use super::splits::Split;
+use super::likelihood::LikelihoodScale;
+use super::node::Node;
 use super::structure::ModelStructure;
 use crate::identify::Residuals;
 use crate::identify::confidence::{Confidence, confidence};

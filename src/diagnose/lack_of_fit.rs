@@ -7,9 +7,9 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::binning::{AXES, BinnedAxis, binned};
+use super::course::Split;
 use super::data::Data;
 use super::near_replicates;
-use super::splits::Split;
 use crate::effect::Axis;
 
 /// Number of bins along the displacement, where ripples are finest, and along every other axis.
@@ -21,6 +21,11 @@ const DISPLACEMENT_BINS: [usize; 2] = [24, FINE];
 const CHANGE_CYCLES: [u32; 4] = [2, 3, 5, 10];
 /// Ridge penalty: structure of half the noise is expected in a bin, so empty bins stay at zero and uncertain ones small.
 const RIDGE: f64 = 4.0;
+
+/// Structure is lack of fit only above both: a mean square in units of the noise, a gain in log-likelihood. Chosen so that noise
+/// and the inexact form of an effect stay below.
+pub(super) const LACK_POWER: f64 = 0.06;
+pub(super) const LACK_GAIN: f64 = 10.0;
 
 /// What the best of the regressions explains.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -145,7 +150,7 @@ fn gain(data: &Data, residuals: &[f64], columns: usize, row: impl Fn(usize) -> V
 
 #[cfg(test)]
 mod tests {
-    use super::super::binning::tests::case;
+    use super::super::data::tests::case;
     use super::*;
 
     #[test]

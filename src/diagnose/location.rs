@@ -3,12 +3,14 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-use super::binning::{AXES, BINS, BinnedAxis, binned};
+use super::binning::{AXES, BinnedAxis, binned, coordinate};
+use super::course::Split;
 use super::data::Data;
 use super::diagnosis::Location;
-use super::splits::Split;
-use crate::effect::{Axis, Branch};
+use crate::effect::{Axis, Branch, Place};
 
+/// Number of bins of a map and of the scan for a location.
+pub(super) const BINS: usize = 24;
 /// A place is specific if it holds this many times the energy that its share of the points would.
 const SPECIFIC: f64 = 1.4;
 /// An interval holds at most this share of the points on its branch, and at most this share of the bins.
@@ -247,9 +249,37 @@ pub(super) fn words(axis: Axis, from: f64, to: f64, branch: Branch, share: f64) 
     )
 }
 
+/// Share of the residual's sum of squares above the noise that lies in a place.
+pub(super) fn share_in(data: &Data, residuals: &[f64], place: &Place) -> f64 {
+    let (mut inside, mut all, mut k) = (0.0, 0.0, 0);
+    for track in &data.tracks {
+        for i in 0..track.len() {
+            if data.weight[k] > 0.0 {
+                let energy = residuals[k] * residuals[k] - 1.0;
+                all += energy;
+                let at = coordinate(track, i, place.axis);
+                let on = match place.branch {
+                    Branch::Both => true,
+                    Branch::Loading => track.direction[i] > 0.0,
+                    Branch::Unloading => track.direction[i] < 0.0,
+                };
+                if on && at >= place.from && at <= place.to {
+                    inside += energy;
+                }
+            }
+            k += 1;
+        }
+    }
+    if all > 0.0 {
+        (inside / all).clamp(0.0, 1.0)
+    } else {
+        0.0
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::super::binning::tests::case;
+    use super::super::data::tests::case;
     use super::*;
 
     #[test]

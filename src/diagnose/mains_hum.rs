@@ -8,7 +8,7 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::condition::Track;
+use super::track::Track;
 
 /// Mains frequencies, and how far they deviate, Hz.
 const MAINS_HZ: [f64; 2] = [50.0, 60.0];
@@ -84,7 +84,7 @@ pub(super) fn detect(track: &Track, weight: &[f64], residuals_n: &[f64]) -> Opti
 
 #[cfg(test)]
 mod tests {
-    use super::super::binning::tests::sampled;
+    use super::super::data::tests::sampled;
     use super::*;
 
     /// 1 kHz for 20 s at 1 Hz, so that 50 Hz repeats in every cycle; hum of amplitude 0.5 and noise of 1.

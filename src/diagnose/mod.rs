@@ -42,19 +42,28 @@ pub(crate) mod course;
 mod data;
 pub(crate) mod diagnosis;
 mod discrepancy;
+mod error;
+mod expansions;
 mod file_offsets;
 mod fit;
 mod force_zero;
 mod friction_law;
 mod gaps;
+mod general_law;
 mod intervals;
 mod lack_of_fit;
 mod law;
+pub(crate) mod left_out;
+mod likelihood;
 mod location;
+mod look_alikes;
 mod mains_hum;
 mod near_replicates;
 mod next_test;
+mod node;
 pub(crate) mod note;
+mod on_the_model;
+mod options;
 mod polarity;
 mod repeats;
 mod samples;
@@ -71,6 +80,7 @@ mod surrogate_plant;
 mod tables;
 mod test_profiles;
 mod thinning;
+mod track;
 mod travel;
 mod turning_points;
 mod two_sided;
@@ -80,62 +90,21 @@ mod vibration;
 pub(crate) mod yardsticks;
 
 pub use baseline::Baseline;
-pub(crate) use baseline::BaselineError;
+pub(crate) use course::Split;
 pub use diagnosis::{Diagnosis, Finding, Verdict};
-pub(crate) use samples::ConditionError;
-pub(crate) use splits::Split;
+pub(crate) use error::DiagnoseError;
+pub use options::DiagnoseOptions;
 
-use crate::profile::ProfileLimits;
 use crate::recording::Recording;
 use baseline::Setup;
-use context::{Node, RunSettings};
+use context::RunSettings;
 use data::Data;
+use error::BaselineError;
 use friction_law::SearchStart;
+use node::Node;
 use search::SearchResult;
 use second_search::DoubtedSearch;
 use structure::ModelStructure;
-
-/// Why there is no diagnosis. All reasons are errors of the input. An unexplained difference is a verdict, not an error.
-#[derive(Debug, thiserror::Error, PartialEq)]
-pub enum DiagnoseError {
-    #[error("no recording was given: name at least one")]
-    NoRecording,
-    /// A recording cannot be used.
-    #[error(transparent)]
-    Condition(#[from] ConditionError),
-    /// The baseline cannot be used.
-    #[error(transparent)]
-    Baseline(#[from] BaselineError),
-    /// The baseline has no finite force at these displacements.
-    #[error(
-        "the baseline gives no finite force for these recordings: check sign and zero of the displacement"
-    )]
-    OutOfDomain,
-    /// The operating system refused the worker threads.
-    #[error("the worker threads could not be started ({0}): close other programs and try again")]
-    Threads(String),
-}
-
-/// Options of a diagnosis.
-#[derive(Debug, Clone, PartialEq)]
-pub struct DiagnoseOptions {
-    /// Number of points that a recording is thinned to.
-    pub points: usize,
-    /// Number of worker threads; 0 for one per core. The result does not depend on it.
-    pub threads: usize,
-    /// Limits of the bench for the next test. `None`: the test is no faster than the recordings.
-    pub(crate) limits: Option<ProfileLimits>,
-}
-
-impl Default for DiagnoseOptions {
-    fn default() -> Self {
-        DiagnoseOptions {
-            points: 3000,
-            threads: 0,
-            limits: None,
-        }
-    }
-}
 
 /// Diagnoses recordings of one specimen. `progress` gets the share done, 0 to 1, and the current step.
 pub fn diagnose(
@@ -169,7 +138,7 @@ pub fn diagnose(
     if setup.model.slow {
         progress(0.75, "refitting the best sets on the model itself");
         let fits = (&mut start.refitted, &start.base);
-        search = surrogate::confirm(&mut setup, &data, &run, fits, search);
+        search = on_the_model::confirm(&mut setup, &data, &run, fits, search);
     }
     let start = (&start, nominal);
     let diagnosis = concluded(&run, &setup, &data, start, search, progress);
@@ -272,7 +241,7 @@ fn fitted_input(
 /// Fits the baseline, then removes mains hum and sets the weights by what the fit leaves.
 fn first_fit(setup: &mut Setup, data: &mut Data, run: &RunSettings) -> Result<Node, DiagnoseError> {
     if setup.model.slow {
-        surrogate::fit_surrogate(setup, data, run).ok_or(DiagnoseError::OutOfDomain)?;
+        expansions::fit_surrogate(setup, data, run).ok_or(DiagnoseError::OutOfDomain)?;
     }
     let mut first = run
         .context(setup, data)
@@ -286,7 +255,7 @@ fn first_fit(setup: &mut Setup, data: &mut Data, run: &RunSettings) -> Result<No
     data.set_weights(&mut first.residuals, &model_n);
     coloured_noise::raise_noise(data, &mut first.residuals);
     if setup.model.slow {
-        let error_n = surrogate::discretisation_error_n(&run.context(setup, data), &first.values);
+        let error_n = expansions::discretisation_error_n(&run.context(setup, data), &first.values);
         data.add_model_error(&error_n.ok_or(DiagnoseError::OutOfDomain)?);
     }
     Ok(first)

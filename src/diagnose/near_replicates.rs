@@ -5,9 +5,9 @@
 //! displacement. What these have in common is lack of fit, the rest is pure error (Draper and Smith 1998, chapter 2; without
 //! exact replicates Daniel and Wood 1980).
 
-use super::condition::Track;
+use super::course::Split;
 use super::data::Data;
-use super::splits::Split;
+use super::track::Track;
 
 /// Number of neighbours that predict a point.
 const NEIGHBOURS: usize = 6;
@@ -76,7 +76,7 @@ pub(super) fn gain(data: &Data, residuals: &[f64]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::binning::tests::sampled;
+    use super::super::data::tests::sampled;
     use super::*;
 
     /// 20 samples per cycle over 10 mm: a ripple of 2 mm changes its sign between one sample and the next.

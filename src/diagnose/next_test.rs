@@ -10,13 +10,17 @@ use std::ops::AddAssign;
 use nalgebra::{DMatrix, DVector};
 
 use super::alternatives::{DISTINCT_POWER, distinguishable_lack};
-use super::condition::{LARGEST_AVERAGING, Track};
-use super::context::{FitContext, LikelihoodScale, Node};
+use super::baseline::build;
+use super::condition::LARGEST_AVERAGING;
+use super::context::FitContext;
 use super::data::{LINEARITY, STEEPEST};
 use super::diagnosis::NextTest;
+use super::likelihood::LikelihoodScale;
+use super::node::Node;
 use super::smoothing::median;
 use super::structure::ModelStructure;
 use super::test_profiles::{TestMotion, TestProfile, TestRange, test_profiles};
+use super::track::Track;
 use crate::identify::Residuals;
 use crate::identify::jacobian::typical;
 use crate::profile::ProfileLimits;
@@ -141,7 +145,7 @@ fn forces_with_shift(
     shifted: Option<(usize, f64)>,
 ) -> Option<DVector<f64>> {
     let (zero_n, own) = values.split_last()?;
-    let mut plant = super::baseline::build(context.setup, &structure.attached, own, *zero_n).ok()?;
+    let mut plant = build(context.setup, &structure.attached, own, *zero_n).ok()?;
     let mut before_s = 0.0;
     let force_n = motion.points.iter().enumerate().map(|(k, p)| {
         plant.told(&p.motion);

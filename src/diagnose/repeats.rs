@@ -1,9 +1,9 @@
 //! Recordings of the same motion that disagree: the specimen, its mounting or an instrument changed between them.
 
-use super::condition::Track;
 use super::data::Data;
 use super::note::{Note, NoteAction, NoteKind};
 use super::smoothing::{median, range};
+use super::track::Track;
 
 /// Two recordings repeat one motion if its ends differ by less than this share of the stroke, and its frequency by less than this
 /// share.
@@ -119,7 +119,7 @@ fn level(points: &[[f64; 2]], rate: f64) -> [f64; 2] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::binning::tests::sampled;
+    use super::super::data::tests::sampled;
     use super::*;
 
     #[test]

@@ -2,6 +2,7 @@
 //! before any physics is looked for. It uses no model.
 
 use super::clipping::{clipped_displacement, clipped_force};
+use super::error::ConditionError;
 use super::gaps::gaps;
 use super::note::{Note, NoteAction, NoteKind};
 use super::polarity::turned;
@@ -23,41 +24,6 @@ const FLAT: f64 = 1e-8;
 const ANSWERED: f64 = 0.3;
 /// A line of wandering phase counts as noise with this share of its amplitude: the RMS of a sine.
 const SINE_RMS: f64 = std::f64::consts::FRAC_1_SQRT_2;
-
-/// Why a recording cannot be used.
-#[derive(Debug, thiserror::Error, PartialEq)]
-pub enum ConditionError {
-    /// Too few samples without a flag.
-    #[error("{name}: {have} usable samples, at least {LEAST_SAMPLES} are needed: record longer")]
-    TooShort { name: String, have: usize },
-    /// Columns of different length, values that are not finite, or time that does not rise.
-    #[error("{name}, row {row}: {reason}")]
-    Malformed {
-        name: String,
-        /// Row in the file; the header is row 1.
-        row: usize,
-        /// What is wrong and what to do.
-        reason: &'static str,
-    },
-    /// A channel that does not move.
-    #[error("{name}: the {channel} does not change: check the channel and its sign")]
-    Flat {
-        name: String,
-        /// `displacement` or `force`.
-        channel: &'static str,
-    },
-    /// A channel whose sign is turned.
-    #[error(
-        "{name}: loading the spring must raise displacement_mm and force_n, but {what}: turn the sign with --flip {remedy}"
-    )]
-    Polarity {
-        name: String,
-        /// What the recording shows.
-        what: String,
-        /// Argument of `--flip`.
-        remedy: &'static str,
-    },
-}
 
 /// Columns over the usable samples of a recording.
 pub(super) struct Samples<'a> {
@@ -130,6 +96,7 @@ impl<'a> Samples<'a> {
             return Err(ConditionError::TooShort {
                 name: name.clone(),
                 have: kept.len(),
+                least: LEAST_SAMPLES,
             });
         }
         let start_s = self.recording.time_s[kept[0]];

@@ -1,9 +1,11 @@
 //! Beam search over sets of effects. Each set is refitted together with the baseline's own parameters and compared on fitted and
 //! selecting cycles.
 
-use super::backward_elimination::{LEAST_SHARE, PENALTY, choose};
-use super::context::{FitContext, Key, LikelihoodScale, Node};
+use super::backward_elimination::{LEAST_SHARE, choose, lowest};
+use super::context::FitContext;
 use super::fit::converge;
+use super::likelihood::{LikelihoodScale, PENALTY};
+use super::node::{Key, Node};
 use super::score::Tangent;
 
 /// Sets that are kept from one size to the next. More would cost time in proportion.
@@ -139,11 +141,4 @@ fn better_root(context: &FitContext<'_>, root: &Node, child: &Node) -> Option<No
     values.drain(from..from + child.attached[extras].parameters.len());
     let (node, _) = converge(&context.structure(root.attached.clone()), values)?;
     (root.fit - node.fit > PENALTY.max(BETTER_ROOT * root.fit)).then_some(node)
-}
-
-/// Index of the node of lowest cost.
-pub(super) fn lowest(nodes: &[Node], cost: impl Fn(&Node) -> f64) -> usize {
-    (0..nodes.len())
-        .min_by(|&a, &b| cost(&nodes[a]).total_cmp(&cost(&nodes[b])))
-        .expect("the baseline is the first node")
 }

@@ -6,15 +6,16 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 
 use super::baseline::Setup;
-use super::context::{FitContext, Node, RunSettings};
+use super::context::{FitContext, RunSettings};
+use super::course::Split;
 use super::data::Data;
 use super::discrepancy::Discrepancy;
 use super::fit::converge;
 use super::friction_law::SearchStart;
+use super::lack_of_fit::{LACK_GAIN, LACK_POWER};
+use super::node::Node;
 use super::search::{SearchResult, search};
 use super::simplest_form;
-use super::splits::Split;
-use super::verdict::{LACK_GAIN, LACK_POWER};
 
 /// Largest RMS of the terms, in their standard deviations: a larger difference is no error of shape.
 const MOST_SIZE: f64 = 2.0;
@@ -105,7 +106,7 @@ fn friction_ratio(data: &Data, force_n: &[f64]) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::binning::tests::case;
+    use super::super::data::tests::case;
     use super::*;
 
     const RATIO: f64 = 0.05;

@@ -1,9 +1,10 @@
 //! Laws in their simplest form. A free exponent or spectrum follows laws that are not in the library, but where the recordings do not
 //! ask for it, it only makes the other parameters less certain.
 
-use super::backward_elimination::PARAMETER_PENALTY;
-use super::context::{FitContext, LikelihoodScale, Node};
+use super::context::FitContext;
 use super::fit::converge;
+use super::likelihood::{LikelihoodScale, PARAMETER_PENALTY};
+use super::node::Node;
 use super::search::SearchResult;
 
 /// Gives a set of the search its simplest form.

@@ -1,17 +1,7 @@
 //! Splits the points of all tracks into what is fitted, what sets are compared on, and what errors are reported on.
 
-use super::condition::Track;
-
-/// What a point is used for. No parameter is ever fitted to `Select` or `Report`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Split {
-    /// Parameters are fitted to these points.
-    Fit,
-    /// Sets of effects are compared on these points.
-    Select,
-    /// Errors on held-out data are computed on these points.
-    Report,
-}
+use super::course::Split;
+use super::track::Track;
 
 /// Fewest cycles of a recording, and fewest recordings, that can be split.
 const LEAST: usize = 3;

@@ -7,10 +7,10 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::baseline::{Attached, Setup, build, wrap};
-use super::condition::Track;
+use super::course::Split;
 use super::data::Data;
 use super::discrepancy::Discrepancy;
-use super::splits::Split;
+use super::track::Track;
 use crate::identify::Residuals;
 use crate::identify::jacobian::typical;
 use crate::model::{BuildError, Parameter};

@@ -1,10 +1,13 @@
 //! The tables of a diagnosis: errors on fitted and held-out cycles, candidates, parameters, curves to plot.
 
-use super::context::{FitContext, Node};
+use super::binning::{AXES, binned};
+use super::context::FitContext;
+use super::course::Split;
 use super::data::Data;
 use super::diagnosis::*;
+use super::location::BINS;
+use super::node::Node;
 use super::search::SearchResult;
-use super::splits::Split;
 use crate::identify::confidence::Confidence;
 
 /// Largest number of points of a curve in the report.
@@ -258,6 +261,33 @@ pub(super) fn values_of(
             value: node.values[from + i],
             unit: p.unit.to_owned(),
             ci95: confidence.ci95[from + i],
+        })
+        .collect()
+}
+
+/// Mean residual in N over each axis: of the refitted baseline (`before`) and of the improved model (`after`).
+pub(super) fn maps(data: &Data, before: &[f64], after: &[f64]) -> Vec<Map> {
+    AXES.iter()
+        .filter_map(|&axis| binned(data, axis, BINS))
+        .map(|b| {
+            let mean = |residuals: &[f64], sign: f64| -> Vec<Option<f64>> {
+                let mut sums = vec![(0.0, 0.0); BINS];
+                for (i, bin) in b.bin.iter().enumerate() {
+                    if let (Some(bin), true) = (bin, b.direction[i] == sign) {
+                        sums[*bin].0 += residuals[i] * data.weight[i];
+                        sums[*bin].1 += data.weight[i] * data.weight[i];
+                    }
+                }
+                sums.into_iter().map(|(s, w)| (w > 0.0).then(|| s / w)).collect()
+            };
+            Map {
+                axis: b.axis,
+                loading_n: mean(before, 1.0),
+                unloading_n: mean(before, -1.0),
+                improved_loading_n: mean(after, 1.0),
+                improved_unloading_n: mean(after, -1.0),
+                edges: b.edges,
+            }
         })
         .collect()
 }

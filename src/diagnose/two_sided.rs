@@ -2,10 +2,9 @@
 //! `two-sided` predicts them better than the improved baseline, that model is what the diagnosis delivers.
 
 use super::context::FitContext;
-use super::course::Course;
+use super::course::{Course, Split};
 use super::data::Data;
 use super::diagnosis::{Errors, ImprovedModel};
-use super::splits::Split;
 use super::tables::errors_of;
 use super::yardsticks::maxwell_slip::device;
 use crate::model::two_sided;

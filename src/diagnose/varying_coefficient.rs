@@ -6,7 +6,9 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::context::{FitContext, LikelihoodScale, Node};
+use super::context::FitContext;
+use super::likelihood::LikelihoodScale;
+use super::node::Node;
 
 /// Ridge as a share of a part's power: a part that the other parameters imitate keeps the common size.
 const RIDGE: f64 = 1e-2;

@@ -3,37 +3,32 @@
 use nalgebra::DMatrix;
 
 use super::alternatives::{JudgedEffect, RivalSet, alternative, judge, nearest};
-use super::binning;
-use super::context::{FitContext, Node};
-use super::course::{self, Course};
+use super::context::FitContext;
+use super::course::{Course, Split};
 use super::diagnosis::*;
 use super::fit::converge;
-use super::friction_law;
 use super::intervals::intervals;
-use super::lack_of_fit::{LackOfFit, lack_of_fit};
-use super::law;
-use super::location::{locate, words};
-use super::next_test;
+use super::lack_of_fit::{LACK_GAIN, LACK_POWER, LackOfFit, lack_of_fit};
+use super::left_out::courses;
+use super::location::{locate, share_in, words};
+use super::look_alikes::{explains_most, look_alikes};
+use super::node::Node;
 use super::search::SearchResult;
 use super::simplest_form::simplify;
-use super::splits::Split;
 use super::structure::ModelStructure;
 use super::tables::{
-    baseline_parameters, candidates, curves, errors, errors_of_model, not_testable, values_of,
+    baseline_parameters, candidates, curves, errors, errors_of_model, maps, not_testable, values_of,
 };
-use super::two_sided;
 use super::varying_coefficient::{Variation, variation};
-use super::yardsticks;
+use super::{law, next_test, two_sided, yardsticks};
 use crate::effect::Axis;
 use crate::identify::Residuals;
 use crate::identify::confidence::{Confidence, Warning};
 use crate::model::Parameter;
 
-/// The lack of fit is unexplained structure if it exceeds all three: a mean square in units of the noise, a share of what the
-/// effects explain, a gain in log-likelihood. Chosen so that noise and the inexact form of an effect stay below.
-pub(super) const LACK_POWER: f64 = 0.06;
+/// The lack of fit is unexplained structure if it exceeds this share of what the effects explain, beside
+/// [`LACK_POWER`] and [`LACK_GAIN`].
 const LACK_SHARE: f64 = 0.15;
-pub(super) const LACK_GAIN: f64 = 10.0;
 /// Mean square above the noise on reporting cycles that chance and the inexact form of an effect do not reach.
 const REPORT_POWER: f64 = 0.45;
 /// A set does not fit if it leaves this mean square on selecting cycles, in units of the noise, and this share of the baseline's.
@@ -77,7 +72,7 @@ pub(super) fn conclude(context: &FitContext<'_>, mut search: SearchResult, known
     let unexplained = is_unexplained(context, &search, base, left);
     let verdict = verdict_of(unexplained, &judged);
     let named = if unexplained { before } else { after };
-    let courses = course::courses(context.data);
+    let courses = courses(context.data);
     let delivered = delivered(plain, &as_written(context, plain, named), unexplained, &courses);
     let confidence = intervals(context, named, search.likelihood);
     let effects: Vec<Finding> = judged
@@ -108,7 +103,7 @@ pub(super) fn conclude(context: &FitContext<'_>, mut search: SearchResult, known
         unexplained_share,
         friction_shape_share,
         curves: curves(context.data, residuals),
-        maps: binning::maps(context.data, residuals[0], residuals[1]),
+        maps: maps(context.data, residuals[0], residuals[1]),
         improved: delivered.model,
         law: delivered.law,
         yardsticks: yardsticks::errors(&courses, context.threads()),
@@ -327,7 +322,7 @@ fn alternatives(
     unexplained: bool,
 ) -> Vec<Alternative> {
     if unexplained {
-        let mut list = friction_law::look_alikes(context, refitted, &search.nodes[0]);
+        let mut list = look_alikes(context, refitted, &search.nodes[0]);
         for other in nearest(context, search) {
             if list.iter().all(|a| a.code != other.code) {
                 list.push(other);
@@ -379,7 +374,7 @@ fn sensitivities(context: &FitContext<'_>, node: &Node) -> DMatrix<f64> {
 fn unexplained_locations(context: &FitContext<'_>, [refitted, before, after]: [&Node; 3]) -> Vec<Location> {
     let data = context.data;
     let mut list = locate(data, &refitted.residuals, &sensitivities(context, refitted));
-    if friction_law::explains_most(context, refitted, before) {
+    if explains_most(context, refitted, before) {
         // What a general friction law explains is after the reversals, even if it also shows along other axes.
         list.sort_by_key(|l| l.axis != Axis::DistanceFromReversalMm);
     }
@@ -403,7 +398,7 @@ fn effect_locations(
         let from = context.offset(&after.attached, j.place);
         let group = &after.values[from..from + attached.parameters.len()];
         if let Some(place) = (attached.effect.place)(group, &context.span) {
-            let share = binning::share_in(context.data, &before.residuals, &place);
+            let share = share_in(context.data, &before.residuals, &place);
             list.push(Location {
                 axis: place.axis,
                 from: place.from,

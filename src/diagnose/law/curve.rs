@@ -5,10 +5,12 @@ use nalgebra::{DMatrix, DVector};
 
 use super::super::baseline::Setup;
 use super::super::binning::coordinate;
-use super::super::context::{FitContext, LikelihoodScale, Node};
+use super::super::context::FitContext;
+use super::super::course::Split;
 use super::super::data::Data;
+use super::super::likelihood::LikelihoodScale;
+use super::super::node::Node;
 use super::super::score::Tangent;
-use super::super::splits::Split;
 use super::super::structure::ModelStructure;
 use crate::effect::Axis;
 use crate::effect::law::ForceLaw;

@@ -8,11 +8,12 @@ mod curve;
 mod forms;
 
 use super::baseline::Setup;
-use super::context::{FitContext, Node};
+use super::context::FitContext;
+use super::course::Split;
 use super::data::Data;
 use super::diagnosis::DiscoveredLaw;
 use super::fit::converge;
-use super::splits::Split;
+use super::node::Node;
 use super::structure::ModelStructure;
 use super::tables::errors_of;
 use crate::effect::law::ForceLaw;

@@ -10,8 +10,7 @@
 //!
 //! a_0, a_1, c and R are linear and solved for inside the residuals (variable projection); l, n and b are searched.
 
-use super::super::course::Course;
-use super::super::splits::Split;
+use super::super::course::{Course, Split};
 use super::terms::{SPRING_AND_DAMPER, Terms, force_n, spring_and_damper, strengths, stroke_mm};
 use super::{FittedYardstick, Yardstick};
 use crate::identify::evaluator::Evaluator;

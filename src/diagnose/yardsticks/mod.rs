@@ -14,8 +14,9 @@ mod cubic;
 pub(super) mod maxwell_slip;
 mod terms;
 
-use super::course::{Course, nrmse_leftout};
+use super::course::Course;
 use super::diagnosis::YardstickError;
+use super::left_out::nrmse_leftout;
 
 /// A fitted yardstick: its force in N at every point of a course.
 pub(crate) type FittedYardstick = Box<dyn Fn(&Course) -> Vec<f64>>;
@@ -46,8 +47,8 @@ pub(super) fn errors(courses: &[Course], threads: usize) -> Vec<YardstickError> 
 
 #[cfg(test)]
 mod tests {
+    use super::super::course::Split;
     use super::*;
-    use crate::diagnose::splits::Split;
     use crate::model::Motion;
 
     /// Eight cycles of a triangle of falling amplitude, 200 points each; the force is a function of displacement, travel since the

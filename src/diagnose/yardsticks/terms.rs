@@ -6,8 +6,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::super::course::Course;
-use super::super::splits::Split;
+use super::super::course::{Course, Split};
+use super::super::smoothing::range;
 
 /// Terms of a force: one column over the points of a course for each term.
 pub(super) type Terms = Vec<Vec<f64>>;
@@ -168,7 +168,7 @@ pub(super) fn stroke_mm(courses: &[Course]) -> f64 {
         .iter()
         .flat_map(|c| c.displacement_mm.iter().copied())
         .collect();
-    super::super::smoothing::range(&all)
+    range(&all)
 }
 
 #[cfg(test)]
