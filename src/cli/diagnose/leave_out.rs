@@ -7,9 +7,7 @@ use crate::cli::CliError;
 use crate::config::Bench;
 use crate::diagnose::course::Course;
 use crate::diagnose::diagnosis::{Diagnosis, ImprovedModel, LeftOutRecording, YardstickError};
-use crate::diagnose::left_out::{left_out, nrmse_leftout};
-use crate::diagnose::yardsticks::YARDSTICKS;
-use crate::diagnose::{DiagnoseError, DiagnoseOptions};
+use crate::diagnose::{DiagnoseError, DiagnoseOptions, YARDSTICKS, left_out, nrmse_leftout};
 use crate::recording::Recording;
 
 /// Takes the named recordings away from `recordings` and returns them.
