@@ -147,20 +147,6 @@ fn the_reader_of_imports_sees_braces_and_paths() {
     assert_eq!(uses(text), ["model", "units", "twin", "cli"]);
 }
 
-/// Files of `diagnose` that import each other today. This part is to be rebuilt: a file that leaves its circle leaves this list.
-const TO_BE_REBUILT: [&str; 10] = [
-    "diagnose::backward_elimination",
-    "diagnose::baseline",
-    "diagnose::condition",
-    "diagnose::context",
-    "diagnose::fit",
-    "diagnose::score",
-    "diagnose::search",
-    "diagnose::splits",
-    "diagnose::structure",
-    "diagnose::surrogate",
-];
-
 /// A module as its path from the crate: `["profile", "file"]`.
 type ModulePath = Vec<String>;
 /// For each module, the modules beside it that it imports.
@@ -225,6 +211,10 @@ fn paths(code: &str) -> Vec<(bool, ModulePath)> {
         }
         let mut found = Vec::new();
         rest = read_path(rest, &[], &mut found);
+        if found == [["pub"]] && rest.starts_with("(in ") {
+            // How far an item is seen is no use of what sees it.
+            rest = &rest[rest.find(')').unwrap_or(0)..];
+        }
         in_use |= found == [["use"]];
         all.extend(found.into_iter().filter(|p| p.len() > 1).map(|p| (in_use, p)));
     }
@@ -261,11 +251,10 @@ fn handed_on(files: &BTreeMap<ModulePath, String>) -> BTreeMap<ModulePath, Modul
     names
 }
 
-/// Imports between modules that stand side by side. A folder is one module for those beside it; what a parent and its own
-/// children take from each other is left out.
-fn imports_beside(files: &BTreeMap<ModulePath, String>) -> Imports {
+/// Each module with a module that it uses, once for each use; names that a parent hands on are followed.
+fn used_modules(files: &BTreeMap<ModulePath, String>) -> Vec<(&ModulePath, ModulePath)> {
     let handed_on = handed_on(files);
-    let mut imports = Imports::new();
+    let mut uses = Vec::new();
     for (module, code) in files {
         for (_, path) in paths(code) {
             let Some(mut path) = from_crate(module, &path, files) else {
@@ -278,18 +267,24 @@ fn imports_beside(files: &BTreeMap<ModulePath, String>) -> Imports {
             {
                 path = [behind, &path[name..]].concat();
             }
-            let Some(used) = (1..=path.len()).rev().find(|&n| files.contains_key(&path[..n])) else {
-                continue;
-            };
-            let same = module
-                .iter()
-                .zip(&path[..used])
-                .take_while(|(a, b)| a == b)
-                .count();
-            if same > 0 && same < module.len() && same < used {
-                let beside = imports.entry(module[..=same].to_vec()).or_default();
-                beside.insert(path[..=same].to_vec());
+            if let Some(used) = (1..=path.len()).rev().find(|&n| files.contains_key(&path[..n])) {
+                path.truncate(used);
+                uses.push((module, path));
             }
+        }
+    }
+    uses
+}
+
+/// Imports between modules that stand side by side. A folder is one module for those beside it; what a parent and its own
+/// children take from each other is left out.
+fn imports_beside(files: &BTreeMap<ModulePath, String>) -> Imports {
+    let mut imports = Imports::new();
+    for (module, used) in used_modules(files) {
+        let same = module.iter().zip(&used).take_while(|(a, b)| a == b).count();
+        if same > 0 && same < module.len() && same < used.len() {
+            let beside = imports.entry(module[..=same].to_vec()).or_default();
+            beside.insert(used[..=same].to_vec());
         }
     }
     imports
@@ -319,29 +314,29 @@ fn circles(imports: &Imports) -> BTreeSet<Vec<String>> {
         .collect()
 }
 
-#[test]
-fn files_of_a_room_do_not_import_each_other_in_a_circle() {
+/// Code of all modules of the library, without their tests.
+fn library() -> BTreeMap<ModulePath, String> {
     let of_tests = |file: &Path| {
         let parts = file.with_extension("");
         parts.iter().any(|p| p.to_string_lossy().ends_with("tests"))
     };
-    let files: BTreeMap<ModulePath, String> = rust_files("src")
+    rust_files("src")
         .iter()
         .map(|file| (PathBuf::from(shown(file)), read(file)))
         .filter(|(file, _)| !of_tests(file) && !file.ends_with("lib.rs") && !file.ends_with("main.rs"))
         .map(|(file, text)| (module_path(&file.to_string_lossy()), code_without_tests(&text)))
-        .collect();
-    let imports = imports_beside(&files);
+        .collect()
+}
+
+#[test]
+fn files_of_a_room_do_not_import_each_other_in_a_circle() {
+    let imports = imports_beside(&library());
     assert!(
         imports.len() > 100,
         "the imports were not found: {}",
         imports.len()
     );
-    let wrong: Vec<String> = circles(&imports)
-        .iter()
-        .filter(|circle| !circle.iter().all(|m| TO_BE_REBUILT.contains(&m.as_str())))
-        .map(|circle| circle.join(", "))
-        .collect();
+    let wrong: Vec<String> = circles(&imports).iter().map(|circle| circle.join(", ")).collect();
     assert!(
         wrong.is_empty(),
         "move what they share to a file below them:\n{}",
@@ -380,6 +375,107 @@ fn the_reader_of_circles_follows_uses_paths_and_names_handed_on() {
         ),
     ];
     assert_eq!(circles_of(&none), BTreeSet::new());
+}
+
+/// `part -> row` from the table of parts in a doc comment; the first cell of a row names its parts.
+fn rows(text: &str) -> BTreeMap<String, usize> {
+    let table = text.lines().filter_map(|l| l.strip_prefix("//! | `"));
+    let parts = table.enumerate().flat_map(|(row, line)| {
+        let cell = line.split(" |").next().unwrap_or("");
+        cell.split(',')
+            .map(move |part| (part.trim().trim_matches('`').to_owned(), row))
+    });
+    parts.collect()
+}
+
+/// Uses in `folder` against the order of its table, one sentence each. A part uses parts in rows above its own, and nothing that
+/// the folder's own `mod.rs` defines: that is built on all parts.
+fn uses_against_the_order(folder: &str, text: &str, files: &BTreeMap<ModulePath, String>) -> Vec<String> {
+    let rows = rows(text);
+    let inside = |module: &ModulePath| module.len() > 1 && module[0] == folder;
+    let there: BTreeSet<&String> = files.keys().filter(|m| inside(m)).map(|m| &m[1]).collect();
+    let listed: BTreeSet<&String> = rows.keys().collect();
+    let differ = there.symmetric_difference(&listed);
+    let mut wrong: Vec<String> = differ
+        .map(|part| format!("{part} is only in the folder or only in the table"))
+        .collect();
+    for (module, used) in used_modules(files).into_iter().filter(|(m, _)| inside(m)) {
+        if used == [folder] {
+            wrong.push(format!("{} uses what mod.rs defines", module.join("::")));
+        } else if inside(&used) && used[1] != module[1] && rows.get(&used[1]) >= rows.get(&module[1]) {
+            wrong.push(format!(
+                "{} uses {}, which is not above {}",
+                module.join("::"),
+                used.join("::"),
+                module[1]
+            ));
+        }
+    }
+    wrong
+}
+
+#[test]
+fn the_rooms_of_a_diagnosis_use_only_earlier_rooms() {
+    let doors = read(&root().join("src/diagnose/mod.rs"));
+    let rows = rows(&doors);
+    for room in ["conditioning", "fitting", "search", "judgement", "next_test"] {
+        assert!(rows.contains_key(room), "{room} is no row of the table: {rows:?}");
+    }
+    let wrong = uses_against_the_order("diagnose", &doors, &library());
+    assert!(
+        wrong.is_empty(),
+        "the data walk through the rooms once:\n{}",
+        wrong.join("\n")
+    );
+}
+
+#[test]
+fn the_reader_of_rooms_sees_every_way_back() {
+    let table = "//! | part | what it does |\n//! |---|---|\n//! | `a`, `b` | words |\n//! | `c` | first |\n//! | `d` | last |";
+    let wrong = |c: &str| {
+        let texts = [
+            (
+                "src/r/mod.rs",
+                "mod a;\npub(crate) use d::D;\npub(crate) struct P;",
+            ),
+            ("src/r/a.rs", "pub(crate) struct A;"),
+            ("src/r/b.rs", ""),
+            ("src/r/c/mod.rs", "mod x;\npub(in crate::r) use x::X;"),
+            ("src/r/c/x.rs", c),
+            (
+                "src/r/d/mod.rs",
+                "use crate::r::{a::A, c::X};\npub(crate) struct D;",
+            ),
+        ];
+        let files = texts.map(|(file, text)| (module_path(file), code_without_tests(text)));
+        uses_against_the_order("r", table, &files.into_iter().collect())
+    };
+    assert_eq!(wrong("use super::super::a::A;"), Vec::<String>::new());
+    assert_eq!(wrong("pub(in crate::r) struct X;"), Vec::<String>::new());
+    assert_eq!(
+        wrong("#[cfg(test)]\nmod tests {\n    use crate::r::d::D;\n}"),
+        Vec::<String>::new()
+    );
+    let back = ["r::c::x uses r::d, which is not above c"];
+    assert_eq!(wrong("use crate::r::d::D;"), back, "by its path");
+    assert_eq!(
+        wrong("fn f() { super::super::D }"),
+        back,
+        "by a name that is handed on"
+    );
+    assert_eq!(wrong("use crate::r::P;"), ["r::c::x uses what mod.rs defines"]);
+    let files = BTreeMap::from([(module_path("src/r/a.rs"), "use super::b::B;".to_owned())]);
+    let missing = |part| format!("{part} is only in the folder or only in the table");
+    assert_eq!(
+        uses_against_the_order("r", table, &files),
+        ["b", "c", "d"].map(missing)
+    );
+    let files = ["a", "b", "c", "d"].map(|part| {
+        let code = if part == "a" { "use super::b::B;" } else { "" };
+        (vec!["r".to_owned(), part.to_owned()], code.to_owned())
+    });
+    let beside = uses_against_the_order("r", table, &files.into_iter().collect());
+    assert_eq!(beside, ["r::a uses r::b, which is not above a"], "in one row");
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::baseline::Setup;
+use super::fitting::{fitted_input, input};
 use super::*;
 
 /// Number of drawn inputs, and which of them go through the fit of the baseline and through the whole diagnosis: these take 20 ms
@@ -128,7 +128,8 @@ fn run(number: u64) -> bool {
     if number.is_multiple_of(DIAGNOSED) {
         let _ = diagnose(&recordings, &baseline, &options, &mut |_, _| {}).map_err(says_what_to_do);
     }
-    let (data, run) = match conditioned(&recordings, &options) {
+    let tracks = conditioning::tracks(&recordings, options.points).map_err(DiagnoseError::from);
+    let (data, run) = match tracks.and_then(|tracks| input(tracks, &options)) {
         Ok(input) => input,
         Err(error) => {
             says_what_to_do(error);

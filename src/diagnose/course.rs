@@ -1,13 +1,19 @@
 //! A recording as any plant is driven over it: its motion without noise, the measured force, and what each point is used for.
 //! It outlives the diagnosis, so that yardsticks and the written model are compared on exactly the same points.
 
-use super::condition::condition;
-use super::data::Data;
-use super::samples::ConditionError;
-use super::smoothing::range;
-use super::splits::Split;
 use crate::model::{Motion, Plant};
 use crate::recording::{Flags, Recording};
+
+/// What a point is used for. No parameter is ever fitted to `Select` or `Report`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Split {
+    /// Parameters are fitted to these points.
+    Fit,
+    /// Sets of effects are compared on these points.
+    Select,
+    /// Errors on held-out data are computed on these points.
+    Report,
+}
 
 /// A conditioned recording: columns of equal length, one row per point.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,38 +34,6 @@ pub(crate) struct Course {
     pub force_n: Vec<f64>,
     /// What the force of the point is used for; `None` where it is masked.
     pub split: Vec<Option<Split>>,
-}
-
-/// All tracks as courses.
-pub(super) fn courses(data: &Data) -> Vec<Course> {
-    let mut from = 0;
-    let course = |(track, &length): (&super::condition::Track, &usize)| {
-        let points = from..from + length;
-        from += length;
-        Course {
-            name: track.name.clone(),
-            sample_hz: track.sample_hz,
-            time_s: track.time_s.clone(),
-            displacement_mm: track.displacement_mm.clone(),
-            direction: track.direction.clone(),
-            motion: track.motion.clone(),
-            force_n: data.force_n[points.clone()].to_vec(),
-            split: points
-                .map(|i| (data.weight[i] > 0.0).then_some(data.split[i]))
-                .collect(),
-        }
-    };
-    data.tracks.iter().zip(&data.lengths).map(course).collect()
-}
-
-/// Courses of recordings that nothing is fitted to: each into about `budget` points at most, and every point that is not masked
-/// is reported on.
-pub(crate) fn left_out(recordings: &[Recording], budget: usize) -> Result<Vec<Course>, ConditionError> {
-    let mut tracks = condition(recordings, budget)?;
-    for track in &mut tracks {
-        track.split.fill(Split::Report);
-    }
-    Ok(courses(&Data::new(tracks)))
 }
 
 impl Course {
@@ -127,19 +101,4 @@ impl Course {
         };
         (0..self.time_s.len()).map(mean).collect()
     }
-}
-
-/// NRMSE on the points that errors are reported on, over all courses together; `None` where there is no such point. `model_n`
-/// gives the force at every point of a course.
-pub(crate) fn nrmse_leftout(courses: &[Course], mut model_n: impl FnMut(&Course) -> Vec<f64>) -> Option<f64> {
-    let measured: Vec<f64> = courses.iter().flat_map(|c| c.force_n.iter().copied()).collect();
-    let (mut sum, mut count) = (0.0, 0.0);
-    for course in courses {
-        let model_n = model_n(course);
-        for i in course.points(Split::Report) {
-            sum += (course.force_n[i] - model_n[i]).powi(2);
-            count += 1.0;
-        }
-    }
-    (count > 0.0).then(|| (sum / count).sqrt() / range(&measured))
 }

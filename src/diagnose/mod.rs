@@ -1,141 +1,45 @@
 //! Says which physics a model lacks, and checks the answer on cycles that no parameter was fitted to.
 //!
-//! The data pass through these parts in this order:
+//! The data walk once through five rooms, in this order. Each is a folder with a front door, `mod.rs`, that hands on only what
+//! later rooms need. A part uses only parts in rows above its own: `tests/architecture.rs` compares this table with every import.
 //!
 //! | part | what it does |
 //! |---|---|
-//! | `samples` | the usable samples: spikes, gaps, clipping, hum, signs, each with a `note` (`spikes`, `gaps`, `clipping`, `vibration`, `polarity`) |
-//! | `condition` | turns them into tracks: reversals, bins, masks, splits (`smoothing`, `turning_points`, `travel`, `thinning`) |
-//! | `baseline` | the model with the physics that is known, and the candidates |
-//! | `data`, `structure` | all tracks end to end; one set of effects fitted to them; `mains_hum` is removed from them |
-//! | `coloured_noise`, `file_offsets`, `force_zero`, `repeats` | after the first fit: slow noise, offsets of single recordings, a wrong zero, repeats that differ |
-//! | `surrogate` | replaces a slow model during the search (`surrogate_plant`) |
-//! | `context` | setup, data and threads, and the fits of single sets (`fit`, with the score test of `score`) |
-//! | `friction_law` | generalises the baseline's friction law before any effect is called missing |
-//! | `search` | beam search over sets of effects |
-//! | `backward_elimination` | the set that is chosen: largest penalised gain, then effects that bring too little are removed |
-//! | `second_search` | a search in which the shape of the friction law is in doubt (`discrepancy`) |
-//! | `simplest_form` | shapes of laws that the recordings do not ask for go back to their neutral values |
-//! | `lack_of_fit` | what no candidate explains (`near_replicates`) |
-//! | `law` | a law read off the recordings where no candidate explains them |
-//! | `two_sided` | the model of a device that pushes and pulls, where that is better than a spring |
-//! | `location` | where on the loop model and recordings differ (`binning`) |
-//! | `alternatives`, `intervals` | what could replace a finding; confidence intervals |
-//! | `next_test` | the test that separates a finding from its alternatives (`test_profiles`) |
-//! | `yardsticks` | the errors of simple models on the same points (`course`) |
-//! | `verdict`, `tables` | the [`Diagnosis`] |
+//! | `note`, `course`, `options`, `error` | words that all parts share: what is imperfect about a recording, a recording as plants are driven over it, what may be set, why there is no diagnosis |
+//! | `diagnosis` | the result: the [`Diagnosis`] and its parts |
+//! | `conditioning` | recordings become tracks: checked, cleaned, smoothed, cut into points that are fitted, compared or reported on |
+//! | `fitting` | the baseline is fitted to the tracks, and what the instruments added is taken out |
+//! | `search` | which set of effects explains the data |
+//! | `judgement` | verdict, findings with their rivals, locations, errors, the improved model |
+//! | `next_test` | the test that separates a finding from its rivals |
+//! | `aggregates` | the same for tables of peak force and loop energy, without the rooms |
 //!
-//! `aggregates` does the same for tables of peak force and loop energy. Files, configs and pages are left to others.
+//! Files, configs and pages are left to others.
 
 pub(crate) mod aggregates;
-mod alternatives;
 #[cfg(test)]
 mod any_input_tests;
-mod backward_elimination;
-mod baseline;
-mod binning;
-mod clipping;
-mod coloured_noise;
-mod condition;
-mod context;
+mod conditioning;
 pub(crate) mod course;
-mod data;
 pub(crate) mod diagnosis;
-mod discrepancy;
-mod file_offsets;
-mod fit;
-mod force_zero;
-mod friction_law;
-mod gaps;
-mod intervals;
-mod lack_of_fit;
-mod law;
-mod location;
-mod mains_hum;
-mod near_replicates;
+mod error;
+mod fitting;
+mod judgement;
 mod next_test;
 pub(crate) mod note;
-mod polarity;
-mod repeats;
-mod samples;
-mod score;
+mod options;
 mod search;
-mod second_search;
-mod simplest_form;
-mod smoothing;
-mod spikes;
-mod splits;
-mod structure;
-mod surrogate;
-mod surrogate_plant;
-mod tables;
-mod test_profiles;
-mod thinning;
-mod travel;
-mod turning_points;
-mod two_sided;
-mod varying_coefficient;
-mod verdict;
-mod vibration;
-pub(crate) mod yardsticks;
 
-pub use baseline::Baseline;
-pub(crate) use baseline::BaselineError;
+pub(crate) use course::Split;
 pub use diagnosis::{Diagnosis, Finding, Verdict};
-pub(crate) use samples::ConditionError;
-pub(crate) use splits::Split;
+pub(crate) use error::DiagnoseError;
+pub use fitting::Baseline;
+pub(crate) use judgement::{YARDSTICKS, left_out, nrmse_leftout};
+pub use options::DiagnoseOptions;
 
-use crate::profile::ProfileLimits;
 use crate::recording::Recording;
-use baseline::Setup;
-use context::{Node, RunSettings};
-use data::Data;
-use friction_law::SearchStart;
-use search::SearchResult;
-use second_search::DoubtedSearch;
-use structure::ModelStructure;
-
-/// Why there is no diagnosis. All reasons are errors of the input. An unexplained difference is a verdict, not an error.
-#[derive(Debug, thiserror::Error, PartialEq)]
-pub enum DiagnoseError {
-    #[error("no recording was given: name at least one")]
-    NoRecording,
-    /// A recording cannot be used.
-    #[error(transparent)]
-    Condition(#[from] ConditionError),
-    /// The baseline cannot be used.
-    #[error(transparent)]
-    Baseline(#[from] BaselineError),
-    /// The baseline has no finite force at these displacements.
-    #[error(
-        "the baseline gives no finite force for these recordings: check sign and zero of the displacement"
-    )]
-    OutOfDomain,
-    /// The operating system refused the worker threads.
-    #[error("the worker threads could not be started ({0}): close other programs and try again")]
-    Threads(String),
-}
-
-/// Options of a diagnosis.
-#[derive(Debug, Clone, PartialEq)]
-pub struct DiagnoseOptions {
-    /// Number of points that a recording is thinned to.
-    pub points: usize,
-    /// Number of worker threads; 0 for one per core. The result does not depend on it.
-    pub threads: usize,
-    /// Limits of the bench for the next test. `None`: the test is no faster than the recordings.
-    pub(crate) limits: Option<ProfileLimits>,
-}
-
-impl Default for DiagnoseOptions {
-    fn default() -> Self {
-        DiagnoseOptions {
-            points: 3000,
-            threads: 0,
-            limits: None,
-        }
-    }
-}
+use fitting::Setup;
+use judgement::Known;
 
 /// Diagnoses recordings of one specimen. `progress` gets the share done, 0 to 1, and the current step.
 pub fn diagnose(
@@ -149,145 +53,29 @@ pub fn diagnose(
     }
     let mut setup = Setup::new(baseline)?;
     progress(0.0, "conditioning the recordings");
-    let input = conditioned(recordings, options)?;
+    let tracks = conditioning::tracks(recordings, options.points)?;
+    let input = fitting::input(tracks, options)?;
     progress(0.05, "refitting the baseline");
-    let (data, run, first) = fitted_input(&mut setup, input, recordings, options)?;
-    let context = run.context(&setup, &data);
-    let nominal = context
-        .structure(setup.extras.clone())
-        .residuals(&context.start());
-    let mut start = friction_law::search_start(&context, &first).ok_or(DiagnoseError::OutOfDomain)?;
-    if start.generalised {
-        setup.extras.clone_from(&start.base.attached);
-    }
-    let context = run.context(&setup, &data);
-    let mut search = search::search(&context, start.base.clone(), &start.seeds, &mut |share, step| {
-        progress(0.15 + 0.6 * share, step);
-    });
-    let chosen = search.chosen;
-    simplest_form::simplify(&context, &mut search, chosen);
-    if setup.model.slow {
-        progress(0.75, "refitting the best sets on the model itself");
-        let fits = (&mut start.refitted, &start.base);
-        search = surrogate::confirm(&mut setup, &data, &run, fits, search);
-    }
-    let start = (&start, nominal);
-    let diagnosis = concluded(&run, &setup, &data, start, search, progress);
-    progress(1.0, "done");
-    Ok(diagnosis)
-}
-
-/// Searches a second time, and judges the second search if it explains the recordings, else the first.
-fn concluded(
-    run: &RunSettings,
-    setup: &Setup,
-    data: &Data,
-    (start, nominal): (&SearchStart, Option<Vec<f64>>),
-    search: SearchResult,
-    progress: &mut dyn FnMut(f64, &str),
-) -> Diagnosis {
-    let second = second_search::search_again(run, setup, data, start, &search, &mut |share, step| {
-        progress(0.75 + 0.05 * share, step);
-    });
+    let (data, run, fitted) = fitting::fitted_input(&mut setup, input, recordings, options)?;
+    let nominal = run.context(&setup, &data).nominal();
+    let searches = search::searches(&run, &mut setup, &data, &fitted, progress);
+    let searches = searches.ok_or(DiagnoseError::OutOfDomain)?;
     progress(0.8, "checking alternatives and planning the next test");
-    let plain = run.context(setup, data);
-    let base = search.nodes[0].clone();
-    let known = verdict::Known {
+    let plain = run.context(&setup, &data);
+    let known = Known {
         plain: &plain,
-        refitted: &start.refitted,
-        base: &base,
+        refitted: &searches.start.refitted,
+        base: &searches.first.nodes[0].clone(),
         nominal,
     };
-    // Where the first search explains the recordings, the second must not need more effects.
-    let names = |search: &SearchResult| search.nodes[search.chosen].attached.len();
-    let explains = |doubted: &DoubtedSearch| {
-        verdict::is_explained(&run.context(setup, &doubted.data), &doubted.search, &base)
-            && (names(&doubted.search) <= names(&search) || !verdict::is_explained(&plain, &search, &base))
-    };
-    match second.filter(explains) {
-        Some(doubted) => verdict::conclude(&run.context(setup, &doubted.data), doubted.search, known),
-        None => verdict::conclude(&plain, search, known),
-    }
-}
-
-/// The points of the recordings, with what every step of the search needs.
-fn conditioned(
-    recordings: &[Recording],
-    options: &DiagnoseOptions,
-) -> Result<(Data, RunSettings), DiagnoseError> {
-    let mut tracks = condition::condition(recordings, options.points)?;
-    splits::assign_splits(&mut tracks);
-    let data = Data::new(tracks);
-    let run = RunSettings::new(&data, options)?;
-    Ok((data, run))
-}
-
-/// The fitted baseline, after what the instruments added was taken out: offsets of single recordings, a wrong zero of the force.
-fn fitted_input(
-    setup: &mut Setup,
-    (mut data, mut run): (Data, RunSettings),
-    recordings: &[Recording],
-    options: &DiagnoseOptions,
-) -> Result<(Data, RunSettings, Node), DiagnoseError> {
-    let mut first = first_fit(setup, &mut data, &run)?;
-    let mut shifted = Vec::new();
-    let zero_mm = file_offsets::common_zero_mm(&run, setup, &data, &first);
-    if let Some(zero_mm) = zero_mm {
-        shifted = file_offsets::without_zero(recordings, zero_mm);
-        (data, run) = conditioned(&shifted, options)?;
-        first = first_fit(setup, &mut data, &run)?;
-    }
-    let recordings = if zero_mm.is_some() { &shifted } else { recordings };
-    let structure = ModelStructure::new(setup, &data, first.attached.clone());
-    let found = file_offsets::find(&structure, &first)
-        .filter(|found| !file_offsets::physics_suffices(&run.context(setup, &data), &first, found));
-    if let Some(mut found) = found {
-        for _ in 0..2 {
-            let corrected = file_offsets::corrected(recordings, &found.offsets);
-            (data, run) = conditioned(&corrected, options)?;
-            first = first_fit(setup, &mut data, &run)?;
-            let structure = ModelStructure::new(setup, &data, first.attached.clone());
-            file_offsets::refine(&structure, &first, &mut found);
-        }
-        for (recording, offset) in recordings.iter().zip(&found.offsets) {
-            data.add_notes(file_offsets::notes(&recording.name, offset));
-        }
-    }
-    if let Some(zero_mm) = zero_mm {
-        let notes = recordings
-            .iter()
-            .map(|r| file_offsets::common_zero_note(&r.name, zero_mm));
-        data.add_notes(notes.collect());
-    }
-    let structure = ModelStructure::new(setup, &data, first.attached.clone());
-    if let Some((sigma_n, notes)) = force_zero::check(&structure, &first) {
-        data.zero_sigma_n = sigma_n;
-        data.add_notes(notes);
-    }
-    let notes = repeats::disagreements(&data);
-    data.add_notes(notes);
-    Ok((data, run, first))
-}
-
-/// Fits the baseline, then removes mains hum and sets the weights by what the fit leaves.
-fn first_fit(setup: &mut Setup, data: &mut Data, run: &RunSettings) -> Result<Node, DiagnoseError> {
-    if setup.model.slow {
-        surrogate::fit_surrogate(setup, data, run).ok_or(DiagnoseError::OutOfDomain)?;
-    }
-    let mut first = run
-        .context(setup, data)
-        .baseline()
-        .ok_or(DiagnoseError::OutOfDomain)?;
-    let mut model_n = vec![0.0; data.len()];
-    ModelStructure::new(setup, data, first.attached.clone())
-        .predict(&first.values, &mut model_n)
-        .map_err(BaselineError::from)?;
-    data.remove_hum(&mut first.residuals, &model_n);
-    data.set_weights(&mut first.residuals, &model_n);
-    coloured_noise::raise_noise(data, &mut first.residuals);
-    if setup.model.slow {
-        let error_n = surrogate::discretisation_error_n(&run.context(setup, data), &first.values);
-        data.add_model_error(&error_n.ok_or(DiagnoseError::OutOfDomain)?);
-    }
-    Ok(first)
+    let (data, search) =
+        judgement::search_to_judge(&run, &plain, known.base, searches.first, searches.second);
+    let context = run.context(&setup, &data);
+    let judged = judgement::conclude(&context, search, known);
+    let next_test = next_test::plan(&context, &judged.search, &judged.effects);
+    progress(1.0, "done");
+    Ok(Diagnosis {
+        next_test,
+        ..judged.diagnosis
+    })
 }

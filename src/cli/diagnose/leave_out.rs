@@ -5,10 +5,9 @@ use std::path::Path;
 use super::proof::{plant_of, text_of};
 use crate::cli::CliError;
 use crate::config::Bench;
-use crate::diagnose::course::{Course, left_out, nrmse_leftout};
+use crate::diagnose::course::Course;
 use crate::diagnose::diagnosis::{Diagnosis, ImprovedModel, LeftOutRecording, YardstickError};
-use crate::diagnose::yardsticks::YARDSTICKS;
-use crate::diagnose::{DiagnoseError, DiagnoseOptions};
+use crate::diagnose::{DiagnoseError, DiagnoseOptions, YARDSTICKS, left_out, nrmse_leftout};
 use crate::recording::Recording;
 
 /// Takes the named recordings away from `recordings` and returns them.

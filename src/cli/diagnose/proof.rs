@@ -3,9 +3,9 @@
 
 use super::{files, improved_bench};
 use crate::config::Bench;
-use crate::diagnose::Split;
-use crate::diagnose::course::{Course, nrmse_leftout};
+use crate::diagnose::course::Course;
 use crate::diagnose::diagnosis::{Diagnosis, ImprovedModel, Proof, is_worse};
+use crate::diagnose::{Split, nrmse_leftout};
 use crate::model::Plant;
 use crate::recording::Recording;
 

@@ -1,0 +1,226 @@
+//! What every step of the search needs: setup, data, threads, and the fits of single sets of effects.
+//!
+//! Gains are in log-likelihood of effective samples, see `likelihood`.
+
+use rayon::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use super::baseline::{Attached, Setup};
+use super::data::Data;
+use super::fit::{converge, fit_child};
+use super::node::{Key, Node};
+use super::score::{CandidateScore, Tangent};
+use super::structure::ModelStructure;
+use crate::diagnose::conditioning::Track;
+use crate::diagnose::error::DiagnoseError;
+use crate::diagnose::options::DiagnoseOptions;
+use crate::effect::Span;
+use crate::identify::FitControl;
+use crate::identify::evaluator::Evaluator;
+use crate::identify::least_squares::{LeastSquaresSettings, minimise};
+use crate::profile::ProfileLimits;
+
+/// Predicted gain below which a candidate is not fitted: far below what an effect must bring (`likelihood::PENALTY`).
+const LEAST_PREDICTED_GAIN: f64 = 1.0;
+/// A candidate is fitted from its best start and from up to 2 others that are predicted to bring at least 0.4 of its gain.
+const STARTS: usize = 3;
+const START_SHARE: f64 = 0.4;
+
+/// What stays the same from the first fit of the baseline to the verdict.
+pub(in crate::diagnose) struct RunSettings {
+    span: Span,
+    pool: ThreadPool,
+    limits: Option<ProfileLimits>,
+}
+
+impl RunSettings {
+    pub(super) fn new(data: &Data, options: &DiagnoseOptions) -> Result<RunSettings, DiagnoseError> {
+        let pool = ThreadPoolBuilder::new().num_threads(options.threads).build();
+        Ok(RunSettings {
+            span: span(data),
+            pool: pool.map_err(|e| DiagnoseError::Threads(e.to_string()))?,
+            limits: options.limits,
+        })
+    }
+
+    pub(in crate::diagnose) fn context<'a>(&'a self, setup: &'a Setup, data: &'a Data) -> FitContext<'a> {
+        FitContext {
+            setup,
+            data,
+            span: self.span,
+            limits: self.limits,
+            pool: &self.pool,
+        }
+    }
+}
+
+/// Ranges of displacement, force, speed, time and cycles in the data.
+fn span(data: &Data) -> Span {
+    let fold = |f: fn(&Track) -> &Vec<f64>| {
+        let values = data.tracks.iter().flat_map(|t| f(t).iter().copied());
+        values.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| {
+            [l.min(v), h.max(v)]
+        })
+    };
+    let most = |f: &dyn Fn(&Track) -> f64, least: f64| data.tracks.iter().map(f).fold(least, f64::max);
+    Span {
+        displacement_mm: fold(|t| &t.displacement_mm),
+        force_n: fold(|t| &t.force_n),
+        speed_mm_s: most(&Track::top_speed_mm_s, 0.0),
+        duration_s: most(&|t| t.time_s[t.len() - 1], 0.0),
+        cycles: most(&|t| f64::from(t.cycles), 1.0),
+    }
+}
+
+/// Setup and data with what they cover and the threads to fit on.
+pub(in crate::diagnose) struct FitContext<'a> {
+    pub setup: &'a Setup,
+    pub data: &'a Data,
+    pub span: Span,
+    /// Limits of the bench for the next test.
+    pub limits: Option<ProfileLimits>,
+    pool: &'a ThreadPool,
+}
+
+impl<'a> FitContext<'a> {
+    /// The same data with another setup.
+    pub(in crate::diagnose) fn with_setup<'b>(&'b self, setup: &'b Setup) -> FitContext<'b> {
+        FitContext { setup, ..*self }
+    }
+
+    pub(in crate::diagnose) fn structure(&self, attached: Vec<Attached>) -> ModelStructure<'a> {
+        ModelStructure::new(self.setup, self.data, attached)
+    }
+
+    pub(in crate::diagnose) fn threads(&self) -> usize {
+        self.pool.current_num_threads()
+    }
+
+    /// Index of the first value of the effect at `place`.
+    pub(in crate::diagnose) fn offset(&self, attached: &[Attached], place: usize) -> usize {
+        self.setup.model.parameters.len()
+            + attached[..place]
+                .iter()
+                .map(|a| a.parameters.len())
+                .sum::<usize>()
+    }
+
+    /// Values that the fit of the baseline starts from.
+    pub(super) fn start(&self) -> Vec<f64> {
+        let mut start = self.setup.start.clone();
+        for extra in &self.setup.extras {
+            start.extend(
+                extra
+                    .parameters
+                    .iter()
+                    .map(|p| p.start.clamp(p.bounds[0], p.bounds[1])),
+            );
+        }
+        start.push(0.0);
+        start
+    }
+
+    /// Residuals of the baseline before the fit.
+    pub(in crate::diagnose) fn nominal(&self) -> Option<Vec<f64>> {
+        self.structure(self.setup.extras.clone()).residuals(&self.start())
+    }
+
+    /// Fits the baseline from several starts, because its parameters may be far off.
+    pub(super) fn baseline(&self) -> Option<Node> {
+        let structure = self.structure(self.setup.extras.clone());
+        let bounds = structure.parameters_bounds();
+        let start: Vec<f64> = self
+            .start()
+            .iter()
+            .zip(&bounds)
+            .map(|(v, b)| v.clamp(b[0], b[1]))
+            .collect();
+        let settings = LeastSquaresSettings {
+            iterations: 25,
+            cost_tolerance: 1e-3,
+            step_tolerance: 1e-4,
+            // A surrogate is not valid far from its expansions: then only the given start is used.
+            screened: if self.setup.surrogate.is_some() { 0 } else { 24 },
+            starts: 3,
+            ..LeastSquaresSettings::default()
+        };
+        let mut evaluator = Evaluator::new(&structure, self.threads());
+        let optimum = minimise(&mut evaluator, &start, &bounds, &settings, 1, &mut |_| {
+            FitControl::Continue
+        });
+        Node::new(&structure, optimum.values)
+    }
+
+    /// A node fitted to convergence, with its tangent.
+    pub(in crate::diagnose) fn converged(&self, node: &Node) -> Option<(Node, Tangent)> {
+        converge(&self.structure(node.attached.clone()), node.values.clone())
+    }
+
+    /// Scores of every candidate that a node lacks; one list per candidate, its best start first.
+    pub(in crate::diagnose) fn scores(&self, node: &Node, tangent: &Tangent) -> Vec<Vec<CandidateScore>> {
+        let structure = self.structure(node.attached.clone());
+        let lacking: Vec<usize> = (0..self.setup.candidates.len())
+            .filter(|&c| {
+                let code = self.setup.candidates[c].effect.code;
+                node.attached.iter().all(|a| a.effect.code != code)
+            })
+            .collect();
+        self.parallel_map(&lacking, |&c| {
+            tangent.scores(&structure, &node.values, c, &self.setup.candidates[c], &self.span)
+        })
+    }
+
+    /// Fits up to `count` children of a converged node: the candidates with the best scores whose set is not in `seen`.
+    pub(in crate::diagnose) fn children(
+        &self,
+        node: &Node,
+        tangent: &Tangent,
+        seen: &[Key],
+        count: usize,
+    ) -> Vec<Node> {
+        let mut lists = self.scores(node, tangent);
+        lists.retain(|l| l.first().is_some_and(|s| s.gain > LEAST_PREDICTED_GAIN));
+        lists.sort_by(|a, b| b[0].gain.total_cmp(&a[0].gain));
+        let extras = self.setup.extras.len();
+        let tasks: Vec<CandidateScore> = lists
+            .into_iter()
+            .filter(|l| {
+                let mut key = node.key(extras);
+                key.push(self.setup.candidates[l[0].candidate].effect.code);
+                key.sort_unstable();
+                !seen.contains(&key)
+            })
+            .take(count)
+            .flat_map(|l| {
+                let best = l[0].gain;
+                l.into_iter()
+                    .filter(move |s| s.gain > START_SHARE * best)
+                    .take(STARTS)
+            })
+            .collect();
+        let structure = self.structure(node.attached.clone());
+        let fitted = self.parallel_map(&tasks, |score| {
+            let candidate = &self.setup.candidates[score.candidate];
+            fit_child(&structure, node, tangent, candidate, &score.start, &self.span)
+        });
+        // Of several starts of one candidate the best fit is kept.
+        let mut children: Vec<Node> = Vec::new();
+        for child in fitted.into_iter().flatten() {
+            match children.iter_mut().find(|c| c.key(extras) == child.key(extras)) {
+                Some(known) if child.fit < known.fit => *known = child,
+                Some(_) => {}
+                None => children.push(child),
+            }
+        }
+        children
+    }
+
+    /// Maps over the worker threads. Order and result do not depend on their number.
+    pub(in crate::diagnose) fn parallel_map<T: Sync, R: Send>(
+        &self,
+        items: &[T],
+        run: impl Fn(&T) -> R + Sync,
+    ) -> Vec<R> {
+        self.pool.install(|| items.par_iter().map(&run).collect())
+    }
+}

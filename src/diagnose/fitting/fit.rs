@@ -1,0 +1,305 @@
+//! Fits for the search. Most structures differ from a fitted one by one effect, so its Jacobian is used again.
+//!
+//! A child adds only the columns of its own effect. They are renewed at each step, the parent's columns are not (a chord method).
+//! The children that the search keeps are then fitted to convergence: Gauss-Newton with new Jacobians of all columns.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::baseline::Attached;
+use super::node::Node;
+use super::score::{Tangent, insert_group};
+use super::structure::ModelStructure;
+use crate::effect::Span;
+use crate::identify::least_squares::bounded_step;
+
+/// A step that lowers the sum of squares by less than this is the last one: a tenth of what one parameter gains on pure noise, or
+/// where the model is far off, a share that changes no gain in log-likelihood by one.
+const CONVERGED: f64 = 0.1;
+const CONVERGED_SHARE: f64 = 2e-5;
+/// Largest number of steps with one Jacobian of the parent, and of new Jacobians until convergence.
+const STEPS: usize = 9;
+const ROUNDS: usize = 12;
+/// A step of a child that lowers the sum of squares by less than this share is idle; two idle steps end the fit.
+const IDLE_FALL: f64 = 2e-4;
+/// Search for the position of a kink by trials: first and last move as a share of the range that the recordings cover, and the
+/// factor from one move to the next.
+const FIRST_MOVE: f64 = 0.02;
+const LAST_MOVE: f64 = 2e-4;
+const SHRINK: f64 = 0.4;
+/// Smallest half width of a kink's interval, as a share of the same range, and bisections of its end.
+const LEAST_HALF_WIDTH: f64 = 1e-5;
+const BISECTIONS: usize = 5;
+
+/// A Levenberg-Marquardt descent of one structure: values, residuals and sum of squares of the fit.
+struct NodeDescent<'s, 'a> {
+    structure: &'s ModelStructure<'a>,
+    values: Vec<f64>,
+    residuals: DVector<f64>,
+    cost: f64,
+    damping: f64,
+}
+
+impl<'s, 'a> NodeDescent<'s, 'a> {
+    fn new(structure: &'s ModelStructure<'a>, values: Vec<f64>) -> Option<Self> {
+        let residuals = structure.fitted(&values)?;
+        Some(NodeDescent {
+            cost: residuals.norm_squared(),
+            residuals,
+            values,
+            structure,
+            damping: 1e-4,
+        })
+    }
+
+    /// A fall of the sum of squares that is not worth a further step.
+    fn idle_fall(&self) -> f64 {
+        CONVERGED.max(CONVERGED_SHARE * self.cost)
+    }
+
+    /// A damped step; returns the fall of the sum of squares, 0 where no damping makes it fall.
+    fn step(&mut self, normal: &DMatrix<f64>, gradient: &DVector<f64>, scale: &[f64]) -> f64 {
+        let bounds: Vec<[f64; 2]> = self.structure.parameters_bounds();
+        let room: Vec<[f64; 2]> = (0..scale.len())
+            .map(|i| bounds[i].map(|bound| (bound - self.values[i]) / scale[i]))
+            .collect();
+        for _ in 0..5 {
+            let step = bounded_step(normal, gradient, self.damping, &room);
+            let values: Vec<f64> = (0..scale.len())
+                .map(|i| (self.values[i] + step[i] * scale[i]).clamp(bounds[i][0], bounds[i][1]))
+                .collect();
+            if let Some(residuals) = self.structure.fitted(&values) {
+                let cost = residuals.norm_squared();
+                if cost < self.cost {
+                    let fell = self.cost - cost;
+                    (self.values, self.residuals, self.cost) = (values, residuals, cost);
+                    self.damping = (0.2 * self.damping).max(1e-9);
+                    return fell;
+                }
+            }
+            self.damping = (10.0 * self.damping).max(1e-3);
+        }
+        0.0
+    }
+
+    /// Moves the position of a kink by trials, because it has no slope; the other parameters are refitted after each move. The moves
+    /// become smaller where none lowers the sum of squares.
+    fn search_kink(
+        &mut self,
+        place: usize,
+        width: f64,
+        normal: &DMatrix<f64>,
+        scale: &[f64],
+        gradient: &dyn Fn(&DVector<f64>) -> DVector<f64>,
+    ) {
+        let held = with_parameter_fixed(normal, place);
+        let mut size = FIRST_MOVE * width;
+        while size > LAST_MOVE * width {
+            let lower = [size, -size].into_iter().find_map(|by| {
+                let trial = self.refitted_at(place, self.values[place] + by, &held, scale, gradient)?;
+                (trial.cost < self.cost - self.idle_fall()).then_some(trial)
+            });
+            match lower {
+                Some(trial) => *self = trial,
+                None => size *= SHRINK,
+            }
+        }
+    }
+
+    /// One parameter set to a value and the others refitted; `held` is the normal matrix that keeps it there.
+    fn refitted_at(
+        &self,
+        place: usize,
+        value: f64,
+        held: &DMatrix<f64>,
+        scale: &[f64],
+        gradient: &dyn Fn(&DVector<f64>) -> DVector<f64>,
+    ) -> Option<Self> {
+        let [low, high] = self.structure.parameters_bounds()[place];
+        let mut values = self.values.clone();
+        values[place] = value.clamp(low, high);
+        let mut trial = NodeDescent::new(self.structure, values)?;
+        for _ in 0..2 {
+            let mut slope = gradient(&trial.residuals);
+            slope[place] = 0.0;
+            if trial.step(held, &slope, scale) < trial.idle_fall() {
+                break;
+            }
+        }
+        Some(trial)
+    }
+
+    fn node(self) -> Option<Node> {
+        Node::new(self.structure, self.values)
+    }
+}
+
+/// The normal matrix under which one parameter stays fixed.
+fn with_parameter_fixed(normal: &DMatrix<f64>, place: usize) -> DMatrix<f64> {
+    let mut held = normal.clone();
+    held.row_mut(place).fill(0.0);
+    held.column_mut(place).fill(0.0);
+    held[(place, place)] = 1.0;
+    held
+}
+
+/// Profile likelihood interval of a kink: where the refitted sum of squares has risen by `rise`. A kink between samples has no
+/// slope, so a linear interval does not exist. `width` is the range that the recordings cover.
+pub(in crate::diagnose) fn profile_interval(
+    structure: &ModelStructure<'_>,
+    node: &Node,
+    tangent: &Tangent,
+    place: usize,
+    width: f64,
+    rise: f64,
+) -> Option<[f64; 2]> {
+    let descent = NodeDescent::new(structure, node.values.clone())?;
+    let held = with_parameter_fixed(&tangent.normal, place);
+    let [low, high] = structure.parameters_bounds()[place];
+    let too_far = |value: f64| {
+        value <= low
+            || value >= high
+            || descent
+                .refitted_at(place, value, &held, &tangent.scale, &|residuals| {
+                    tangent.jacobian.tr_mul(residuals)
+                })
+                .is_none_or(|there| there.cost > descent.cost + rise)
+    };
+    let at = node.values[place];
+    let end = |sign: f64| {
+        let (mut inside, mut outside) = (0.0, LEAST_HALF_WIDTH * width);
+        while !too_far(at + sign * outside) {
+            (inside, outside) = (outside, 2.0 * outside);
+            if outside > width {
+                return None;
+            }
+        }
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (inside + outside);
+            if too_far(at + sign * middle) {
+                outside = middle;
+            } else {
+                inside = middle;
+            }
+        }
+        Some(at + sign * outside)
+    };
+    Some([end(-1.0)?, end(1.0)?])
+}
+
+/// Fits a child of a converged node: one more effect, from one start, with the node's Jacobian used again.
+pub(super) fn fit_child(
+    parent: &ModelStructure<'_>,
+    node: &Node,
+    tangent: &Tangent,
+    candidate: &Attached,
+    start: &[f64],
+    span: &Span,
+) -> Option<Node> {
+    let structure = parent.with(candidate);
+    let (p, k) = (node.values.len(), candidate.parameters.len());
+    // Order of the values: the parent's without the force zero, the new effect's, the force zero.
+    let place = |i: usize| if i + 1 == p { p - 1 + k } else { i };
+    let own: Vec<usize> = (p - 1..p - 1 + k).collect();
+    let mut descent = NodeDescent::new(&structure, insert_group(&node.values, start))?;
+    let mut scale = structure.scale(&descent.values);
+    for i in 0..p {
+        scale[place(i)] = tangent.scale[i];
+    }
+    let (mut idle, mut last) = (0, None);
+    for _ in 0..STEPS {
+        let own_scale = structure.scale(&descent.values);
+        for &i in &own {
+            scale[i] = own_scale[i];
+        }
+        let columns = structure.columns(&descent.values, &descent.residuals, &own, &scale);
+        let cross = tangent.jacobian.tr_mul(&columns);
+        let inner = columns.tr_mul(&columns);
+        let mut normal = DMatrix::zeros(p + k, p + k);
+        for i in 0..p {
+            for j in 0..p {
+                normal[(place(i), place(j))] = tangent.normal[(i, j)];
+            }
+            for j in 0..k {
+                normal[(place(i), p - 1 + j)] = cross[(i, j)];
+                normal[(p - 1 + j, place(i))] = cross[(i, j)];
+            }
+        }
+        normal.view_mut((p - 1, p - 1), (k, k)).copy_from(&inner);
+        let gradient = whole_gradient(tangent, &columns, &descent.residuals);
+        let fell = descent.step(&normal, &gradient, &scale);
+        last = Some((normal, columns));
+        idle = if fell < CONVERGED.max(IDLE_FALL * descent.cost) {
+            idle + 1
+        } else {
+            0
+        };
+        if fell == 0.0 || idle == 2 {
+            break;
+        }
+    }
+    if let Some((normal, columns)) = last {
+        for &(i, axis) in candidate.effect.kinks {
+            descent.search_kink(p - 1 + i, span.width(axis), &normal, &scale, &|residuals| {
+                whole_gradient(tangent, &columns, residuals)
+            });
+        }
+    }
+    descent.node()
+}
+
+/// Gradient in the order of the values: the parent's without the force zero, the new effect's, the force zero.
+fn whole_gradient(tangent: &Tangent, columns: &DMatrix<f64>, residuals: &DVector<f64>) -> DVector<f64> {
+    let (ours, theirs) = (tangent.jacobian.tr_mul(residuals), columns.tr_mul(residuals));
+    let (p, k) = (ours.len(), theirs.len());
+    DVector::from_fn(p + k, |i, _| {
+        if i + 1 < p {
+            ours[i]
+        } else if i < p - 1 + k {
+            theirs[i + 1 - p]
+        } else {
+            ours[p - 1]
+        }
+    })
+}
+
+/// Fits a structure until no step gains, and returns the node with its tangent.
+pub(in crate::diagnose) fn converge(
+    structure: &ModelStructure<'_>,
+    values: Vec<f64>,
+) -> Option<(Node, Tangent)> {
+    let mut descent = NodeDescent::new(structure, values)?;
+    for round in 0.. {
+        let tangent = Tangent::new(structure, &descent.values)?;
+        if round == ROUNDS {
+            return Some((descent.node()?, tangent));
+        }
+        let before = descent.cost;
+        for _ in 0..2 {
+            let gradient = tangent.jacobian.tr_mul(&descent.residuals);
+            if descent.step(&tangent.normal, &gradient, &tangent.scale) < descent.idle_fall() {
+                break;
+            }
+        }
+        if before - descent.cost < 5.0 * descent.idle_fall() {
+            return Some((descent.node()?, tangent));
+        }
+    }
+    None
+}
+
+/// A few steps on the model itself, with the slopes of its surrogate.
+pub(in crate::diagnose) fn refine(
+    exact: &ModelStructure<'_>,
+    tangent: &Tangent,
+    values: Vec<f64>,
+) -> Option<Node> {
+    let mut descent = NodeDescent::new(exact, values)?;
+    for _ in 0..STEPS {
+        let gradient = tangent.jacobian.tr_mul(&descent.residuals);
+        let fell = descent.step(&tangent.normal, &gradient, &tangent.scale);
+        if fell < (5.0 * CONVERGED).max(1e-3 * descent.cost) {
+            break;
+        }
+    }
+    descent.node()
+}

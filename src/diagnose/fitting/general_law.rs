@@ -1,0 +1,34 @@
+//! The general friction law, fitted in place of the baseline's own: which law a model has is its author's choice.
+
+use super::baseline::Attached;
+use super::context::FitContext;
+use super::fit::converge;
+use super::likelihood::PENALTY;
+use super::node::Node;
+use super::score::insert_group;
+
+/// A node with the general friction law, fitted from these starts of its parameters, where the data support one.
+pub(in crate::diagnose) fn generalise(
+    context: &FitContext<'_>,
+    node: &Node,
+    form: &Attached,
+    starts: &[Vec<f64>],
+) -> Option<Node> {
+    let structure = context.structure(node.attached.clone()).with(form);
+    // The fit starts without the baseline's own friction: a law without memory of the last reversal would stop it early.
+    let mut frictionless = node.values.clone();
+    if let Some(i) = context.setup.model.friction_ratio {
+        frictionless[i] = context.setup.model.parameters[i].bounds[0];
+    }
+    let starts: Vec<Vec<f64>> = starts
+        .iter()
+        .map(|group| insert_group(&frictionless, group))
+        .collect();
+    let general = context
+        .parallel_map(&starts, |start| converge(&structure, start.clone()))
+        .into_iter()
+        .flatten()
+        .map(|(node, _)| node)
+        .min_by(|a, b| a.cost().total_cmp(&b.cost()))?;
+    (0.5 * (node.cost() - general.cost()) > PENALTY).then_some(general)
+}

@@ -1,0 +1,57 @@
+//! Fourth room: what the chosen set says, how sure that is, and how large the errors are.
+//!
+//! | file | what it does |
+//! |---|---|
+//! | `alternatives`, `look_alikes` | what could replace a finding, or the general friction law |
+//! | `varying_coefficient`, `intervals` | whether the size of an effect is the same everywhere; confidence intervals |
+//! | `location` | where on the loop model and recordings differ |
+//! | `tables` | errors, candidates, parameters, curves and maps |
+//! | `law` | a law read off the recordings where no candidate explains them |
+//! | `yardsticks` | the errors of simple models on the same points |
+//! | `two_sided` | the model of a device that pushes and pulls, where that is better than a spring |
+//! | `left_out` | errors on points that no parameter was fitted to |
+//! | `verdict` | the diagnosis, but for the next test |
+
+mod alternatives;
+mod intervals;
+mod law;
+mod left_out;
+mod location;
+mod look_alikes;
+mod tables;
+mod two_sided;
+mod varying_coefficient;
+mod verdict;
+mod yardsticks;
+
+pub(in crate::diagnose) use alternatives::{DISTINCT_POWER, JudgedEffect, RivalSet, distinguishable_lack};
+pub(crate) use left_out::{left_out, nrmse_leftout};
+pub(in crate::diagnose) use verdict::{Known, conclude};
+pub(crate) use yardsticks::YARDSTICKS;
+
+use std::borrow::Cow;
+
+use crate::diagnose::fitting::{Data, FitContext, Node, RunSettings};
+use crate::diagnose::search::{DoubtedSearch, SearchResult};
+
+/// The search that is judged, with its data: the second if it explains the recordings, else the first. `plain` is the context of the
+/// first search, `base` the baseline that it started from.
+pub(in crate::diagnose) fn search_to_judge<'a>(
+    run: &RunSettings,
+    plain: &FitContext<'a>,
+    base: &Node,
+    first: SearchResult,
+    second: Option<DoubtedSearch>,
+) -> (Cow<'a, Data>, SearchResult) {
+    // Where the first search explains the recordings, the second must not need more effects.
+    let names = |search: &SearchResult| search.nodes[search.chosen].attached.len();
+    let explains = |doubted: &DoubtedSearch| {
+        let context = run.context(plain.setup, &doubted.data);
+        verdict::is_explained(&context, &doubted.search, base)
+            && (names(&doubted.search) <= names(&first) || !verdict::is_explained(plain, &first, base))
+    };
+    match second.filter(explains) {
+        Some(doubted) => (Cow::Owned(doubted.data), doubted.search),
+        None => (Cow::Borrowed(plain.data), first),
+    }
+}

@@ -1,0 +1,70 @@
+//! Third room: which set of effects explains the data. It is searched with the baseline's friction law made general, and once more
+//! with the shape of that law in doubt.
+//!
+//! | file | what it does |
+//! |---|---|
+//! | `friction_law` | generalises the baseline's friction law before any effect is called missing |
+//! | `beam_search` | beam search over sets of effects |
+//! | `binning`, `near_replicates`, `lack_of_fit` | the structure that a set leaves, which no candidate explains |
+//! | `backward_elimination` | the set that is chosen: largest penalised gain, then effects that bring too little are removed |
+//! | `simplest_form` | shapes of laws that the recordings do not ask for go back to their neutral values |
+//! | `on_the_model` | the choice on a slow model itself |
+//! | `second_search` | a search in which the shape of the friction law is in doubt |
+
+mod backward_elimination;
+mod beam_search;
+mod binning;
+mod friction_law;
+mod lack_of_fit;
+mod near_replicates;
+mod on_the_model;
+mod second_search;
+mod simplest_form;
+
+pub(in crate::diagnose) use backward_elimination::{kinks_are_recorded, penalty, without};
+pub(in crate::diagnose) use beam_search::SearchResult;
+pub(in crate::diagnose) use binning::{AXES, BinnedAxis, binned, coordinate};
+pub(in crate::diagnose) use lack_of_fit::{LACK_GAIN, LACK_POWER, LackOfFit, lack_of_fit, rest};
+pub(in crate::diagnose) use on_the_model::refit_rivals;
+pub(in crate::diagnose) use second_search::DoubtedSearch;
+pub(in crate::diagnose) use simplest_form::simplify;
+
+use crate::diagnose::fitting::{Data, Node, RunSettings, Setup};
+use friction_law::SearchStart;
+
+/// Both searches, with what they started from.
+pub(in crate::diagnose) struct Searches {
+    pub start: SearchStart,
+    pub first: SearchResult,
+    /// `None` where the friction law is not in doubt, or the doubt makes the search no better.
+    pub second: Option<DoubtedSearch>,
+}
+
+/// Searches from the fitted baseline (`fitted`); `None` if the model has no finite force. `progress` gets the share of the diagnosis.
+pub(in crate::diagnose) fn searches(
+    run: &RunSettings,
+    setup: &mut Setup,
+    data: &Data,
+    fitted: &Node,
+    progress: &mut dyn FnMut(f64, &str),
+) -> Option<Searches> {
+    let mut start = friction_law::search_start(&run.context(setup, data), fitted)?;
+    if start.generalised {
+        setup.extras.clone_from(&start.base.attached);
+    }
+    let context = run.context(setup, data);
+    let mut first = beam_search::search(&context, start.base.clone(), &start.seeds, &mut |share, step| {
+        progress(0.15 + 0.6 * share, step);
+    });
+    let chosen = first.chosen;
+    simplify(&context, &mut first, chosen);
+    if setup.model.slow {
+        progress(0.75, "refitting the best sets on the model itself");
+        let fits = (&mut start.refitted, &start.base);
+        first = on_the_model::confirm(setup, data, run, fits, first);
+    }
+    let second = second_search::search_again(run, setup, data, &start, &first, &mut |share, step| {
+        progress(0.75 + 0.05 * share, step);
+    });
+    Some(Searches { start, first, second })
+}
