@@ -325,6 +325,9 @@ pub struct Diagnosis {
     /// needed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub friction_shape_share: Option<f64>,
+    /// The same of the spring's curve, as a share of the force range; `None` where the curve is not in doubt.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub curve_shape_share: Option<f64>,
     /// The recordings with the forces before and after.
     pub curves: Vec<Curve>,
     /// Mean residuals along every axis.

@@ -166,7 +166,12 @@ impl FrictionForm {
         if load_n < OPEN_N || before_n < OPEN_N {
             return [1.0, 1.0];
         }
-        let power = |base: f64, exponent: f64| if exponent == 0.0 { 1.0 } else { base.powf(exponent) };
+        // The bounds are common values, and a power takes a fifth of a diagnosis.
+        let power = |base: f64, exponent: f64| match exponent {
+            0.0 => 1.0,
+            1.0 => base,
+            _ => base.powf(exponent),
+        };
         [
             power(before_n / load_n, self.force_memory),
             power(REFERENCE_N / load_n, self.length_exponent),

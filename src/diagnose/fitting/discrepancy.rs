@@ -1,10 +1,12 @@
-//! Discrepancy of the friction law (Kennedy and O'Hagan 2001): no friction law is known exactly, so its shape may deviate by a share
-//! of the friction before any effect is called missing.
+//! Discrepancy of the model (Kennedy and O'Hagan 2001): no friction law and no spring's curve is known exactly, so their shapes may
+//! deviate before any effect is called missing.
 //!
 //! ```text
 //! F = F_model + sum a_k t_k,   a_k ~ N(0, 1)
-//! t = s mu E P_q(E) r_b,   s mu E P_q(E) (1 - d r_b) / 2   and   s mu E P_q(E) (m_b - r_b)
+//! t = s mu E P_q(E) r_b,   s mu E P_q(E) (1 - d r_b) / 2   and   s mu E P_q(E) (m_b - r_b);   c R (2 / q)^2 P_q(x)
 //! ```
+//! The last kind is the spring's curve, the others are the friction. R: range of the force, N. c: [`CURVE_SHARE`]. P_q(x): of the
+//! displacement, q = 2 to 9.
 //! E: force of the baseline, N. mu: its friction divided by load. s: [`SHARE`]. P_q: Legendre polynomial of order q over the range
 //! of E. r_b: mean drag of elastic-plastic elements with lengths in band b, -1 to 1. d: direction, 1 or -1.
 //! m_b: drag of a contact that forgets earlier reversals, `d - (d - m_0) (1 + x / l)^-2`; x: travel since the last reversal, mm; m_0:
@@ -13,7 +15,7 @@
 //! differ after a reversal. The third lets the contact forget small nested loops.
 //! The terms are linear, so they are solved for inside the residuals, like the zero of each recording.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dyn, SymmetricEigen};
 
 use crate::diagnose::conditioning::Track;
 use crate::diagnose::course::Split;
@@ -27,23 +29,52 @@ const PER_BAND: usize = 2;
 const LENGTHS_MM: [f64; 2] = [0.01, 8.0];
 /// Orders of the polynomial of the load.
 const ORDERS: usize = 3;
-/// Number of terms.
-const TERMS: usize = 3 * BANDS * ORDERS;
+/// Number of terms of the friction.
+const FRICTION_TERMS: usize = 3 * BANDS * ORDERS;
+/// Orders of the polynomials by which the spring's curve may deviate: the lowest, and how many. Level and rate are the baseline's own.
+const LOWEST_ORDER: usize = 2;
+const CURVE_TERMS: usize = 8;
+/// Standard deviation of the lowest of them as a share of the force range; the others fall with the square of the order.
+const CURVE_SHARE: f64 = 0.02;
+/// Sum of squares over all points, in units of the noise, below which one standard deviation of a term moves no point.
+const LEAST_POWER: f64 = 0.01;
+/// Largest RMS of the terms, in their standard deviations: a larger difference is no error of shape.
+const MOST_SIZE: f64 = 2.0;
 
-/// The terms by which the friction law may deviate, at every point of the recordings.
+/// What is in doubt.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::diagnose) enum Doubt {
+    /// The shape of the friction law.
+    Friction,
+    /// That, and the spring's curve.
+    FrictionAndCurve,
+}
+
+/// The terms by which the model may deviate, at every point of the recordings.
 pub(in crate::diagnose) struct Discrepancy {
-    /// Weighted force of one standard deviation of each term; one column per point.
+    /// Weighted force of one standard deviation of each term; one column per point. The terms are turned to be independent of each
+    /// other, and those that move no point are left out.
     terms: DMatrix<f64>,
+    /// Number of them that are of the friction; they come first.
+    of_friction: usize,
     /// Normal matrix of the fitted points, with the prior.
     factor: Cholesky<f64, Dyn>,
-    /// RMS friction, N.
+    doubt: Doubt,
+    /// RMS friction and range of the force, N.
     friction_n: f64,
+    range_n: f64,
+}
+
+/// Size of what a discrepancy explains.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::diagnose) struct ShapeShares {
+    /// RMS of the friction's terms as a share of the RMS friction.
+    pub friction: f64,
+    /// RMS of the curve's terms as a share of the force range, where the curve is in doubt.
+    pub curve: Option<f64>,
 }
 
 impl Discrepancy {
-    /// Number of terms.
-    pub(in crate::diagnose) const COUNT: usize = TERMS;
-
     /// The terms for a model: its force at every point in N, and its friction divided by load. `weight` and `split` have one entry
     /// for each point. `None` if the model has no friction.
     pub(in crate::diagnose) fn new(
@@ -52,6 +83,7 @@ impl Discrepancy {
         split: &[Split],
         force_n: &[f64],
         ratio: f64,
+        doubt: Doubt,
     ) -> Option<Discrepancy> {
         let [low, high] = force_n
             .iter()
@@ -59,71 +91,181 @@ impl Discrepancy {
         if !(ratio > 0.0 && high > low) {
             return None;
         }
-        let mut terms = Vec::with_capacity(TERMS * weight.len());
-        let mut at = 0;
-        for track in tracks {
-            let mut drags = BandDrags::new();
-            for i in 0..track.len() {
-                let load = (2.0 * force_n[at] - high - low) / (high - low);
-                let size = SHARE * ratio * force_n[at].max(0.0) * weight[at];
-                let orders = [1.0, load, 0.5 * (3.0 * load * load - 1.0)].map(|p| p * size);
-                for [drag, forgetful] in drags.move_to(track.displacement_mm[i]) {
-                    terms.extend(orders.map(|order| order * drag));
-                    terms.extend(orders.map(|order| 0.5 * order * (1.0 - track.direction[i] * drag)));
-                    terms.extend(orders.map(|order| order * (forgetful - drag)));
-                }
-                at += 1;
-            }
-        }
         let squares: f64 = force_n.iter().map(|f| f * f).sum();
-        let friction_n = ratio * (squares / force_n.len() as f64).sqrt();
-        Discrepancy::of(DMatrix::from_vec(TERMS, weight.len(), terms), split, friction_n)
+        let friction = independent(friction_terms(tracks, weight, force_n, ratio, [low, high]));
+        let of_friction = friction.nrows();
+        let terms = match doubt {
+            Doubt::Friction => friction,
+            Doubt::FrictionAndCurve => {
+                let curve = independent(curve_terms(tracks, weight, high - low));
+                let mut both = friction.insert_rows(of_friction, curve.nrows(), 0.0);
+                both.rows_mut(of_friction, curve.nrows()).copy_from(&curve);
+                both
+            }
+        };
+        Some(Discrepancy {
+            factor: factor(&terms, split)?,
+            terms,
+            of_friction,
+            doubt,
+            friction_n: ratio * (squares / force_n.len() as f64).sqrt(),
+            range_n: high - low,
+        })
     }
 
-    fn of(terms: DMatrix<f64>, split: &[Split], friction_n: f64) -> Option<Discrepancy> {
-        let fitted = DVector::from_iterator(split.len(), split.iter().map(|s| f64::from(*s == Split::Fit)));
-        let mut masked = terms.clone();
-        for (mut column, &counts) in masked.column_iter_mut().zip(&fitted) {
-            column *= counts;
-        }
-        let normal = &masked * terms.transpose() + DMatrix::identity(TERMS, TERMS);
-        Some(Discrepancy {
-            terms,
-            factor: normal.cholesky()?,
-            friction_n,
-        })
+    /// Number of terms.
+    pub(super) fn count(&self) -> usize {
+        self.terms.nrows()
     }
 
     /// The same with other points fitted.
     pub(super) fn with_split(&self, split: &[Split]) -> Option<Discrepancy> {
-        Discrepancy::of(self.terms.clone(), split, self.friction_n)
+        self.with(self.terms.clone(), split)
     }
 
     /// The same on some of the points.
     pub(super) fn on(&self, points: std::ops::Range<usize>, split: &[Split]) -> Option<Discrepancy> {
-        let terms = self.terms.columns(points.start, points.len()).into_owned();
-        Discrepancy::of(terms, split, self.friction_n)
+        self.with(self.terms.columns(points.start, points.len()).into_owned(), split)
     }
 
-    /// RMS friction of the baseline, N.
-    pub(in crate::diagnose) fn friction_n(&self) -> f64 {
-        self.friction_n
+    fn with(&self, terms: DMatrix<f64>, split: &[Split]) -> Option<Discrepancy> {
+        Some(Discrepancy {
+            factor: factor(&terms, split)?,
+            terms,
+            ..*self
+        })
+    }
+
+    /// True if sizes with this sum of squares, in standard deviations, are small enough for an error of shape.
+    pub(in crate::diagnose) fn is_error_of_shape(&self, squares: f64) -> bool {
+        let terms = match self.doubt {
+            Doubt::Friction => FRICTION_TERMS,
+            Doubt::FrictionAndCurve => FRICTION_TERMS + CURVE_TERMS,
+        };
+        squares <= MOST_SIZE * MOST_SIZE * terms as f64
+    }
+
+    /// How large the terms are over all points that count.
+    pub(in crate::diagnose) fn shares(&self, sizes: &DVector<f64>, weight: &[f64]) -> ShapeShares {
+        let rms_n = |rows: std::ops::Range<usize>| {
+            let terms = self.terms.rows(rows.start, rows.len());
+            let forces = terms.tr_mul(&sizes.rows(rows.start, rows.len()));
+            let counted = forces.iter().zip(weight).filter(|(_, w)| **w > 0.0);
+            let squares: Vec<f64> = counted.map(|(f, w)| (f / w).powi(2)).collect();
+            (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
+        };
+        let curve = || rms_n(self.of_friction..self.count()) / self.range_n;
+        ShapeShares {
+            friction: rms_n(0..self.of_friction) / self.friction_n,
+            curve: (self.doubt == Doubt::FrictionAndCurve).then(curve),
+        }
+    }
+
+    /// What the freedom of the terms costs in log-likelihood (the Occam factor of their marginal likelihood), where a sum of squares
+    /// counts `per_square`.
+    pub(in crate::diagnose) fn freedom(&self, per_square: f64) -> f64 {
+        let one = DMatrix::identity(self.count(), self.count());
+        let normal = self.factor.l() * self.factor.l().transpose() - &one;
+        let scaled = normal * (2.0 * per_square) + one;
+        scaled.cholesky().map_or(f64::INFINITY, |c| {
+            c.l_dirty().diagonal().iter().map(|d| d.ln()).sum()
+        })
     }
 
     /// Takes from weighted residuals what the terms explain of the fitted points. Returns the size of each term in its standard
     /// deviations.
     pub(super) fn remove(&self, split: &[Split], residuals: &mut [f64]) -> DVector<f64> {
-        let fitted = residuals
-            .iter()
-            .zip(split)
-            .map(|(r, s)| if *s == Split::Fit { *r } else { 0.0 });
-        let fitted = DVector::from_iterator(residuals.len(), fitted);
-        let sizes = self.factor.solve(&(&self.terms * fitted));
+        let mut along = DVector::zeros(self.count());
+        for (column, i) in fitted(&self.terms, split) {
+            along.axpy(residuals[i], &column, 1.0);
+        }
+        let sizes = self.factor.solve(&along);
         for (residual, column) in residuals.iter_mut().zip(self.terms.column_iter()) {
             *residual -= column.dot(&sizes);
         }
         sizes
     }
+}
+
+/// Weighted forces of the friction's terms, one column per point. `ends_n`: lowest and highest force.
+fn friction_terms(
+    tracks: &[Track],
+    weight: &[f64],
+    force_n: &[f64],
+    ratio: f64,
+    [low, high]: [f64; 2],
+) -> DMatrix<f64> {
+    let mut terms = Vec::with_capacity(FRICTION_TERMS * weight.len());
+    let mut at = 0;
+    for track in tracks {
+        let mut drags = BandDrags::new();
+        for i in 0..track.len() {
+            let load = (2.0 * force_n[at] - high - low) / (high - low);
+            let size = SHARE * ratio * force_n[at].max(0.0) * weight[at];
+            let orders = [1.0, load, 0.5 * (3.0 * load * load - 1.0)].map(|p| p * size);
+            for [drag, forgetful] in drags.move_to(track.displacement_mm[i]) {
+                terms.extend(orders.map(|order| order * drag));
+                terms.extend(orders.map(|order| 0.5 * order * (1.0 - track.direction[i] * drag)));
+                terms.extend(orders.map(|order| order * (forgetful - drag)));
+            }
+            at += 1;
+        }
+    }
+    DMatrix::from_vec(FRICTION_TERMS, weight.len(), terms)
+}
+
+/// Weighted forces of the curve's terms, one column per point.
+fn curve_terms(tracks: &[Track], weight: &[f64], range_n: f64) -> DMatrix<f64> {
+    let reached_mm: Vec<f64> = tracks.iter().flat_map(|t| t.displacement_mm.clone()).collect();
+    let [first, last] = reached_mm
+        .iter()
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], x| {
+            [l.min(*x), h.max(*x)]
+        });
+    let travel_mm = (last - first).max(f64::MIN_POSITIVE);
+    let terms = reached_mm.iter().zip(weight).flat_map(|(x, weight)| {
+        let size = CURVE_SHARE * range_n * weight;
+        curve((2.0 * x - last - first) / travel_mm).map(|term| size * term)
+    });
+    DMatrix::from_iterator(CURVE_TERMS, weight.len(), terms)
+}
+
+/// Normal matrix of the fitted points, with the prior of every term.
+fn factor(terms: &DMatrix<f64>, split: &[Split]) -> Option<Cholesky<f64, Dyn>> {
+    let mut normal = DMatrix::identity(terms.nrows(), terms.nrows());
+    for (column, _) in fitted(terms, split) {
+        normal.ger(1.0, &column, &column, 1.0);
+    }
+    normal.cholesky()
+}
+
+/// The columns of the fitted points, each with its index.
+fn fitted<'t>(
+    terms: &'t DMatrix<f64>,
+    split: &'t [Split],
+) -> impl Iterator<Item = (DVectorView<'t, f64>, usize)> {
+    let columns = terms.column_iter().zip(split).enumerate();
+    columns.filter_map(|(i, (column, split))| (*split == Split::Fit).then_some((column, i)))
+}
+
+/// Terms with the same prior, turned so that they are orthogonal over all points, without those that move no point.
+fn independent(terms: DMatrix<f64>) -> DMatrix<f64> {
+    let turned = SymmetricEigen::new(&terms * terms.transpose());
+    let kept: Vec<usize> = (0..terms.nrows())
+        .filter(|&k| turned.eigenvalues[k] > LEAST_POWER)
+        .collect();
+    turned.eigenvectors.select_columns(&kept).tr_mul(&terms)
+}
+
+/// Legendre polynomials at a place from -1 to 1, divided by the square of their order over the lowest.
+fn curve(at: f64) -> [f64; CURVE_TERMS] {
+    let mut last = [1.0, at];
+    std::array::from_fn(|k| {
+        let order = (LOWEST_ORDER + k) as f64;
+        let next = ((2.0 * order - 1.0) * at * last[1] - (order - 1.0) * last[0]) / order;
+        last = [last[1], next];
+        next * (LOWEST_ORDER as f64 / order).powi(2)
+    })
 }
 
 /// Drags of the bands, with memory and without.
@@ -193,18 +335,18 @@ mod tests {
         (data, force_n)
     }
 
-    fn of(data: &Data, force_n: &[f64], ratio: f64) -> Option<Discrepancy> {
-        Discrepancy::new(&data.tracks, &data.weight, &data.split, force_n, ratio)
+    fn of(data: &Data, force_n: &[f64], ratio: f64, doubt: Doubt) -> Option<Discrepancy> {
+        Discrepancy::new(&data.tracks, &data.weight, &data.split, force_n, ratio, doubt)
     }
 
     /// Mean square on selecting cycles, in units of the noise, of a force in N before and after the discrepancy is taken away.
-    fn powers(error_n: impl Fn(&Data, usize) -> f64) -> [f64; 2] {
+    fn powers(doubt: Doubt, error_n: impl Fn(&Data, usize) -> f64) -> [f64; 2] {
         let (data, force_n) = baseline();
         let mut residuals: Vec<f64> = (0..data.len())
             .map(|i| data.weight[i] * error_n(&data, i))
             .collect();
         let before = data.sum(&residuals, Split::Select);
-        let discrepancy = of(&data, &force_n, RATIO).expect("friction");
+        let discrepancy = of(&data, &force_n, RATIO, doubt).expect("friction");
         discrepancy.remove(&data.split, &mut residuals);
         [before, data.sum(&residuals, Split::Select)].map(|sum| sum / data.count(Split::Select) as f64)
     }
@@ -212,7 +354,7 @@ mod tests {
     #[test]
     fn a_fifth_of_the_friction_in_another_law_is_its_shape() {
         // An exponential after each reversal, which is none of the terms.
-        let [before, after] = powers(|data, i| {
+        let [before, after] = powers(Doubt::Friction, |data, i| {
             let track = &data.tracks[0];
             let drag = track.direction[i] * (1.0 - 2.0 * (-track.since_reversal_mm[i] / 0.7).exp());
             0.2 * RATIO * 80.0 * track.displacement_mm[i] * drag
@@ -222,17 +364,61 @@ mod tests {
 
     #[test]
     fn what_is_no_friction_stays() {
-        let [ripple, left] = powers(|data, i| 3.0 * (4.0 * data.tracks[0].displacement_mm[i]).sin());
+        let [ripple, left] = powers(Doubt::Friction, |data, i| {
+            3.0 * (4.0 * data.tracks[0].displacement_mm[i]).sin()
+        });
         // Along one motion, displacement and travel since the reversal go together, so a part is imitated.
         assert!(left > 0.65 * ripple, "a ripple: {ripple} {left}");
-        let [late, left] = powers(|data, i| if data.tracks[0].cycle[i] > 5 { 3.0 } else { -3.0 });
+        let [late, left] = powers(Doubt::Friction, |data, i| {
+            if data.tracks[0].cycle[i] > 5 { 3.0 } else { -3.0 }
+        });
         assert!(left > 0.9 * late, "a change after five cycles: {late} {left}");
+    }
+
+    /// A bend over the whole travel, as of a spring whose ends roll on their pads.
+    #[test]
+    fn a_bend_of_the_curve_is_its_shape_only_where_the_curve_is_in_doubt() {
+        let bend = |data: &Data, i: usize| 0.2 * (data.tracks[0].displacement_mm[i] - 5.0).powi(2);
+        let [before, left] = powers(Doubt::Friction, bend);
+        assert!(left > 0.3 * before, "friction: {before} {left}");
+        let [before, left] = powers(Doubt::FrictionAndCurve, bend);
+        assert!(left < 0.01 * before, "friction and curve: {before} {left}");
+    }
+
+    #[test]
+    fn the_sizes_of_both_shapes_are_told_apart() {
+        let (data, force_n) = baseline();
+        let both = of(&data, &force_n, RATIO, Doubt::FrictionAndCurve).expect("friction");
+        let shares = |first: usize| {
+            let mut sizes = DVector::zeros(both.count());
+            sizes[first] = 1.0;
+            both.shares(&sizes, &data.weight)
+        };
+        let (friction, curve) = (shares(0), shares(both.of_friction));
+        assert!(
+            friction.friction > 0.0 && friction.curve == Some(0.0),
+            "{friction:?}"
+        );
+        assert!(curve.friction == 0.0 && curve.curve > Some(0.0), "{curve:?}");
+        let friction = of(&data, &force_n, RATIO, Doubt::Friction).expect("friction");
+        assert!(both.freedom(0.5) > friction.freedom(0.5));
+        assert!(both.freedom(0.5) > both.freedom(0.05), "less data, less freedom");
+    }
+
+    /// All terms at two standard deviations are the limit; one term may be larger.
+    #[test]
+    fn a_large_difference_is_no_error_of_shape() {
+        let (data, force_n) = baseline();
+        let discrepancy = of(&data, &force_n, RATIO, Doubt::Friction).expect("friction");
+        let all = |sigmas: f64| sigmas * sigmas * FRICTION_TERMS as f64;
+        assert!(discrepancy.is_error_of_shape(all(1.9)) && !discrepancy.is_error_of_shape(all(2.1)));
+        assert!(discrepancy.is_error_of_shape(10.0 * 10.0));
     }
 
     #[test]
     fn only_fitted_points_decide_and_a_part_has_its_own_terms() {
         let (data, force_n) = baseline();
-        let discrepancy = of(&data, &force_n, RATIO).expect("friction");
+        let discrepancy = of(&data, &force_n, RATIO, Doubt::Friction).expect("friction");
         let held_out = |i: &usize| data.split[*i] != Split::Fit;
         let mut residuals: Vec<f64> = (0..data.len())
             .map(|i| if held_out(&i) { 5.0 * data.weight[i] } else { 0.0 })
@@ -245,6 +431,6 @@ mod tests {
         let mut residuals = vec![1.0; data.len() / 2];
         half.remove(&data.split[..data.len() / 2], &mut residuals);
         assert!(residuals.iter().all(|r| r.is_finite()));
-        assert!(of(&data, &force_n, 0.0).is_none());
+        assert!(of(&data, &force_n, 0.0, Doubt::Friction).is_none());
     }
 }

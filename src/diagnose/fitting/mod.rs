@@ -3,7 +3,7 @@
 //! | file | what it does |
 //! |---|---|
 //! | `baseline` | the model with the physics that is known, and the candidates |
-//! | `data`, `discrepancy` | all tracks end to end, with weights; by what the friction law may deviate along them |
+//! | `data`, `discrepancy` | all tracks end to end, with weights; by what the model may deviate along them |
 //! | `structure` | one set of effects against the data |
 //! | `surrogate`, `surrogate_plant` | replaces a slow model along the recordings |
 //! | `node`, `fit`, `score` | a fitted set; how sets are fitted; the score test of a candidate |
@@ -39,7 +39,7 @@ pub(in crate::diagnose) use context::{FitContext, RunSettings};
 #[cfg(test)]
 pub(in crate::diagnose) use data::tests::{case, sampled};
 pub(in crate::diagnose) use data::{Data, LINEARITY, STEEPEST};
-pub(in crate::diagnose) use discrepancy::Discrepancy;
+pub(in crate::diagnose) use discrepancy::{Discrepancy, Doubt, ShapeShares};
 pub(in crate::diagnose) use expansions::expand;
 pub(in crate::diagnose) use fit::{converge, profile_interval, refine};
 pub(in crate::diagnose) use general_law::generalise;

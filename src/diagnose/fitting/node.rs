@@ -24,9 +24,9 @@ pub(in crate::diagnose) struct Node {
 impl Node {
     /// Residuals and sums of squares at some values; `None` where the model has no finite force.
     pub(in crate::diagnose) fn new(structure: &ModelStructure<'_>, values: Vec<f64>) -> Option<Node> {
-        let (residuals, terms) = structure.compared(&values)?;
+        let (residuals, sizes) = structure.compared(&values)?;
         Some(Node {
-            fit: structure.data.sum(&residuals, Split::Fit) + terms,
+            fit: structure.data.sum(&residuals, Split::Fit) + sizes.norm_squared(),
             select: structure.data.sum(&residuals, Split::Select),
             residuals,
             values,

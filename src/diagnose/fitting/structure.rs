@@ -8,7 +8,6 @@ use nalgebra::{DMatrix, DVector};
 
 use super::baseline::{Attached, Setup, build, wrap};
 use super::data::Data;
-use super::discrepancy::Discrepancy;
 use crate::diagnose::conditioning::Track;
 use crate::diagnose::course::Split;
 use crate::identify::Residuals;
@@ -96,15 +95,12 @@ impl<'a> ModelStructure<'a> {
         self.compared(values).map(|(residuals, _)| residuals)
     }
 
-    /// The same, with the sum of squares of the discrepancy's terms in their standard deviations.
-    pub(in crate::diagnose) fn compared(&self, values: &[f64]) -> Option<(Vec<f64>, f64)> {
+    /// The same, with the size of each term of the discrepancy in its standard deviations.
+    pub(in crate::diagnose) fn compared(&self, values: &[f64]) -> Option<(Vec<f64>, DVector<f64>)> {
         let mut out = vec![0.0; self.data.len()];
         let linear = self.compare(values, &mut out).ok()?;
-        let terms = linear[self.data.lengths.len()..]
-            .iter()
-            .map(|size| size * size)
-            .sum();
-        out.iter().all(|r| r.is_finite()).then_some((out, terms))
+        let sizes = DVector::from_column_slice(&linear[self.data.lengths.len()..]);
+        out.iter().all(|r| r.is_finite()).then_some((out, sizes))
     }
 
     /// Weighted residuals of every point; returns each recording's own zero, then each term of the discrepancy, in standard
@@ -140,7 +136,7 @@ impl<'a> ModelStructure<'a> {
 
     /// Number of values that are solved for inside the residuals.
     fn linear_count(&self) -> usize {
-        self.data.lengths.len() + self.data.discrepancy.as_ref().map_or(0, |_| Discrepancy::COUNT)
+        self.data.lengths.len() + self.data.discrepancy.as_ref().map_or(0, |d| d.count())
     }
 
     pub(super) fn parameters_bounds(&self) -> Vec<[f64; 2]> {

@@ -43,12 +43,9 @@ pub(in crate::diagnose) fn search_to_judge<'a>(
     first: SearchResult,
     second: Option<DoubtedSearch>,
 ) -> (Cow<'a, Data>, SearchResult) {
-    // Where the first search explains the recordings, the second must not need more effects.
-    let names = |search: &SearchResult| search.nodes[search.chosen].attached.len();
     let explains = |doubted: &DoubtedSearch| {
         let context = run.context(plain.setup, &doubted.data);
         verdict::is_explained(&context, &doubted.search, base)
-            && (names(&doubted.search) <= names(&first) || !verdict::is_explained(plain, &first, base))
     };
     match second.filter(explains) {
         Some(doubted) => (Cow::Owned(doubted.data), doubted.search),

@@ -14,7 +14,7 @@ use super::varying_coefficient::{Variation, variation};
 use super::{law, two_sided, yardsticks};
 use crate::diagnose::course::{Course, Split};
 use crate::diagnose::diagnosis::*;
-use crate::diagnose::fitting::{FitContext, ModelStructure, Node, converge};
+use crate::diagnose::fitting::{FitContext, ModelStructure, Node, ShapeShares, converge};
 use crate::diagnose::search::{LACK_GAIN, LACK_POWER, LackOfFit, SearchResult, lack_of_fit, simplify};
 use crate::effect::Axis;
 use crate::identify::Residuals;
@@ -103,12 +103,12 @@ fn diagnosis(
         effect_locations(context, [before, after], judged)
     };
     let fit = errors(plain, search, refitted, delivered.errors, known.nominal);
-    let friction_shape_share = friction_shape_share(context, plain, after);
+    let shape = shape_shares(context, after);
     let residuals = [&refitted.residuals[..], &delivered.residuals];
     Diagnosis {
         verdict,
         summary: summary(verdict, &effects, delivered.modelled_by(), &location, &fit)
-            + &friction_shape_share.map_or(String::new(), rest_in_words),
+            + &shape.map_or(String::new(), rest_in_words),
         alternatives: alternatives(context, search, refitted, judged, unexplained),
         location,
         next_test: None,
@@ -118,7 +118,8 @@ fn diagnosis(
         candidates: candidates(context, search),
         not_testable: not_testable(context, before),
         unexplained_share,
-        friction_shape_share,
+        friction_shape_share: shape.map(|s| s.friction),
+        curve_shape_share: shape.and_then(|s| s.curve),
         curves: curves(context.data, residuals),
         maps: maps(context.data, residuals[0], residuals[1]),
         improved: delivered.model,
@@ -209,23 +210,27 @@ fn as_written(context: &FitContext<'_>, plain: &FitContext<'_>, node: &Node) -> 
     )
 }
 
-/// RMS of the discrepancy in a set, as a share of the RMS friction.
-fn friction_shape_share(context: &FitContext<'_>, plain: &FitContext<'_>, node: &Node) -> Option<f64> {
-    let friction_n = context.data.discrepancy.as_ref()?.friction_n();
-    let with = plain.structure(node.attached.clone()).residuals(&node.values)?;
-    let weight = &plain.data.weight;
-    let counted = (0..weight.len()).filter(|&i| weight[i] > 0.0);
-    let squares: Vec<f64> = counted
-        .map(|i| ((with[i] - node.residuals[i]) / weight[i]).powi(2))
-        .collect();
-    Some((squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt() / friction_n)
+/// How much of the difference a set leaves to the shape of the friction law and of the spring's curve.
+fn shape_shares(context: &FitContext<'_>, node: &Node) -> Option<ShapeShares> {
+    let discrepancy = context.data.discrepancy.as_ref()?;
+    let structure = context.structure(node.attached.clone());
+    let (_, sizes) = structure.compared(&node.values)?;
+    Some(discrepancy.shares(&sizes, &context.data.weight))
 }
 
-fn rest_in_words(share: f64) -> String {
-    format!(
-        " The rest, {:.1} % of the friction, has the shape of the friction law: no further effect is named.",
-        100.0 * share
-    )
+fn rest_in_words(shares: ShapeShares) -> String {
+    let friction = 100.0 * shares.friction;
+    let (size, shape) = match shares.curve {
+        None => (format!("{friction:.1} % of the friction"), "the friction law"),
+        Some(curve) => (
+            format!(
+                "{friction:.1} % of the friction and {:.2} % of the force range",
+                100.0 * curve
+            ),
+            "the friction law and of the spring's curve",
+        ),
+    };
+    format!(" The rest, {size}, has the shape of {shape}: no further effect is named.")
 }
 
 /// True if the chosen set leaves no structure above the noise; `base` is the baseline without a discrepancy.
