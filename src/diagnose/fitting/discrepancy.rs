@@ -375,14 +375,17 @@ mod tests {
         assert!(left > 0.9 * late, "a change after five cycles: {late} {left}");
     }
 
-    /// A bend over the whole travel, as of a spring whose ends roll on their pads.
+    /// A bend of 3 % of the force range over the whole travel, as of a spring whose ends roll on their pads. Terms of the friction that
+    /// differ in the two directions imitate a part of it.
     #[test]
-    fn a_bend_of_the_curve_is_its_shape_only_where_the_curve_is_in_doubt() {
-        let bend = |data: &Data, i: usize| 0.2 * (data.tracks[0].displacement_mm[i] - 5.0).powi(2);
-        let [before, left] = powers(Doubt::Friction, bend);
-        assert!(left > 0.3 * before, "friction: {before} {left}");
-        let [before, left] = powers(Doubt::FrictionAndCurve, bend);
-        assert!(left < 0.01 * before, "friction and curve: {before} {left}");
+    fn a_bend_of_the_curve_is_its_shape() {
+        let bend = |data: &Data, i: usize| (data.tracks[0].displacement_mm[i] - 5.0).powi(2);
+        let [before, friction] = powers(Doubt::Friction, bend);
+        let [_, both] = powers(Doubt::FrictionAndCurve, bend);
+        assert!(
+            both < 0.01 * before && both < 0.2 * friction,
+            "{before} {friction} {both}"
+        );
     }
 
     #[test]
