@@ -49,17 +49,14 @@ struct AlikeSet {
 fn share_confidence(effect: &mut JudgedEffect, others: Vec<AlikeSet>) {
     let mut doubt = 0.0;
     for other in others {
-        let new: Key = other
-            .codes
-            .into_iter()
-            .filter(|c| !effect.group.contains(c))
-            .collect();
-        if new.is_empty() || effect.group.len() >= MOST {
+        // A set that needs a code of the group too is no further explanation.
+        let known = other.codes.iter().any(|c| effect.group.contains(c));
+        if known || effect.group.len() + other.codes.len() > MOST {
             continue;
         }
         doubt += other.share;
-        effect.group.extend(&new);
-        for code in new {
+        effect.group.extend(&other.codes);
+        for code in other.codes {
             if let (Some(node), true) = (other.node, effect.rivals.iter().all(|r| r.code != code)) {
                 effect.rivals.push(RivalSet {
                     code,
@@ -85,7 +82,7 @@ fn codes(context: &FitContext<'_>, search: &SearchResult, set: usize) -> Key {
     attached.iter().map(|a| a.effect.code).collect()
 }
 
-/// Sets of no more effects that lack an effect and explain nearly the same, the best first.
+/// Sets of no more effects that lack an effect and explain nearly the same: those with the fewest other codes first, the best first.
 fn alike_sets(context: &FitContext<'_>, search: &SearchResult, effect: &JudgedEffect) -> Vec<AlikeSet> {
     let own = codes(context, search, search.chosen);
     let code = own[effect.place - context.setup.extras.len()];
@@ -108,7 +105,6 @@ fn alike_sets(context: &FitContext<'_>, search: &SearchResult, effect: &JudgedEf
                 && !told_by_place(context, search, set)
         })
         .collect();
-    sets.sort_by(|&a, &b| cost(a).total_cmp(&cost(b)));
     let alike = |set: usize| {
         let of_set = codes(context, search, set);
         let new: Key = of_set.iter().copied().filter(|c| !own.contains(c)).collect();
@@ -118,7 +114,10 @@ fn alike_sets(context: &FitContext<'_>, search: &SearchResult, effect: &JudgedEf
             share: (-lack(set).max(0.0) / most_lack).exp(),
         }
     };
-    sets.into_iter().map(alike).collect()
+    sets.sort_by(|&a, &b| cost(a).total_cmp(&cost(b)));
+    let mut alike: Vec<AlikeSet> = sets.into_iter().map(alike).collect();
+    alike.sort_by_key(|set| set.codes.len());
+    alike
 }
 
 /// True if what separates a set from the chosen one follows from the displacement alone: that is recorded, whatever the speed.
@@ -141,8 +140,8 @@ fn told_by_place(context: &FitContext<'_>, search: &SearchResult, set: usize) ->
     filled.map(|[sum, power]| sum * sum / power).sum::<f64>() > BY_PLACE * whole
 }
 
-/// Pairs of judged effects whose parts of the force look alike beside the baseline: each stands for the other, or both for something
-/// else. Each pair in both orders; indices of effects after those of the baseline.
+/// Pairs of judged effects whose parts of the force look alike beside the baseline, or cancel: each stands for the other, or both for
+/// something else. Each pair in both orders; indices of effects after those of the baseline.
 fn alike_within(context: &FitContext<'_>, search: &SearchResult, judged: &[JudgedEffect]) -> Vec<[usize; 2]> {
     let chosen = &search.nodes[search.chosen];
     let structure = context.structure(chosen.attached.clone());
@@ -165,7 +164,10 @@ fn alike_within(context: &FitContext<'_>, search: &SearchResult, judged: &[Judge
         let (Some(one), Some(other)) = (&parts[a], &parts[b]) else {
             return false;
         };
-        a != b && one.dot(other).abs() > ALIKE * one.norm() * other.norm()
+        let alike = one.dot(other) > ALIKE * one.norm() * other.norm();
+        // Two forces of which each takes away more of the other than both explain together.
+        let cancel = (one + other).norm() < one.norm().min(other.norm());
+        a != b && (alike || cancel)
     };
     let every = (0..judged.len()).flat_map(|a| (0..judged.len()).map(move |b| [a, b]));
     every.filter(|&[a, b]| alike(a, b)).collect()
