@@ -32,7 +32,7 @@ const LIMITS: ProfileLimits = ProfileLimits {
 #[derive(Clone, Copy)]
 enum Hidden {
     Nothing,
-    /// N s/mm.
+    /// Viscous damping, N s/mm.
     Damping(f64),
     /// Force behind the displacement, s.
     Delay(f64),

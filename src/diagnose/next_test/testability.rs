@@ -9,7 +9,7 @@ use crate::diagnose::fitting::{Attached, FitContext, Node, insert_group};
 use crate::diagnose::judgement::TESTABLE;
 
 /// An effect that the recordings cannot show, in one of the sizes that a search starts from.
-struct Hidden<'c> {
+struct UnseenEffect<'c> {
     candidate: &'c Attached,
     start: Vec<f64>,
 }
@@ -29,11 +29,11 @@ pub(super) fn propose(context: &FitContext<'_>, node: &Node, codes: &[String]) -
         lack: 0.0,
     };
     let baseline = LinearisedRival::new(context, &rival)?;
-    let hidden: Vec<Hidden<'_>> = hidden(context, node, codes);
+    let unseen: Vec<UnseenEffect<'_>> = unseen(context, node, codes);
     let tests = test_profiles(&range);
     let judged = context.parallel_map(&tests, |test| {
         let motion = test.motion(&range, context.limits.as_ref())?;
-        let shown = shown(context, &baseline, &hidden, &motion, &noise)?;
+        let shown = shown(context, &baseline, &unseen, &motion, &noise)?;
         (!shown.is_empty()).then_some((shown, motion.duration_s))
     });
     let able = tests
@@ -60,7 +60,7 @@ fn in_words(test: &TestProfile, codes: &[&str], duration_s: f64) -> NextTest {
 }
 
 /// The effects in all their starts, within their bounds.
-fn hidden<'c>(context: &'c FitContext<'_>, node: &Node, codes: &[String]) -> Vec<Hidden<'c>> {
+fn unseen<'c>(context: &'c FitContext<'_>, node: &Node, codes: &[String]) -> Vec<UnseenEffect<'c>> {
     let wanted = |a: &&Attached| {
         codes.iter().any(|code| code == a.effect.code)
             && node.attached.iter().all(|own| own.effect.code != a.effect.code)
@@ -72,7 +72,7 @@ fn hidden<'c>(context: &'c FitContext<'_>, node: &Node, codes: &[String]) -> Vec
                 for (v, p) in start.iter_mut().zip(&candidate.parameters) {
                     *v = v.clamp(p.bounds[0], p.bounds[1]);
                 }
-                Hidden { candidate, start }
+                UnseenEffect { candidate, start }
             })
     };
     context
@@ -88,7 +88,7 @@ fn hidden<'c>(context: &'c FitContext<'_>, node: &Node, codes: &[String]) -> Vec
 fn shown(
     context: &FitContext<'_>,
     baseline: &LinearisedRival<'_, '_>,
-    hidden: &[Hidden<'_>],
+    unseen: &[UnseenEffect<'_>],
     motion: &TestMotion,
     noise: &ChannelNoise,
 ) -> Option<Vec<&'static str>> {
@@ -106,7 +106,7 @@ fn shown(
     }
     let factor = normal.cholesky()?;
     let mut codes: Vec<&'static str> = Vec::new();
-    for h in hidden {
+    for h in unseen {
         let code = h.candidate.effect.code;
         let with = baseline.structure.with(h.candidate);
         let moved = insert_group(values, &h.start);

@@ -51,6 +51,10 @@ pub(in crate::diagnose) fn confounding(points: &[AxisPoint], [one, other]: [Axis
 /// Share of the variance of an axis between bins of another axis and of the branch (correlation ratio, Pearson 1905); 1 where the
 /// axis does not vary.
 fn explained(points: &[AxisPoint], of: Axis, by: Axis) -> f64 {
+    // Every axis is a function of the time, also where a law in time and one along that axis differ: only the cycle counts in it.
+    if by == Axis::TimeS && of != Axis::Cycle {
+        return 0.0;
+    }
     let index = |axis: Axis| AXES.iter().position(|a| *a == axis);
     let (Some(of), Some(by)) = (index(of), index(by)) else {
         return 0.0;
