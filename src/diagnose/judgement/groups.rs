@@ -10,8 +10,9 @@ use crate::effect::Axis;
 
 /// Cosine between what two sets explain from which they look alike; the forms of laws are seldom exact to better than a quarter.
 const ALIKE: f64 = 0.95;
-/// Share of a difference that follows from the displacement alone, from which the loop's shape decides in any recording.
-const BY_PLACE: f64 = 0.9;
+/// Share of a difference that follows from the displacement alone, from which the loop's shape decides in any recording: most of it. The
+/// friction changes with the load, so even two stiffnesses differ between the branches too.
+const BY_PLACE: f64 = 0.5;
 /// Bins of that displacement: finer than the width of a knee.
 const PLACES: usize = 48;
 /// Largest number of other codes in a group.

@@ -8,8 +8,8 @@ use crate::effect::Axis;
 /// Number of bins of the axis that another one is predicted from. Near its ends the speed of a sine changes much over little travel:
 /// with 48 bins a sine has 0.98, with 12 it has 0.89.
 const BINS: usize = 48;
-/// Two axes go together if one explains this share of the other's variance. One sine has 0.98 to 1; two sizes of loop or two
-/// frequencies have less than 0.7.
+/// Two axes go together if one explains this share of the other's variance. In one sine the speed has 0.98 to 1 with the place; a
+/// second size of loop or frequency leaves less.
 const TOGETHER: f64 = 0.9;
 
 /// A point with its coordinates on [`AXES`].
