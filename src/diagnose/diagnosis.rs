@@ -46,6 +46,9 @@ pub struct Finding {
     pub code: String,
     /// From 0 to 0.99.
     pub confidence: f64,
+    /// Codes that the recordings cannot tell apart, this one first; empty where they can. The confidence is shared among them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub group: Vec<String>,
     /// Standard deviation of its size between recordings and branches, as a share of the size: 0 for a law that holds everywhere.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub size_spread: Option<f64>,
@@ -129,8 +132,9 @@ pub struct NextTest {
     pub profile_toml: String,
     /// What the test separates.
     pub why: String,
-    /// Difference of the two explanations over the profile: root of the sum of squares in units of the noise.
-    pub separation_sigma: f64,
+    /// Difference of the two explanations over the profile: root of the sum of squares in units of the noise. `None` for a test
+    /// that separates axes, not explanations.
+    pub separation_sigma: Option<f64>,
     /// Duration in s.
     pub duration_s: f64,
 }
@@ -307,8 +311,11 @@ pub struct Diagnosis {
     pub location: Vec<Location>,
     /// Errors before and after.
     pub fit: FitErrors,
-    /// The test to run next; `None` if none separates the findings from their alternatives.
+    /// The test to run next; `None` if none would tell more.
     pub next_test: Option<NextTest>,
+    /// Why there is no next test although a question is open.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub no_next_test: Option<String>,
     /// Parameters of the improved baseline.
     pub baseline_parameters: Vec<Value>,
     /// Parameters that are at bounds, implausible or not identifiable, and remarks on the recordings.
@@ -354,7 +361,11 @@ impl Diagnosis {
     pub(crate) fn settled(&self) -> Option<&'static str> {
         match self.verdict {
             Verdict::Adequate => Some("the baseline explains all recordings"),
-            Verdict::MissingPhysics if self.alternatives.is_empty() => Some("no alternative is left"),
+            Verdict::MissingPhysics
+                if self.alternatives.is_empty() && self.effects.iter().all(|e| e.group.is_empty()) =>
+            {
+                Some("no alternative is left")
+            }
             _ => None,
         }
     }
@@ -382,9 +393,10 @@ impl Diagnosis {
     }
 
     /// The next test, or why there is none. It may be a test that was run before, because a repetition also adds information.
-    pub(crate) fn next(&self) -> Result<&NextTest, &'static str> {
+    pub(crate) fn next(&self) -> Result<&NextTest, &str> {
+        let why = self.no_next_test.as_deref();
         let next = self.next_test.as_ref();
-        next.ok_or("no profile within the limits separates the rest")
+        next.ok_or(why.unwrap_or("no profile within the limits separates the rest"))
     }
 }
 

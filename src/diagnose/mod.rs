@@ -11,7 +11,7 @@
 //! | `fitting` | the baseline is fitted to the tracks, and what the instruments added is taken out |
 //! | `search` | which set of effects explains the data |
 //! | `judgement` | verdict, findings with their rivals, locations, errors, the improved model |
-//! | `next_test` | the test that separates a finding from its rivals |
+//! | `next_test` | the test that separates a finding from its rivals, the axes of the unknown, or shows what could not be tested |
 //! | `aggregates` | the same for tables of peak force and loop energy, without the rooms |
 //!
 //! Files, configs and pages are left to others.
@@ -72,10 +72,7 @@ pub fn diagnose(
         judgement::search_to_judge(&run, &plain, known.base, searches.first, searches.second);
     let context = run.context(&setup, &data);
     let judged = judgement::conclude(&context, search, known);
-    let next_test = next_test::plan(&context, &judged.search, &judged.effects);
+    let diagnosis = next_test::planned(&context, judged);
     progress(1.0, "done");
-    Ok(Diagnosis {
-        next_test,
-        ..judged.diagnosis
-    })
+    Ok(diagnosis)
 }

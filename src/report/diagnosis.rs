@@ -369,12 +369,20 @@ fn next_test(d: &Diagnosis) -> Markup {
             div.block {
                 h2 { "Next test" }
                 p {
-                    (next.why.trim_end_matches('.')) ". Expected difference: "
-                    (format!("{:.0}", next.separation_sigma)) " standard deviations of the noise in "
+                    (next.why.trim_end_matches('.')) ". "
+                    @if let Some(sigma) = next.separation_sigma {
+                        "Expected difference: " (format!("{sigma:.0}")) " standard deviations of the noise in "
+                    } @else {
+                        "Duration: "
+                    }
                     (format!("{:.0}", next.duration_s)) " s."
                 }
                 pre { (next.profile_toml) }
             }
+        }
+        @if let Some(why) = &d.no_next_test {
+            h2 { "Next test" }
+            p { "None: " (why) "." }
         }
     }
 }

@@ -403,6 +403,7 @@ fn text(d: &Diagnosis, folder: &Path) -> String {
     if let Some(next) = &d.next_test {
         lines.push(format!("  next test: {}", next.why));
     }
+    lines.extend(d.no_next_test.iter().map(|why| format!("  no next test: {why}")));
     let mut named = vec![files::REPORT, files::DIAGNOSIS];
     named.extend(d.proof.as_ref().filter(|p| p.written).map(|_| files::IMPROVED));
     named.extend(d.next_test.as_ref().map(|_| files::NEXT_TEST));

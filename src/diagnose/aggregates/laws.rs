@@ -84,6 +84,7 @@ pub(super) fn rate(
     let [low, high] = factor.ci95().map(f64::exp);
     let fastest = rows.iter().map(|r| r.frequency_hz).fold(0.0, f64::max);
     out.effects.push(Finding {
+        group: Vec::new(),
         size_spread: None,
         gain: None,
         code: "rate_independent_friction".to_owned(),
@@ -153,6 +154,7 @@ pub(super) fn viscous(rows: &[TableRow], measured: &RegressionLine, out: &mut Ag
         return most < SMALL;
     }
     out.excluded.push(Finding {
+        group: Vec::new(),
         size_spread: None,
         gain: None,
         code: "viscous_damping".to_owned(),
@@ -264,6 +266,7 @@ pub(super) fn load(strokes: &[Strokes<'_>], out: &mut AggregateDiagnosis) {
         words.join(" and ")
     };
     out.effects.push(Finding {
+        group: Vec::new(),
         size_spread: None,
         gain: None,
         code: "load_dependent_friction".to_owned(),
@@ -334,6 +337,7 @@ pub(super) fn constant(strokes: &[Strokes<'_>], out: &mut AggregateDiagnosis) {
     };
     let level = with[0].1.times(500.0);
     out.effects.push(Finding {
+        group: Vec::new(),
         size_spread: None,
         gain: None,
         code: "coulomb_friction".to_owned(),

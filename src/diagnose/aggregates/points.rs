@@ -318,6 +318,7 @@ fn rounded_ends(points: &Points, found: &Transition, at_ends: f64, sure: f64) ->
     let least = chords.iter().map(|c| c.slope).fold(f64::INFINITY, f64::min);
     let [shortest, longest] = found.length_ci_mm;
     Finding {
+        group: Vec::new(),
         size_spread: None,
         gain: None,
         code: "presliding".to_owned(),
@@ -351,6 +352,7 @@ fn softening(found: &Transition, out: &mut AggregateDiagnosis) {
     };
     let fall = change.times(-1.0);
     out.effects.push(Finding {
+        group: Vec::new(),
         size_spread: None,
         gain: None,
         code: "geometric_stiffness".to_owned(),

@@ -45,7 +45,7 @@ pub(in crate::diagnose) use fit::{converge, profile_interval, refine};
 pub(in crate::diagnose) use general_law::generalise;
 pub(in crate::diagnose) use likelihood::{LikelihoodScale, PARAMETER_PENALTY, PENALTY};
 pub(in crate::diagnose) use node::{Key, Node};
-pub(in crate::diagnose) use score::Tangent;
+pub(in crate::diagnose) use score::{Tangent, insert_group};
 pub(in crate::diagnose) use structure::ModelStructure;
 
 use crate::diagnose::conditioning::{Track, tracks};

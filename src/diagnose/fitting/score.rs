@@ -110,7 +110,7 @@ impl Tangent {
 }
 
 /// Values with a candidate's group inserted before the force zero.
-pub(super) fn insert_group(values: &[f64], group: &[f64]) -> Vec<f64> {
+pub(in crate::diagnose) fn insert_group(values: &[f64], group: &[f64]) -> Vec<f64> {
     let (zero, own) = values.split_last().expect("the last value is the force zero");
     own.iter().chain(group).chain([zero]).copied().collect()
 }

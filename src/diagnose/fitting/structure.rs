@@ -144,7 +144,7 @@ impl<'a> ModelStructure<'a> {
     }
 
     /// This structure with one more effect.
-    pub(super) fn with(&self, candidate: &Attached) -> ModelStructure<'a> {
+    pub(in crate::diagnose) fn with(&self, candidate: &Attached) -> ModelStructure<'a> {
         let mut attached = self.attached.clone();
         attached.push(candidate.clone());
         ModelStructure::new(self.setup, self.data, attached)

@@ -39,6 +39,8 @@ pub(in crate::diagnose) struct JudgedEffect {
     pub confidence: f64,
     /// Effects that could replace it, the best first.
     pub rivals: Vec<RivalSet>,
+    /// Other codes that the recordings cannot tell from it (`groups`).
+    pub group: Key,
 }
 
 /// A set with another effect in place of the finding.
@@ -84,6 +86,7 @@ pub(super) fn judge(context: &FitContext<'_>, search: &mut SearchResult, place: 
         loss,
         confidence: 1.0 / (1.0 + doubt.powf(CONFIDENCE_EXPONENT)),
         rivals,
+        group: Key::new(),
     }
 }
 
@@ -155,10 +158,16 @@ pub(super) fn alternative(effect: &Effect, judged: &JudgedEffect, rival: &RivalS
     Alternative {
         code: rival.code.to_owned(),
         instead_of: effect.code.to_owned(),
-        why: format!(
-            "{reason}; its log-likelihood is lower by only {:.1}, where the effect itself gains {:.0}",
-            rival.lack, judged.loss
-        ),
+        why: if judged.group.contains(&rival.code) {
+            format!(
+                "{reason}; in these recordings the speed follows from the displacement, so nothing tells the two apart"
+            )
+        } else {
+            format!(
+                "{reason}; its log-likelihood is lower by only {:.1}, where the effect itself gains {:.0}",
+                rival.lack, judged.loss
+            )
+        },
         test: known
             .map_or("a recording at another speed, mean load and amplitude", |r| {
                 r.test

@@ -3,6 +3,7 @@
 //! | file | what it does |
 //! |---|---|
 //! | `alternatives`, `look_alikes` | what could replace a finding, or the general friction law |
+//! | `groups` | effects that the recordings cannot tell apart, because the axes of the recordings go together |
 //! | `varying_coefficient`, `intervals` | whether the size of an effect is the same everywhere; confidence intervals |
 //! | `location` | where on the loop model and recordings differ |
 //! | `tables` | errors, candidates, parameters, curves and maps |
@@ -13,6 +14,7 @@
 //! | `verdict` | the diagnosis, but for the next test |
 
 mod alternatives;
+mod groups;
 mod intervals;
 mod law;
 mod left_out;
@@ -26,7 +28,8 @@ mod yardsticks;
 
 pub(in crate::diagnose) use alternatives::{DISTINCT_POWER, JudgedEffect, RivalSet, distinguishable_lack};
 pub(crate) use left_out::{left_out, nrmse_leftout};
-pub(in crate::diagnose) use verdict::{Known, conclude};
+pub(in crate::diagnose) use tables::TESTABLE;
+pub(in crate::diagnose) use verdict::{Judgement, Known, conclude};
 pub(crate) use yardsticks::YARDSTICKS;
 
 use std::borrow::Cow;

@@ -10,7 +10,7 @@ use crate::identify::confidence::Confidence;
 /// Largest number of points of a curve in the report.
 const CURVE_POINTS: usize = 600;
 /// An effect cannot be tested if the baseline's parameters imitate all but this share of its signature.
-const TESTABLE: f64 = 0.05;
+pub(in crate::diagnose) const TESTABLE: f64 = 0.05;
 
 /// Errors of baseline and improved model, and of the steps between them. `refitted` is the baseline with its own friction law,
 /// `nominal` its residuals before the fit, `improved` the errors of the model that is written.

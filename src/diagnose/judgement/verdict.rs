@@ -3,6 +3,7 @@
 use nalgebra::DMatrix;
 
 use super::alternatives::{JudgedEffect, alternative, judge, nearest};
+use super::groups::group;
 use super::intervals::intervals;
 use super::left_out::courses;
 use super::location::{locate, share_in, words};
@@ -112,6 +113,7 @@ fn diagnosis(
         alternatives: alternatives(context, search, refitted, judged, unexplained),
         location,
         next_test: None,
+        no_next_test: None,
         baseline_parameters: baseline_parameters(context, &delivered.node, &confidence),
         alarms: alarms(context, &delivered.node, &confidence),
         notes: context.data.tracks.iter().flat_map(|t| t.notes.clone()).collect(),
@@ -253,7 +255,8 @@ fn judge_all(context: &FitContext<'_>, search: &mut SearchResult) -> Vec<JudgedE
     let missing: Vec<usize> = (context.setup.extras.len()..attached.len())
         .filter(|&k| !attached[k].own)
         .collect();
-    let judged: Vec<JudgedEffect> = missing.into_iter().map(|k| judge(context, search, k)).collect();
+    let mut judged: Vec<JudgedEffect> = missing.into_iter().map(|k| judge(context, search, k)).collect();
+    group(context, search, &mut judged);
     // A free shape would let a rival imitate the effect in every test that could separate the two.
     for rival in judged.iter().flat_map(|j| &j.rivals) {
         simplify(context, search, rival.node);
@@ -329,10 +332,31 @@ fn finding(
         confidence: (judged.confidence * trust * (1.0 - unexplained_share * unexplained_share))
             .clamp(0.0, MOST_CONFIDENCE),
         size_spread: variation.map(|v| v.spread),
-        statement: (attached.effect.statement)(group),
+        statement: one_of(&judged.group, attached.effect.code) + &(attached.effect.statement)(group),
+        group: match judged.group.as_slice() {
+            [] => Vec::new(),
+            others => [attached.effect.code]
+                .iter()
+                .chain(others)
+                .map(|&c| c.to_owned())
+                .collect(),
+        },
         parameters: values_of(&attached.parameters, from, node, confidence),
         gain: Some(judged.loss),
     }
+}
+
+/// The beginning of the statement of an effect that the recordings cannot tell from others.
+fn one_of(others: &[&str], code: &str) -> String {
+    if others.is_empty() {
+        return String::new();
+    }
+    let spaced: Vec<String> = others.iter().map(|c| c.replace('_', " ")).collect();
+    format!(
+        "One of: {}, {}; these recordings do not tell which. If it is {0}: ",
+        code.replace('_', " "),
+        spaced.join(", ")
+    )
 }
 
 /// Rivals of the findings; where nothing explains the recordings, the look-alikes of the friction law and the nearest effects.
@@ -502,7 +526,11 @@ fn summary(
             )
         }
         Verdict::MissingPhysics => {
-            let codes: Vec<String> = effects.iter().map(|e| e.code.replace('_', " ")).collect();
+            let name = |e: &Finding| match e.group.join(" or ").replace('_', " ") {
+                none if none.is_empty() => e.code.replace('_', " "),
+                group => format!("one of {group}"),
+            };
+            let codes: Vec<String> = effects.iter().map(name).collect();
             let baseline = percent(fit.baseline.nrmse_heldout);
             format!(
                 "Missing: {}. The error on held-out cycles falls from {baseline} to {improved}, noise {noise}.",

@@ -57,20 +57,20 @@ pub(super) struct Rival<'n> {
 }
 
 /// Noise and sampling of a recording, from the recordings at hand.
-struct ChannelNoise {
+pub(super) struct ChannelNoise {
     force_n: f64,
     displacement_mm: f64,
     /// Error of the force by the load cell's linearity.
     linearity_n: f64,
     /// Mean slope of force over displacement.
     rate_n_per_mm: f64,
-    sample_hz: f64,
+    pub sample_hz: f64,
     /// Number of points that a recording is thinned to.
-    budget: f64,
+    pub budget: f64,
 }
 
 impl ChannelNoise {
-    fn of(context: &FitContext<'_>) -> ChannelNoise {
+    pub(super) fn of(context: &FitContext<'_>) -> ChannelNoise {
         let tracks = &context.data.tracks;
         let of_tracks = |f: fn(&Track) -> f64| median(tracks.iter().map(f).collect());
         let [low, high] = context.span.displacement_mm;
@@ -84,6 +84,16 @@ impl ChannelNoise {
         }
     }
 
+    /// The tests that the bench can run and that a recording of this sampling can show.
+    pub(super) fn test_range(&self, context: &FitContext<'_>) -> TestRange {
+        TestRange::new(
+            context.span.displacement_mm,
+            context.span.speed_mm_s,
+            [self.sample_hz, self.budget],
+            context.limits.as_ref(),
+        )
+    }
+
     /// Number of points of a motion that will be fitted or compared.
     fn counted(&self, motion: &TestMotion) -> f64 {
         let samples = motion.duration_s * self.sample_hz;
@@ -91,7 +101,7 @@ impl ChannelNoise {
     }
 
     /// Root of the weight of every point of a motion: the number of samples that it stands for, divided by their variance.
-    fn weights(&self, motion: &TestMotion, force_n: &DVector<f64>) -> DVector<f64> {
+    pub(super) fn weights(&self, motion: &TestMotion, force_n: &DVector<f64>) -> DVector<f64> {
         let samples = (motion.duration_s * self.sample_hz).max(1.0);
         let averaged = (samples / self.budget).clamp(1.0, LARGEST_AVERAGING * LARGEST_AVERAGING);
         let compared = COMPARED * compared_share(motion, samples > self.budget);
@@ -122,7 +132,7 @@ fn compared_share(motion: &TestMotion, thinned: bool) -> f64 {
 }
 
 /// Force of a structure over a motion, N; `None` where it is not finite.
-fn forces(
+pub(super) fn forces(
     context: &FitContext<'_>,
     structure: &ModelStructure<'_>,
     values: &[f64],
@@ -131,7 +141,23 @@ fn forces(
     forces_with_shift(context, structure, values, motion, None)
 }
 
-/// The same with one point of the motion (index) shifted by some mm.
+/// The same; `None` also where the force exceeds the limits of the bench.
+pub(super) fn admissible_forces(
+    context: &FitContext<'_>,
+    structure: &ModelStructure<'_>,
+    values: &[f64],
+    motion: &TestMotion,
+) -> Option<DVector<f64>> {
+    let force_n = forces(context, structure, values, motion)?;
+    let allowed = |l: &ProfileLimits| {
+        force_n
+            .iter()
+            .all(|f| (l.force_min_n..=l.force_max_n).contains(f))
+    };
+    context.limits.as_ref().is_none_or(allowed).then_some(force_n)
+}
+
+/// The same as [`forces`] with one point of the motion (index) shifted by some mm.
 fn forces_with_shift(
     context: &FitContext<'_>,
     structure: &ModelStructure<'_>,
@@ -176,16 +202,16 @@ fn reversal_sensitivities(
 }
 
 /// A rival with the information that the recordings give on its parameters.
-struct LinearisedRival<'a, 'n> {
-    rival: &'n Rival<'n>,
-    structure: ModelStructure<'a>,
+pub(super) struct LinearisedRival<'a, 'n> {
+    pub rival: &'n Rival<'n>,
+    pub structure: ModelStructure<'a>,
     /// Sensitivities over the recordings, for a move of each parameter by its `scale`.
-    known: DMatrix<f64>,
+    pub known: DMatrix<f64>,
     scale: Vec<f64>,
 }
 
 impl<'a, 'n> LinearisedRival<'a, 'n> {
-    fn new(context: &FitContext<'a>, rival: &'n Rival<'n>) -> Option<Self> {
+    pub(super) fn new(context: &FitContext<'a>, rival: &'n Rival<'n>) -> Option<Self> {
         let structure = ModelStructure::new(context.setup, context.data, rival.node.attached.clone());
         let fitted = structure.fitted(&rival.node.values)?;
         let (known, scale) = structure.sensitivities(&rival.node.values, &fitted);
@@ -197,20 +223,15 @@ impl<'a, 'n> LinearisedRival<'a, 'n> {
         })
     }
 
-    /// Sum of squares between `truth` and this rival over a motion, after a refit to it and to the recordings.
-    fn discrepancy(
+    /// Change of the weighted forces over a motion (`here`) when each parameter moves by its `scale`.
+    pub(super) fn jacobian(
         &self,
         context: &FitContext<'_>,
         motion: &TestMotion,
-        (truth, weights): (&DVector<f64>, &DVector<f64>),
-        reversals: &DMatrix<f64>,
-    ) -> Option<f64> {
+        weights: &DVector<f64>,
+        here: &DVector<f64>,
+    ) -> Option<DMatrix<f64>> {
         let values = &self.rival.node.values;
-        let run = |values: &[f64]| {
-            let force_n = forces(context, &self.structure, values, motion)?;
-            Some(force_n.component_mul(weights))
-        };
-        let here = run(values)?;
         let mut jacobian = DMatrix::zeros(motion.points.len(), values.len());
         for (n, p) in self.structure.parameters().iter().enumerate() {
             if context.setup.surrogate.as_ref().is_some_and(|s| s.is_fixed(n)) {
@@ -224,8 +245,23 @@ impl<'a, 'n> LinearisedRival<'a, 'n> {
                 -RELATIVE_STEP
             };
             moved[n] += step * size;
-            jacobian.set_column(n, &((run(&moved)? - &here) * (self.scale[n] / (step * size))));
+            let there = forces(context, &self.structure, &moved, motion)?.component_mul(weights);
+            jacobian.set_column(n, &((there - here) * (self.scale[n] / (step * size))));
         }
+        Some(jacobian)
+    }
+
+    /// Sum of squares between `truth` and this rival over a motion, after a refit to it and to the recordings.
+    fn discrepancy(
+        &self,
+        context: &FitContext<'_>,
+        motion: &TestMotion,
+        (truth, weights): (&DVector<f64>, &DVector<f64>),
+        reversals: &DMatrix<f64>,
+    ) -> Option<f64> {
+        let values = &self.rival.node.values;
+        let here = forces(context, &self.structure, values, motion)?.component_mul(weights);
+        let jacobian = self.jacobian(context, motion, weights, &here)?;
         let difference = truth.component_mul(weights) - here;
         // The recordings limit the moves of the parameters, the noise of the displacement those of the reversals.
         let (count, own) = (values.len(), reversals.ncols());
@@ -275,12 +311,7 @@ impl<'a, 'c, 'n> Comparison<'a, 'c, 'n> {
         let noise = ChannelNoise::of(context);
         Some(Comparison {
             likelihood: LikelihoodScale::of(context.data, &question.chosen.residuals),
-            range: TestRange::new(
-                context.span.displacement_mm,
-                context.span.speed_mm_s,
-                [noise.sample_hz, noise.budget],
-                context.limits.as_ref(),
-            ),
+            range: noise.test_range(context),
             chosen: context.structure(question.chosen.attached.clone()),
             values: &question.chosen.values,
             without: LinearisedRival::new(context, &question.without)?,
@@ -297,13 +328,8 @@ impl<'a, 'c, 'n> Comparison<'a, 'c, 'n> {
 
     /// What a test would bring; `None` if the bench cannot run it, or if no rival is worth it.
     fn expected(&self, test: &TestProfile) -> Option<ExpectedGain> {
-        let limits = self.context.limits.as_ref();
-        let motion = test.motion(&self.range, limits)?;
-        let truth = forces(self.context, &self.chosen, self.values, &motion)?;
-        let allowed = |l: &ProfileLimits| truth.iter().all(|f| (l.force_min_n..=l.force_max_n).contains(f));
-        if !limits.is_none_or(allowed) {
-            return None;
-        }
+        let motion = test.motion(&self.range, self.context.limits.as_ref())?;
+        let truth = admissible_forces(self.context, &self.chosen, self.values, &motion)?;
         let weights = self.noise.weights(&motion, &truth);
         let reversals = reversal_sensitivities(
             self.context,
@@ -371,7 +397,7 @@ pub(super) fn propose(context: &FitContext<'_>, question: &Question<'_>) -> Opti
         why: format!(
             "{code} and {other} differ by {separation_sigma:.0} times the noise over this profile, even after {other} is refitted"
         ),
-        separation_sigma,
+        separation_sigma: Some(separation_sigma),
         duration_s: gain.duration_s,
     })
 }

@@ -26,6 +26,8 @@ const POINTS: f64 = 400.0;
 /// Frequencies of the sines, and sizes of the nested loops.
 const SINES_HZ: [f64; 6] = [0.1, 0.5, 1.0, 2.0, 5.0, 8.0];
 const NESTS_MM: [f64; 5] = [0.2, 0.5, 1.0, 2.0, 4.0];
+/// Frequencies of the same loop at three speeds, as shares of the largest: a third each, so that law and power of a speed show.
+const SPEEDS: [f64; 3] = [1.0, 1.0 / 3.0, 1.0 / 9.0];
 /// Distance from the ends of the travel, as a share of it.
 const END: f64 = 0.02;
 /// Factor by which the taper of a wave raises its speed: up to an eighth is added while the amplitude rises.
@@ -211,6 +213,41 @@ pub(super) fn test_profiles(range: &TestRange) -> Vec<TestProfile> {
         .collect()
 }
 
+/// Tests that vary one axis against another: the same loop at three speeds, loops of two sizes at three loads, a loop before and after a
+/// rest.
+pub(super) fn axis_profiles(range: &TestRange) -> Vec<TestProfile> {
+    let s = Segments::new(range);
+    let fastest_hz = |amplitude_mm: f64| {
+        let by_speed = range.speed_mm_s / amplitude_mm;
+        let by_acceleration = (range.acceleration_mm_s2 / amplitude_mm).sqrt();
+        let hz = by_speed.min(by_acceleration) / std::f64::consts::TAU;
+        (hz.min(range.sample_hz / SAMPLES_PER_CYCLE) / TAPER).max(0.1)
+    };
+    let room_mm = s.room_mm(0.5);
+    let hz = fastest_hz(room_mm);
+    let sine =
+        |mean: f64, amplitude_mm: f64, hz: f64, cycles| s.waves("sine", mean, amplitude_mm, hz, cycles);
+    let speeds = SPEEDS.map(|share| sine(0.5, room_mm, share * hz, 4));
+    let sizes = [0.25, 0.5, 0.8].map(|mean| {
+        let amplitude_mm = s.room_mm(mean);
+        [1.0, 0.4]
+            .map(|size| sine(mean, size * amplitude_mm, hz, 4))
+            .concat()
+    });
+    let rest = "\n[[block.segment]]\nkind = \"hold\"\nduration_s = 60.00\n".to_owned();
+    let rested = [sine(0.5, room_mm, hz, 10), vec![rest], sine(0.5, room_mm, hz, 10)];
+    [
+        ("same-loop-at-three-speeds", speeds.concat()),
+        ("two-sizes-at-three-loads", sizes.concat()),
+        ("same-loop-after-a-rest", rested.concat()),
+    ]
+    .map(|(name, segments)| TestProfile {
+        name: name.to_owned(),
+        segments,
+    })
+    .into()
+}
+
 /// A sine of few cycles at one load, and for a slow logger one of more cycles; none that is too fast for the sampling.
 fn sines(
     range: &TestRange,
@@ -368,7 +405,8 @@ mod tests {
     fn every_test_is_a_profile_within_the_limits() {
         for limits in [Some(&LIMITS), None] {
             let range = TestRange::new([-0.01, 24.0], 40.0, [500.0, 3000.0], limits);
-            let list = test_profiles(&range);
+            let mut list = test_profiles(&range);
+            list.extend(axis_profiles(&range));
             assert!(list.len() > 20);
             for test in &list {
                 let motion = test

@@ -6,6 +6,7 @@
 //! | `friction_law` | generalises the baseline's friction law before any effect is called missing |
 //! | `beam_search` | beam search over sets of effects |
 //! | `binning`, `near_replicates`, `lack_of_fit` | the structure that a set leaves, which no candidate explains |
+//! | `confounding` | which axes go together over the recorded points |
 //! | `backward_elimination` | the set that is chosen: largest penalised gain, then effects that bring too little are removed |
 //! | `simplest_form` | shapes of laws that the recordings do not ask for go back to their neutral values |
 //! | `on_the_model` | the choice on a slow model itself |
@@ -14,6 +15,7 @@
 mod backward_elimination;
 mod beam_search;
 mod binning;
+mod confounding;
 mod friction_law;
 mod lack_of_fit;
 mod near_replicates;
@@ -24,6 +26,9 @@ mod simplest_form;
 pub(in crate::diagnose) use backward_elimination::{kinks_are_recorded, penalty, without};
 pub(in crate::diagnose) use beam_search::SearchResult;
 pub(in crate::diagnose) use binning::{AXES, BinnedAxis, binned, coordinate};
+pub(in crate::diagnose) use confounding::{
+    AxisPoint, axis_in_words, confounding, go_together, recorded_points,
+};
 pub(in crate::diagnose) use lack_of_fit::{LACK_GAIN, LACK_POWER, LackOfFit, lack_of_fit, rest};
 pub(in crate::diagnose) use on_the_model::refit_rivals;
 pub(in crate::diagnose) use second_search::DoubtedSearch;
