@@ -15,6 +15,8 @@ const ALIKE: f64 = 0.95;
 const BY_PLACE: f64 = 0.5;
 /// Bins of that displacement: finer than the width of a knee.
 const PLACES: usize = 48;
+/// A loop is two curves of the displacement, its middle and its width: of more effects no two are told apart by it.
+const LOOP_CURVES: usize = 2;
 /// Largest number of other codes in a group.
 const MOST: usize = 3;
 
@@ -141,8 +143,8 @@ fn told_by_place(context: &FitContext<'_>, search: &SearchResult, set: usize) ->
     filled.map(|[sum, power]| sum * sum / power).sum::<f64>() > BY_PLACE * whole
 }
 
-/// Pairs of judged effects whose parts of the force look alike beside the baseline, or cancel: each stands for the other, or both for
-/// something else. Each pair in both orders; indices of effects after those of the baseline.
+/// Pairs of judged effects whose parts of the force look alike beside the baseline, or cancel, or that are more than one loop tells: each
+/// stands for the other, or both for something else. Each pair in both orders; indices of effects after those of the baseline.
 fn alike_within(context: &FitContext<'_>, search: &SearchResult, judged: &[JudgedEffect]) -> Vec<[usize; 2]> {
     let chosen = &search.nodes[search.chosen];
     let structure = context.structure(chosen.attached.clone());
@@ -168,7 +170,7 @@ fn alike_within(context: &FitContext<'_>, search: &SearchResult, judged: &[Judge
         let alike = one.dot(other) > ALIKE * one.norm() * other.norm();
         // Two forces of which each takes away more of the other than both explain together.
         let cancel = (one + other).norm() < one.norm().min(other.norm());
-        a != b && (alike || cancel)
+        a != b && (alike || cancel || judged.len() > LOOP_CURVES)
     };
     let every = (0..judged.len()).flat_map(|a| (0..judged.len()).map(move |b| [a, b]));
     every.filter(|&[a, b]| alike(a, b)).collect()
