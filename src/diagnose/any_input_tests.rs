@@ -128,7 +128,8 @@ fn run(number: u64) -> bool {
     if number.is_multiple_of(DIAGNOSED) {
         let _ = diagnose(&recordings, &baseline, &options, &mut |_, _| {}).map_err(says_what_to_do);
     }
-    let tracks = conditioning::tracks(&recordings, options.points).map_err(DiagnoseError::from);
+    let tracks = conditioning::tracks(&recordings, options.points_of_each(recordings.len()))
+        .map_err(DiagnoseError::from);
     let (data, run) = match tracks.and_then(|tracks| input(tracks, &options)) {
         Ok(input) => input,
         Err(error) => {

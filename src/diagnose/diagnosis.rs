@@ -328,6 +328,9 @@ pub struct Diagnosis {
     pub not_testable: Vec<NotTestable>,
     /// Share of the baseline's residual above the noise that no effect explains, 0 to 1.
     pub unexplained_share: f64,
+    /// True where the budget of the search was spent before sets of all sizes were compared; absent otherwise.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub search_cut_short: bool,
     /// RMS of what has the shape of the friction law and got no name, as a share of the RMS friction; `None` where no such doubt was
     /// needed.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -53,7 +53,7 @@ pub fn diagnose(
     }
     let mut setup = Setup::new(baseline)?;
     progress(0.0, "conditioning the recordings");
-    let tracks = conditioning::tracks(recordings, options.points)?;
+    let tracks = conditioning::tracks(recordings, options.points_of_each(recordings.len()))?;
     let input = fitting::input(tracks, options)?;
     progress(0.05, "refitting the baseline");
     let (data, run, fitted) = fitting::fitted_input(&mut setup, input, recordings, options)?;

@@ -2,15 +2,28 @@
 
 use crate::profile::ProfileLimits;
 
+/// Points of all recordings together, and the fewest of one: many recordings are thinned further, so that the time of a diagnosis
+/// does not grow with their number.
+const MOST_POINTS: usize = 24_000;
+const LEAST_POINTS: usize = 600;
+
 /// Options of a diagnosis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DiagnoseOptions {
-    /// Number of points that a recording is thinned to.
+    /// Number of points that a recording is thinned to; fewer where there are more than eight recordings.
     pub points: usize,
     /// Number of worker threads; 0 for one per core. The result does not depend on it.
     pub threads: usize,
     /// Limits of the bench for the next test. `None`: the test is no faster than the recordings.
     pub(crate) limits: Option<ProfileLimits>,
+}
+
+impl DiagnoseOptions {
+    /// Number of points that each of so many recordings is thinned to.
+    pub(super) fn points_of_each(&self, recordings: usize) -> usize {
+        self.points
+            .min((MOST_POINTS / recordings.max(1)).max(LEAST_POINTS))
+    }
 }
 
 impl Default for DiagnoseOptions {

@@ -13,6 +13,8 @@
 //! It is not missing physics: the friction law is generalised first, so that its shape is not reported as missing physics.
 //! The force is linear in the ratios, so that only s and m need several starts.
 
+use std::sync::Arc;
+
 use super::motion::BandedTravel;
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, load_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
@@ -117,43 +119,46 @@ pub(crate) const FORM: Effect = Effect {
     ],
 };
 
+/// Number of elements of all bands.
+const ELEMENTS: usize = BANDS * ELEMENTS_PER_BAND;
+
 #[derive(Clone)]
 struct FrictionForm {
     travel: BandedTravel,
-    elements: Vec<Element>,
+    elements: Arc<Elements>,
+    /// Drag of each element, -1 to 1.
+    drags: [f64; ELEMENTS],
     length_exponent: f64,
     force_memory: f64,
     /// Load at the last step, N.
     load_n: Option<f64>,
 }
 
-/// An element of a band whose ratio is not zero: most bands of a fitted law are, and their elements need no steps.
-#[derive(Clone)]
-struct Element {
-    per_mm: f64,
-    ratio: f64,
-    drag: f64,
+/// Elements of the bands whose ratio is not zero: most bands of a fitted law are, and their elements need no steps.
+#[derive(Default)]
+struct Elements {
+    per_mm: Vec<f64>,
+    ratio: Vec<f64>,
 }
 
 impl FrictionForm {
     fn new(ratios: &[f64]) -> FrictionForm {
-        let bands = ratios
-            .iter()
-            .zip(BANDS_MM.windows(2))
-            .filter(|(ratio, _)| **ratio != 0.0);
-        let elements = bands.flat_map(|(ratio, ends)| {
-            (0..ELEMENTS_PER_BAND).map(move |k| {
+        let mut elements = Elements::default();
+        for (ratio, ends) in ratios.iter().zip(BANDS_MM.windows(2)) {
+            if *ratio == 0.0 {
+                continue;
+            }
+            for k in 0..ELEMENTS_PER_BAND {
                 let within = (k as f64 + 0.5) / ELEMENTS_PER_BAND as f64;
-                Element {
-                    per_mm: 1.0 / (ends[0] * (ends[1] / ends[0]).powf(within)),
-                    ratio: ratio / ELEMENTS_PER_BAND as f64,
-                    drag: 0.0,
-                }
-            })
-        });
+                let length_mm = ends[0] * (ends[1] / ends[0]).powf(within);
+                elements.per_mm.push(1.0 / length_mm);
+                elements.ratio.push(ratio / ELEMENTS_PER_BAND as f64);
+            }
+        }
         FrictionForm {
             travel: BandedTravel::default(),
-            elements: elements.collect(),
+            elements: Arc::new(elements),
+            drags: [0.0; ELEMENTS],
             length_exponent: ratios[BANDS],
             force_memory: ratios[BANDS + 1],
             load_n: None,
@@ -183,9 +188,7 @@ impl Wrap for FrictionForm {
     fn reset(&mut self) {
         self.travel = BandedTravel::default();
         self.load_n = None;
-        for element in &mut self.elements {
-            element.drag = 0.0;
-        }
+        self.drags = [0.0; ELEMENTS];
     }
 
     fn told(&mut self, _motion: &Motion) {
@@ -197,12 +200,21 @@ impl Wrap for FrictionForm {
         let force_n = inside.step(displacement_mm, dt_s);
         let load_n = load_n(&**inside, force_n);
         let [kept, lengths] = self.factors(load_n);
-        let mut ratio = 0.0;
-        for element in &mut self.elements {
-            element.drag = (kept * element.drag + lengths * travel_mm * element.per_mm).clamp(-1.0, 1.0);
-            ratio += element.ratio * element.drag;
+        let elements = &*self.elements;
+        let drags = &mut self.drags[..elements.per_mm.len()];
+        let moved = lengths * travel_mm;
+        for (drag, per_mm) in drags.iter_mut().zip(&elements.per_mm) {
+            *drag = (kept * *drag + moved * per_mm).clamp(-1.0, 1.0);
         }
-        force_n + load_n * ratio
+        // Three sums beside each other: one sum would wait for each of its additions.
+        let mut sums = [0.0; ELEMENTS_PER_BAND];
+        let bands = drags.chunks_exact(ELEMENTS_PER_BAND);
+        for (drags, ratios) in bands.zip(elements.ratio.chunks_exact(ELEMENTS_PER_BAND)) {
+            for k in 0..ELEMENTS_PER_BAND {
+                sums[k] += ratios[k] * drags[k];
+            }
+        }
+        force_n + load_n * sums.iter().sum::<f64>()
     }
 }
 

@@ -4,7 +4,7 @@
 //! Which effect is missing is decided in `diagnose`. A new effect needs one file, one line in [`EFFECTS`] and one row in
 //! `docs/formats.md`.
 
-use crate::model::{BuildError, Knows, Motion, Parameter, Plant};
+use crate::model::{BuildError, Knows, Motion, Parameter, Plant, as_kind};
 
 pub(crate) mod backlash;
 pub(crate) mod channel_delay;
@@ -359,6 +359,16 @@ impl<W: Wrap> Plant for Wrapped<W> {
 
     fn boxed_clone(&self) -> Box<dyn Plant> {
         Box::new(self.clone())
+    }
+
+    fn copy_to(&self, copy: &mut Box<dyn Plant>) {
+        match as_kind::<Self>(copy) {
+            Some(copy) => {
+                copy.wrap.clone_from(&self.wrap);
+                self.inside.copy_to(&mut copy.inside);
+            }
+            None => *copy = self.boxed_clone(),
+        }
     }
 }
 

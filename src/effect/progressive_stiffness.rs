@@ -109,7 +109,7 @@ impl Wrap for ProgressiveStiffness {
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let past_mm = displacement_mm - self.knee_mm;
-        let engaged_mm = 0.5 * (past_mm + past_mm.hypot(self.width_mm));
+        let engaged_mm = 0.5 * (past_mm + (past_mm * past_mm + self.width_mm * self.width_mm).sqrt());
         self.extra_n =
             self.extra_rate_n_per_mm * REFERENCE_MM * (engaged_mm / REFERENCE_MM).powf(self.exponent);
         let force_n = inside.step(displacement_mm, dt_s);

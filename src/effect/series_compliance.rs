@@ -43,6 +43,7 @@ pub(crate) const EFFECT: Effect = Effect {
                 force_n: 0.0,
                 specimen_mm: 0.0,
                 rate_n_per_mm: 100.0,
+                trials: Trials::default(),
             },
             inside,
         )
@@ -72,6 +73,17 @@ struct SeriesCompliance {
     force_n: f64,
     specimen_mm: f64,
     rate_n_per_mm: f64,
+    trials: Trials,
+}
+
+/// The plant that the last trial was made on. Its state does not matter before a trial, so no copy of the compliance has it.
+#[derive(Default)]
+struct Trials(Option<Box<dyn Plant>>);
+
+impl Clone for Trials {
+    fn clone(&self) -> Self {
+        Trials(None)
+    }
 }
 
 /// A trial of the equation.
@@ -87,8 +99,12 @@ struct Trial {
 
 impl SeriesCompliance {
     /// Trials on both sides of the solution, `None` on a side where there was none, and the last one.
-    fn solve(&mut self, displacement_mm: f64, force_at: impl Fn(f64) -> f64) -> ([Option<Trial>; 2], Trial) {
-        let trial = |specimen_mm: f64, mm_per_n: f64| {
+    fn solve(
+        &mut self,
+        displacement_mm: f64,
+        mut force_at: impl FnMut(f64) -> f64,
+    ) -> ([Option<Trial>; 2], Trial) {
+        let mut trial = |specimen_mm: f64, mm_per_n: f64| {
             let force_n = force_at(specimen_mm);
             Trial {
                 specimen_mm,
@@ -153,7 +169,11 @@ impl Wrap for SeriesCompliance {
         if self.mm_per_n <= 0.0 {
             return inside.step(displacement_mm, dt_s);
         }
-        let (bracket, last) = self.solve(displacement_mm, |x| inside.boxed_clone().step(x, dt_s));
+        let mut trial = self.trials.0.take().unwrap_or_else(|| inside.boxed_clone());
+        let (bracket, last) = self.solve(displacement_mm, |x| {
+            inside.copy_to(&mut trial);
+            trial.step(x, dt_s)
+        });
         match bracket {
             [Some(low), Some(high)] if last.short_mm.abs() > TOLERANCE_MM => {
                 // A jump: the specimen stays on the side that it comes from.
@@ -165,10 +185,13 @@ impl Wrap for SeriesCompliance {
                 self.force_n = carried_n.clamp(low.force_n.min(high.force_n), low.force_n.max(high.force_n));
             }
             _ => {
+                // The last trial was this step.
+                std::mem::swap(inside, &mut trial);
                 self.specimen_mm = last.specimen_mm;
-                self.force_n = inside.step(last.specimen_mm, dt_s);
+                self.force_n = last.force_n;
             }
         }
+        self.trials.0 = Some(trial);
         self.force_n
     }
 }

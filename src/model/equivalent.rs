@@ -16,7 +16,7 @@
 //! E reaches zero the pusher has left the spring.
 
 use super::friction::{self, DragLaw};
-use super::{BuildError, Knows, Model, Motion, Parameter, Plant, structure_numbers_beside};
+use super::{BuildError, Knows, Model, Motion, Parameter, Plant, as_kind, structure_numbers_beside};
 
 const NAME: &str = "equivalent";
 
@@ -127,6 +127,10 @@ impl Equivalent {
             .chain(friction::keys_for(law))
             .collect();
         let numbers = structure_numbers_beside(NAME, structure, &["friction"], &keys)?;
+        let mut law = law.at_rest(presliding_mm, &numbers[1..]).map_err(refused)?;
+        if friction_ratio == 0.0 {
+            law = friction::without();
+        }
         Ok(Equivalent {
             preload_n,
             rate_n_per_mm,
@@ -134,7 +138,7 @@ impl Equivalent {
             datum_mm: numbers[0],
             displacement_mm: 0.0,
             velocity_mm_s: None,
-            law: law.at_rest(presliding_mm, &numbers[1..]).map_err(refused)?,
+            law,
             carried_n: 0.0,
         })
     }
@@ -149,13 +153,7 @@ impl Plant for Equivalent {
     fn step(&mut self, displacement_mm: f64, dt_s: f64) -> f64 {
         let slip_mm = displacement_mm - self.displacement_mm;
         self.displacement_mm = displacement_mm;
-        let velocity_mm_s = self.velocity_mm_s.take();
-        // A general friction law around the model leaves none to this one.
-        let drag = if self.friction_ratio == 0.0 {
-            0.0
-        } else {
-            self.law.drag(slip_mm, dt_s, velocity_mm_s)
-        };
+        let drag = self.law.drag(slip_mm, dt_s, self.velocity_mm_s.take());
         self.carried_n = (self.preload_n + self.rate_n_per_mm * (displacement_mm - self.datum_mm)).max(0.0);
         self.carried_n * (1.0 + self.friction_ratio * drag)
     }
@@ -170,6 +168,13 @@ impl Plant for Equivalent {
 
     fn boxed_clone(&self) -> Box<dyn Plant> {
         Box::new(self.clone())
+    }
+
+    fn copy_to(&self, copy: &mut Box<dyn Plant>) {
+        match as_kind::<Self>(copy) {
+            Some(copy) => *copy = self.clone(),
+            None => *copy = self.boxed_clone(),
+        }
     }
 }
 

@@ -2,6 +2,8 @@
 //!
 //! A new model is one file and one line in [`MODELS`].
 
+use std::any::Any;
+
 pub(crate) mod equivalent;
 pub(crate) mod finite_segment;
 pub(crate) mod five_link;
@@ -10,13 +12,18 @@ pub(crate) mod leaf_pack;
 pub(crate) mod two_sided;
 
 /// A model ready to step. It is always driven by displacement, also where the profile controls force. Same input, same bits.
-pub trait Plant: Send {
+pub trait Plant: Any + Send {
     /// Back to the virgin state at zero displacement.
     fn reset(&mut self);
     /// Moves to `displacement_mm` within `dt_s` and returns the force in N. Loading is positive.
     fn step(&mut self, displacement_mm: f64, dt_s: f64) -> f64;
     /// A copy with its state.
     fn boxed_clone(&self) -> Box<dyn Plant>;
+    /// Copies this plant with its state into `copy`: without a new allocation where `copy` is of the same kind and the plant has
+    /// code for it.
+    fn copy_to(&self, copy: &mut Box<dyn Plant>) {
+        *copy = self.boxed_clone();
+    }
     /// Gives the motion just before a step, where the whole recording is known. A twin never gets it.
     fn told(&mut self, _motion: &Motion) {}
     /// Load in N that the contacts carried at the last step, without friction; `None` if the model does not compute it.
@@ -32,6 +39,12 @@ pub struct Motion {
     pub acceleration_mm_s2: f64,
     /// Displacement at the reversals before and after this instant, the lower first, in mm.
     pub reach_mm: [f64; 2],
+}
+
+/// A plant as its own type, if it is of that type.
+pub(crate) fn as_kind<P: Plant>(plant: &mut Box<dyn Plant>) -> Option<&mut P> {
+    let any: &mut dyn Any = plant.as_mut();
+    any.downcast_mut()
 }
 
 impl Clone for Box<dyn Plant> {

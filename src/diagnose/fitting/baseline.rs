@@ -3,6 +3,9 @@
 //! Known physics that is not built into the model is attached as effects and fitted with the model's own parameters. A model may
 //! switch off friction that is not known (`Model::limit_friction`).
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use super::surrogate::Surrogate;
 use crate::diagnose::error::BaselineError;
 use crate::effect::law::ForceLaw;
@@ -69,6 +72,8 @@ pub(in crate::diagnose) struct Setup {
     pub surrogate: Option<Surrogate>,
     /// A law that was read off the recordings, around the model.
     pub law: Option<ForceLaw>,
+    /// Steps of the model so far, over all fits.
+    steps: Arc<AtomicU64>,
 }
 
 impl Setup {
@@ -120,7 +125,17 @@ impl Setup {
             candidates,
             surrogate: None,
             law: None,
+            steps: Arc::default(),
         })
+    }
+
+    /// Steps of the model so far. They measure the work of a diagnosis the same on every machine.
+    pub(in crate::diagnose) fn steps(&self) -> u64 {
+        self.steps.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn count_steps(&self, steps: usize) {
+        self.steps.fetch_add(steps as u64, Ordering::Relaxed);
     }
 }
 

@@ -170,36 +170,18 @@ impl<'a> FitContext<'a> {
         })
     }
 
-    /// Fits up to `count` children of a converged node: the candidates with the best scores whose set is not in `seen`.
+    /// Fits up to `count` children of converged nodes: those with the smallest predicted sums of squares whose set is not in `seen`.
     pub(in crate::diagnose) fn children(
         &self,
-        node: &Node,
-        tangent: &Tangent,
+        parents: &[(Node, Tangent)],
         seen: &[Key],
         count: usize,
     ) -> Vec<Node> {
-        let mut lists = self.scores(node, tangent);
-        lists.retain(|l| l.first().is_some_and(|s| s.gain > LEAST_PREDICTED_GAIN));
-        lists.sort_by(|a, b| b[0].gain.total_cmp(&a[0].gain));
         let extras = self.setup.extras.len();
-        let tasks: Vec<CandidateScore> = lists
-            .into_iter()
-            .filter(|l| {
-                let mut key = node.key(extras);
-                key.push(self.setup.candidates[l[0].candidate].effect.code);
-                key.sort_unstable();
-                !seen.contains(&key)
-            })
-            .take(count)
-            .flat_map(|l| {
-                let best = l[0].gain;
-                l.into_iter()
-                    .filter(move |s| s.gain > START_SHARE * best)
-                    .take(STARTS)
-            })
-            .collect();
-        let structure = self.structure(node.attached.clone());
-        let fitted = self.parallel_map(&tasks, |score| {
+        let tasks = self.tasks(parents, seen, count);
+        let fitted = self.parallel_map(&tasks, |(parent, score)| {
+            let (node, tangent) = &parents[*parent];
+            let structure = self.structure(node.attached.clone());
             let candidate = &self.setup.candidates[score.candidate];
             fit_child(&structure, node, tangent, candidate, &score.start, &self.span)
         });
@@ -213,6 +195,40 @@ impl<'a> FitContext<'a> {
             }
         }
         children
+    }
+
+    /// The starts of the `count` most promising children of all parents, each with the index of its parent. A set that several
+    /// parents lead to is taken once.
+    fn tasks(&self, parents: &[(Node, Tangent)], seen: &[Key], count: usize) -> Vec<(usize, CandidateScore)> {
+        let extras = self.setup.extras.len();
+        let mut promising = Vec::new();
+        for (parent, (node, tangent)) in parents.iter().enumerate() {
+            for scores in self.scores(node, tangent) {
+                let Some(best) = scores.first().filter(|s| s.gain > LEAST_PREDICTED_GAIN) else {
+                    continue;
+                };
+                let mut key = node.key(extras);
+                key.push(self.setup.candidates[best.candidate].effect.code);
+                key.sort_unstable();
+                promising.push((node.cost() - 2.0 * best.gain, parent, key, scores));
+            }
+        }
+        promising.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut taken: Vec<Key> = seen.to_vec();
+        let mut tasks = Vec::new();
+        for (_, parent, key, scores) in promising {
+            if taken.len() - seen.len() >= count {
+                break;
+            }
+            if taken.contains(&key) {
+                continue;
+            }
+            taken.push(key);
+            let least = START_SHARE * scores[0].gain;
+            let starts = scores.into_iter().filter(|s| s.gain > least).take(STARTS);
+            tasks.extend(starts.map(|score| (parent, score)));
+        }
+        tasks
     }
 
     /// Maps over the worker threads. Order and result do not depend on their number.

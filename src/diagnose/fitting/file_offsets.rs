@@ -186,19 +186,17 @@ pub(super) fn common_zero_note(name: &str, zero_mm: f64) -> Note {
 
 /// True if a general friction law or a single effect explains about what the offsets explain.
 pub(super) fn physics_suffices(context: &FitContext<'_>, node: &Node, found: &OffsetFit) -> bool {
-    let Some((node, tangent)) = context.converged(node) else {
+    let Some(parent) = context.converged(node) else {
         return false;
     };
+    let node = parent.0.clone();
     let needed = PHYSICS_SHARE * (node.cost() - found.cost);
     let explains = |other: &Node| node.cost() - other.cost() >= needed;
     let form = context.setup.form.as_ref();
     let general =
         form.and_then(|form| generalise(context, &node, form, &(form.effect.starts)(&context.span)));
     general.is_some_and(|general| explains(&general))
-        || context
-            .children(&node, &tangent, &[], usize::MAX)
-            .iter()
-            .any(explains)
+        || context.children(&[parent], &[], usize::MAX).iter().any(explains)
 }
 
 /// Offsets that are left after a correction: the shift in time is exact only in the recordings themselves.

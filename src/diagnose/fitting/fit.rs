@@ -26,6 +26,8 @@ const IDLE_FALL: f64 = 2e-4;
 const FIRST_MOVE: f64 = 0.02;
 const LAST_MOVE: f64 = 2e-4;
 const SHRINK: f64 = 0.4;
+/// Most moves: more follow a valley in which the other parameters move along, which a fit to convergence does far faster.
+const MOST_MOVES: usize = 16;
 /// Smallest half width of a kink's interval, as a share of the same range, and bisections of its end.
 const LEAST_HALF_WIDTH: f64 = 1e-5;
 const BISECTIONS: usize = 5;
@@ -82,7 +84,7 @@ impl<'s, 'a> NodeDescent<'s, 'a> {
     }
 
     /// Moves the position of a kink by trials, because it has no slope; the other parameters are refitted after each move. The moves
-    /// become smaller where none lowers the sum of squares.
+    /// become smaller where none lowers the sum of squares, and longer again where one does.
     fn search_kink(
         &mut self,
         place: usize,
@@ -92,14 +94,18 @@ impl<'s, 'a> NodeDescent<'s, 'a> {
         gradient: &dyn Fn(&DVector<f64>) -> DVector<f64>,
     ) {
         let held = with_parameter_fixed(normal, place);
-        let mut size = FIRST_MOVE * width;
-        while size > LAST_MOVE * width {
+        let (mut size, mut moves) = (FIRST_MOVE * width, 0);
+        while size > LAST_MOVE * width && moves < MOST_MOVES {
             let lower = [size, -size].into_iter().find_map(|by| {
                 let trial = self.refitted_at(place, self.values[place] + by, &held, scale, gradient)?;
                 (trial.cost < self.cost - self.idle_fall()).then_some(trial)
             });
             match lower {
-                Some(trial) => *self = trial,
+                Some(trial) => {
+                    *self = trial;
+                    size = (size / SHRINK).min(FIRST_MOVE * width);
+                    moves += 1;
+                }
                 None => size *= SHRINK,
             }
         }

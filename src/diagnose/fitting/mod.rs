@@ -70,7 +70,8 @@ pub(in crate::diagnose) fn fitted_input(
     recordings: &[Recording],
     options: &DiagnoseOptions,
 ) -> Result<(Data, RunSettings, Node), DiagnoseError> {
-    let again = |corrected: &[Recording]| input(tracks(corrected, options.points)?, options);
+    let points = options.points_of_each(recordings.len());
+    let again = |corrected: &[Recording]| input(tracks(corrected, points)?, options);
     let mut first = first_fit(setup, &mut data, &run)?;
     let mut shifted = Vec::new();
     let zero_mm = file_offsets::common_zero_mm(&run, setup, &data, &first);

@@ -78,6 +78,7 @@ impl<'a> ModelStructure<'a> {
             }
             _ => build(self.setup, &self.attached, values, *zero_n)?,
         };
+        self.setup.count_steps(out.len());
         let mut k = 0;
         for track in &self.data.tracks {
             plant.reset();

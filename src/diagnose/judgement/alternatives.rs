@@ -94,8 +94,8 @@ pub(super) fn judge(context: &FitContext<'_>, search: &mut SearchResult, place: 
 fn fit_rivals(context: &FitContext<'_>, search: &mut SearchResult, without: usize, base: &Key) {
     let extras = context.setup.extras.len();
     let seen: Vec<_> = search.nodes.iter().map(|n| n.key(extras)).collect();
-    if let Some((parent, tangent)) = context.converged(&search.nodes[without]) {
-        let children = context.children(&parent, &tangent, &seen, RIVALS_TRIED);
+    if let Some(parent) = context.converged(&search.nodes[without]) {
+        let children = context.children(&[parent], &seen, RIVALS_TRIED);
         search.nodes.extend(children);
         refit_rivals(context, search, base);
     }

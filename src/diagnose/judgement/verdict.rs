@@ -109,7 +109,8 @@ fn diagnosis(
     Diagnosis {
         verdict,
         summary: summary(verdict, &effects, delivered.modelled_by(), &location, &fit)
-            + &shape.map_or(String::new(), rest_in_words),
+            + &shape.map_or(String::new(), rest_in_words)
+            + if search.cut_short { CUT_SHORT } else { "" },
         alternatives: alternatives(context, search, refitted, judged, unexplained),
         location,
         next_test: None,
@@ -120,6 +121,7 @@ fn diagnosis(
         candidates: candidates(context, search),
         not_testable: not_testable(context, before),
         unexplained_share,
+        search_cut_short: search.cut_short,
         friction_shape_share: shape.map(|s| s.friction),
         curve_shape_share: shape.and_then(|s| s.curve),
         curves: curves(context.data, residuals),
@@ -219,6 +221,10 @@ fn shape_shares(context: &FitContext<'_>, node: &Node) -> Option<ShapeShares> {
     let (_, sizes) = structure.compared(&node.values)?;
     Some(discrepancy.shares(&sizes, &context.data.weight))
 }
+
+/// Said where the budget of the search was spent.
+const CUT_SHORT: &str = " The search ended at its budget: larger sets of effects were not compared. Diagnose fewer recordings, or \
+    shorter ones.";
 
 fn rest_in_words(shares: ShapeShares) -> String {
     let friction = 100.0 * shares.friction;

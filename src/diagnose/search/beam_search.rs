@@ -2,14 +2,15 @@
 //! selecting cycles.
 
 use super::backward_elimination::{LEAST_SHARE, choose, lowest};
+use super::budget::Budget;
 use crate::diagnose::fitting::{FitContext, Key, LikelihoodScale, Node, PENALTY, Tangent, converge};
 
 /// Sets that are kept from one size to the next. More would cost time in proportion.
 const BEAM_WIDTH: usize = 3;
 /// Largest number of missing effects.
 const MOST_EFFECTS: usize = 3;
-/// Candidates that are fitted for each set, by the size of the set: all of them first, fewer later, to limit the time.
-const CHILDREN: [usize; MOST_EFFECTS] = [usize::MAX, 8, 6];
+/// Sets of each size that are fitted: all single effects, then those with the smallest predicted sums of squares.
+const CHILDREN: [usize; MOST_EFFECTS] = [usize::MAX, 12, 8];
 /// Fall of the baseline's sum of squares, as a share, from which its fit had not converged to its lowest minimum.
 const BETTER_ROOT: f64 = 0.01;
 
@@ -27,6 +28,8 @@ pub(in crate::diagnose) struct SearchResult {
     /// Index of the chosen set.
     pub chosen: usize,
     pub likelihood: LikelihoodScale,
+    /// True where the budget was spent before all sizes of sets were compared.
+    pub cut_short: bool,
 }
 
 /// Runs the search. `progress` gets the share of set sizes that are done, and what is done next.
@@ -36,12 +39,18 @@ pub(super) fn search(
     context: &FitContext<'_>,
     baseline: Node,
     seeds: &[Node],
+    budget: Budget,
     progress: &mut dyn FnMut(f64, &str),
 ) -> SearchResult {
+    let mut cut_short = false;
     let mut nodes = vec![baseline];
     let mut seen = vec![nodes[0].key(context.setup.extras.len())];
     let mut beam = vec![0];
     for (size, &count) in CHILDREN.iter().enumerate() {
+        cut_short = size > 0 && budget.is_spent(context.setup);
+        if cut_short {
+            break;
+        }
         progress(size as f64 / MOST_EFFECTS as f64, STEPS[size]);
         let parents = converge_beam(context, &mut nodes, &beam);
         let before = beam
@@ -49,12 +58,10 @@ pub(super) fn search(
             .map(|&i| nodes[i].cost())
             .fold(f64::INFINITY, f64::min);
         let mut added = Vec::new();
-        for (parent, tangent) in &parents {
-            for child in context.children(parent, tangent, &seen, count) {
-                seen.push(child.key(context.setup.extras.len()));
-                nodes.push(child);
-                added.push(nodes.len() - 1);
-            }
+        for child in context.children(&parents, &seen, count) {
+            seen.push(child.key(context.setup.extras.len()));
+            nodes.push(child);
+            added.push(nodes.len() - 1);
         }
         if size == 0 {
             add_seeds(context, &mut nodes, &mut seen, &mut added, seeds);
@@ -65,7 +72,7 @@ pub(super) fn search(
         if size == 0
             && let Some(root) = better_root(context, &nodes[0], &nodes[best])
         {
-            return search(context, root, seeds, progress);
+            return search(context, root, seeds, budget, progress);
         }
         // Stops where the largest gain would not be accepted. Sums of squares are compared, not effective samples, because
         // unexplained physics correlates the residuals and would end the search too early.
@@ -75,7 +82,7 @@ pub(super) fn search(
         }
         beam = added;
     }
-    chosen(context, nodes)
+    chosen(context, nodes, cut_short)
 }
 
 /// Fits the sets of the beam to convergence, in place, and returns them with their tangents.
@@ -115,7 +122,7 @@ fn add_seeds(
 }
 
 /// Converges the best set, takes the likelihood scale from it and chooses.
-fn chosen(context: &FitContext<'_>, mut nodes: Vec<Node>) -> SearchResult {
+fn chosen(context: &FitContext<'_>, mut nodes: Vec<Node>, cut_short: bool) -> SearchResult {
     let best = lowest(&nodes, |n| n.cost());
     if let Some((converged, _)) = context.converged(&nodes[best]) {
         nodes[best] = converged;
@@ -126,6 +133,7 @@ fn chosen(context: &FitContext<'_>, mut nodes: Vec<Node>) -> SearchResult {
         nodes,
         chosen,
         likelihood,
+        cut_short,
     }
 }
 

@@ -20,7 +20,8 @@ pub(in crate::diagnose) struct SearchStart {
 
 /// Refits the baseline and generalises its friction law where that gains more than an effect must.
 pub(super) fn search_start(context: &FitContext<'_>, first: &Node) -> Option<SearchStart> {
-    let (refitted, tangent) = context.converged(first)?;
+    let parent = context.converged(first)?;
+    let refitted = parent.0.clone();
     let form = context.setup.form.as_ref();
     let general =
         form.and_then(|form| generalise(context, &refitted, form, &(form.effect.starts)(&context.span)));
@@ -28,7 +29,7 @@ pub(super) fn search_start(context: &FitContext<'_>, first: &Node) -> Option<Sea
         (Some(general), Some(form)) => {
             let own = context.setup.model.parameters.len();
             let fitted = general.values[own..general.values.len() - 1].to_vec();
-            seeds(context, &refitted, &tangent, (form, fitted))
+            seeds(context, parent, (form, fitted))
         }
         _ => Vec::new(),
     };
@@ -44,12 +45,11 @@ pub(super) fn search_start(context: &FitContext<'_>, first: &Node) -> Option<Sea
 /// adapts to the missing effect and can hide it. The law starts from what it is without the effect.
 fn seeds(
     context: &FitContext<'_>,
-    refitted: &Node,
-    tangent: &Tangent,
+    parent: (Node, Tangent),
     (form, start): (&Attached, Vec<f64>),
 ) -> Vec<Node> {
     let starts = [start];
-    let mut children = context.children(refitted, tangent, &[], SEEDS_TRIED);
+    let mut children = context.children(&[parent], &[], SEEDS_TRIED);
     children.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
     children.truncate(SEEDS);
     let general = children.iter().filter_map(|child| {

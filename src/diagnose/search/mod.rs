@@ -5,6 +5,7 @@
 //! |---|---|
 //! | `friction_law` | generalises the baseline's friction law before any effect is called missing |
 //! | `beam_search` | beam search over sets of effects |
+//! | `budget` | how much of it there may be |
 //! | `binning`, `near_replicates`, `lack_of_fit` | the structure that a set leaves, which no candidate explains |
 //! | `confounding` | which axes go together over the recorded points |
 //! | `backward_elimination` | the set that is chosen: largest penalised gain, then effects that bring too little are removed |
@@ -15,6 +16,7 @@
 mod backward_elimination;
 mod beam_search;
 mod binning;
+mod budget;
 mod confounding;
 mod friction_law;
 mod lack_of_fit;
@@ -35,7 +37,11 @@ pub(in crate::diagnose) use second_search::DoubtedSearch;
 pub(in crate::diagnose) use simplest_form::simplify;
 
 use crate::diagnose::fitting::{Data, Node, RunSettings, Setup};
+use budget::Budget;
 use friction_law::SearchStart;
+
+/// Share of the budget after which the first search compares no larger sets: what is in doubt needs the rest.
+const FIRST_SHARE: f64 = 0.4;
 
 /// Both searches, with what they started from.
 pub(in crate::diagnose) struct Searches {
@@ -58,15 +64,20 @@ pub(in crate::diagnose) fn searches(
         setup.extras.clone_from(&start.base.attached);
     }
     let context = run.context(setup, data);
-    let mut first = beam_search::search(&context, start.base.clone(), &start.seeds, &mut |share, step| {
-        progress(0.15 + 0.6 * share, step);
-    });
+    let budget = Budget::up_to(FIRST_SHARE);
+    let mut first = beam_search::search(
+        &context,
+        start.base.clone(),
+        &start.seeds,
+        budget,
+        &mut |share, step| progress(0.15 + 0.6 * share, step),
+    );
     let chosen = first.chosen;
     simplify(&context, &mut first, chosen);
     if setup.model.slow {
         progress(0.75, "refitting the best sets on the model itself");
         let fits = (&mut start.refitted, &start.base);
-        first = on_the_model::confirm(setup, data, run, fits, first);
+        first = on_the_model::confirm(setup, data, run, fits, first, budget);
     }
     let second = second_search::search_again(run, setup, data, &start, &first, &mut |share, step| {
         progress(0.75 + 0.05 * share, step);

@@ -2,6 +2,7 @@
 
 use super::backward_elimination::{choose, without};
 use super::beam_search::{SearchResult, search};
+use super::budget::Budget;
 use crate::diagnose::fitting::{
     Data, FitContext, Key, LikelihoodScale, Node, RunSettings, Setup, Tangent, expand, refine,
 };
@@ -23,6 +24,7 @@ pub(super) fn confirm(
     run: &RunSettings,
     (refitted, base): (&mut Node, &Node),
     mut found: SearchResult,
+    budget: Budget,
 ) -> SearchResult {
     for round in 1..=SEARCHES {
         let chosen = found.nodes[found.chosen].clone();
@@ -34,7 +36,7 @@ pub(super) fn confirm(
         let converged = context
             .converged(base)
             .map_or_else(|| base.clone(), |(node, _)| node);
-        found = search(&context, converged, &[], &mut |_, _| {});
+        found = search(&context, converged, &[], budget, &mut |_, _| {});
     }
     let context = run.context(setup, data);
     refit(&context, std::slice::from_mut(refitted), &[0]);

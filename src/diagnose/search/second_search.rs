@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::backward_elimination::penalty;
 use super::beam_search::{SearchResult, search};
+use super::budget::Budget;
 use super::friction_law::SearchStart;
 use super::lack_of_fit::{LACK_GAIN, LACK_POWER};
 use super::simplest_form;
@@ -34,7 +35,7 @@ pub(super) fn search_again(
         return None;
     }
     let mut best: Option<DoubtedSearch> = None;
-    for doubt in [Doubt::Friction, Doubt::FrictionAndCurve] {
+    for (doubt, share) in [(Doubt::Friction, 0.7), (Doubt::FrictionAndCurve, 1.0)] {
         let set = &first.nodes[first.chosen];
         let mut doubted = data.clone();
         doubted.discrepancy = Some(Arc::new(of_set(&run.context(setup, data), set, doubt)?));
@@ -43,7 +44,8 @@ pub(super) fn search_again(
         if !is_asked_for(&context, before, doubt) {
             continue;
         }
-        let Some((search, freedom)) = doubted_search(&context, start, first, progress) else {
+        let budget = Budget::up_to(share);
+        let Some((search, freedom)) = doubted_search(&context, start, first, budget, progress) else {
             continue;
         };
         let cost = |result: &SearchResult, freedom: f64| {
@@ -81,11 +83,12 @@ fn doubted_search(
     context: &FitContext<'_>,
     start: &SearchStart,
     first: &SearchResult,
+    budget: Budget,
     progress: &mut dyn FnMut(f64, &str),
 ) -> Option<(SearchResult, f64)> {
     let again = |node: &Node| context.converged(node).map(|(node, _)| node);
     let seeds: Vec<Node> = start.seeds.iter().filter_map(again).collect();
-    let mut search = search(context, again(&first.nodes[0])?, &seeds, progress);
+    let mut search = search(context, again(&first.nodes[0])?, &seeds, budget, progress);
     let set = search.chosen;
     simplest_form::simplify(context, &mut search, set);
     let chosen = &search.nodes[search.chosen];

@@ -58,6 +58,11 @@ pub(crate) struct FrictionLaw {
 /// All laws. The first one is the default.
 pub(crate) static LAWS: &[FrictionLaw] = &[presliding::LAW, sharp::LAW, tanh::LAW, none::LAW];
 
+/// No friction: what a model takes whose friction is in a general law around it, or zero.
+pub(crate) fn without() -> Box<dyn DragLaw> {
+    (none::LAW.build)(0.0, &[])
+}
+
 /// The law that a structure table names, or the default. The error says what is wrong and which names exist.
 pub(crate) fn chosen(name: Option<&toml::Value>) -> Result<&'static FrictionLaw, String> {
     let Some(name) = name else {
