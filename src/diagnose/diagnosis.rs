@@ -351,6 +351,9 @@ pub struct Diagnosis {
     /// Recordings that nothing was fitted to.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub left_out: Vec<LeftOutRecording>,
+    /// Steps of the model that the diagnosis took: its work, the same on every machine.
+    #[serde(skip)]
+    pub(crate) model_steps: u64,
     /// The baseline with its own parameters refitted.
     #[serde(skip)]
     pub(crate) refitted: ImprovedModel,

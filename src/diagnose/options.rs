@@ -35,3 +35,14 @@ impl Default for DiagnoseOptions {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn many_recordings_are_thinned_further_but_not_to_nothing() {
+        let points = |recordings| DiagnoseOptions::default().points_of_each(recordings);
+        assert_eq!([1, 8, 16, 40, 1000].map(points), [3000, 3000, 1500, 600, 600]);
+    }
+}

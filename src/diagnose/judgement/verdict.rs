@@ -122,6 +122,7 @@ fn diagnosis(
         not_testable: not_testable(context, before),
         unexplained_share,
         search_cut_short: search.cut_short,
+        model_steps: context.setup.steps(),
         friction_shape_share: shape.map(|s| s.friction),
         curve_shape_share: shape.and_then(|s| s.curve),
         curves: curves(context.data, residuals),
