@@ -11,6 +11,7 @@ pub(crate) mod diagnose;
 mod export;
 mod hold;
 mod identify;
+mod import;
 mod mock_rig;
 mod papers;
 mod plan;
@@ -90,6 +91,7 @@ static COMMANDS: &[CommandEntry] = &[
     CommandEntry::of::<status::StatusArgs>(),
     CommandEntry::of::<runs::RunsArgs>(),
     CommandEntry::of::<export::ExportArgs>(),
+    CommandEntry::of::<import::ImportArgs>(),
     CommandEntry::of::<plan::PlanArgs>(),
     CommandEntry::of::<simulate::SimulateArgs>(),
     CommandEntry::of::<identify::IdentifyArgs>(),
