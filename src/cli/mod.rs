@@ -25,6 +25,7 @@ mod simulate;
 mod status;
 mod stop;
 mod tare;
+mod watch;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -83,6 +84,7 @@ fn parse_and_run<C: CliCommand>(matches: &ArgMatches, output: &Output) -> Result
 static COMMANDS: &[CommandEntry] = &[
     CommandEntry::of::<daemon::DaemonArgs>(),
     CommandEntry::of::<run::RunArgs>(),
+    CommandEntry::of::<watch::WatchArgs>(),
     CommandEntry::of::<stop::StopArgs>(),
     CommandEntry::of::<hold::HoldArgs>(),
     CommandEntry::of::<resume::ResumeArgs>(),
