@@ -13,6 +13,7 @@ mod hold;
 mod identify;
 mod import;
 mod mock_rig;
+mod new;
 mod papers;
 mod plan;
 mod reset;
@@ -94,6 +95,7 @@ static COMMANDS: &[CommandEntry] = &[
     CommandEntry::of::<runs::RunsArgs>(),
     CommandEntry::of::<export::ExportArgs>(),
     CommandEntry::of::<import::ImportArgs>(),
+    CommandEntry::of::<new::NewArgs>(),
     CommandEntry::of::<plan::PlanArgs>(),
     CommandEntry::of::<simulate::SimulateArgs>(),
     CommandEntry::of::<identify::IdentifyArgs>(),
