@@ -5,6 +5,7 @@
 //! progress, Ctrl-C, the client of the daemon, the files of this computer, the virtual bench) is in `shared`.
 
 mod blind;
+mod completions;
 mod daemon;
 mod demo;
 pub(crate) mod diagnose;
@@ -12,6 +13,7 @@ mod export;
 mod hold;
 mod identify;
 mod import;
+mod man;
 mod mock_rig;
 mod new;
 mod papers;
@@ -105,6 +107,8 @@ static COMMANDS: &[CommandEntry] = &[
     CommandEntry::of::<diagnose::DiagnoseArgs>(),
     CommandEntry::of::<blind::BlindArgs>(),
     CommandEntry::of::<demo::DemoArgs>(),
+    CommandEntry::of::<completions::CompletionsArgs>(),
+    CommandEntry::of::<man::ManArgs>(),
 ];
 
 /// How a command ended that met no error.
