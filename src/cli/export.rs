@@ -17,7 +17,7 @@ const SO_FAR: &str = "-so-far";
 /// Write a run as CSV with its data package, and its cycles as a second CSV; needs no daemon
 #[derive(Debug, Args)]
 pub(super) struct ExportArgs {
-    /// Run id, `latest`, or a .leafrun file
+    /// Run id, whole or short, `latest`, or a .leafrun file
     #[arg(value_name = "RUN")]
     run: String,
     /// Folder to write to
