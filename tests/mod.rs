@@ -5,6 +5,7 @@ mod bench_configs;
 mod blind;
 mod clean_runs;
 mod cli;
+mod command_line;
 mod control;
 mod control_faults;
 mod daemon;

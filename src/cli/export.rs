@@ -5,16 +5,19 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::shared::client::DataArg;
+use super::shared::local;
 use super::{CliCommand, CliError, Done, Output};
-use crate::daemon::store::Store;
-use crate::recording::atomic_file;
 use crate::recording::export::{self, Selection};
 use crate::recording::run_file::{EXTENSION, GapCause, RunFile, Survey};
+use crate::recording::{atomic_file, datapackage};
+
+/// In the file names of a run that has no end yet.
+const SO_FAR: &str = "-so-far";
 
 /// Write a run as CSV with its data package, and its cycles as a second CSV; needs no daemon
 #[derive(Debug, Args)]
 pub(super) struct ExportArgs {
-    /// Run id, `latest`, or a .leafrun file
+    /// Run id, whole or short, `latest`, or a .leafrun file
     #[arg(value_name = "RUN")]
     run: String,
     /// Folder to write to
@@ -22,6 +25,9 @@ pub(super) struct ExportArgs {
     out: PathBuf,
     #[command(flatten)]
     part: PartArgs,
+    /// Replace files that are there already
+    #[arg(long)]
+    force: bool,
     #[command(flatten)]
     data: DataArg,
 }
@@ -58,6 +64,8 @@ struct Written {
     csv: PathBuf,
     datapackage: PathBuf,
     cycles_csv: Option<PathBuf>,
+    /// The run has no end yet: the files hold what was recorded so far.
+    still_going: bool,
     rows: u64,
     lost: u64,
     late: u64,
@@ -82,18 +90,24 @@ impl CliCommand for ExportArgs {
         atomic_file::create_private_folder(&folder)
             .map_err(CliError::file(&folder, "creating the folder"))?;
         let (selection, suffix) = self.part.selection();
+        let still_going = file.outcome().is_none();
+        let mark = if still_going { SO_FAR } else { "" };
         let run_id = file.header().run_id.clone();
-        let exported = export::export(&file, selection, &folder.join(format!("{run_id}{suffix}.csv")))?;
+        let csv = folder.join(format!("{run_id}{suffix}{mark}.csv"));
+        let cycles_csv = folder.join(format!("{run_id}{mark}.cycles.csv"));
+        // What is known of a run that goes on is out of date at the next export. The table of cycles is the same for every part.
+        local::require_new(&[&csv, &datapackage::path_of(&csv)], self.force || still_going)?;
+        let exported = export::export(&file, selection, &csv)?;
         let cycles_csv = match exported.survey.cycles.is_empty() {
             true => None,
             false => {
-                let path = folder.join(format!("{run_id}.cycles.csv"));
-                export::export_cycles(&file, &path)?;
-                Some(path)
+                export::export_cycles(&file, &cycles_csv)?;
+                Some(cycles_csv)
             }
         };
         let partial = exported.is_partial();
         let written = Written {
+            still_going,
             rows: exported.rows,
             lost: exported.survey.lost,
             late: exported.survey.late,
@@ -116,7 +130,7 @@ impl ExportArgs {
         if path.extension().is_some_and(|e| e == EXTENSION) {
             return Ok(path.to_owned());
         }
-        find_run(&self.data.folder, &self.run)
+        Ok(local::find_run(&self.data.folder, &self.run)?.path)
     }
 }
 
@@ -132,6 +146,13 @@ fn text(w: &Written) -> String {
         w.datapackage.display().to_string(),
     ];
     lines.extend(w.cycles_csv.as_ref().map(|path| path.display().to_string()));
+    if w.still_going {
+        lines.push(
+            "NOT WHOLE: the run is still going, or its daemon was killed: the files end at its newest sample; export it again \
+             after its end"
+                .to_owned(),
+        );
+    }
     let told = w.damage.iter().chain(&w.missing);
     lines.extend(told.map(|sentence| format!("NOT WHOLE: {sentence}")));
     lines.join("\n")
@@ -154,18 +175,4 @@ fn missing_ranges(survey: &Survey, sample_rate_hz: f64) -> Vec<String> {
         ))
     });
     missing.collect()
-}
-
-/// Path of the run file in a data folder, by run id or `latest`.
-pub(super) fn find_run(folder: &Path, id: &str) -> Result<PathBuf, CliError> {
-    let missing = || {
-        CliError::Input(format!(
-            "there is no run \"{id}\" in {}: list the runs with `leafbench runs`, or name another folder with --data",
-            folder.display()
-        ))
-    };
-    if !folder.is_dir() {
-        return Err(missing());
-    }
-    Ok(Store::new(folder).find(id)?.ok_or_else(missing)?.path)
 }

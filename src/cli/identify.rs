@@ -13,13 +13,13 @@ use super::{CliCommand, CliError, Done, Output};
 use crate::config::{ModelConfig, Specimen};
 use crate::identify::curve::Initial;
 use crate::identify::target_table::read_targets;
-use crate::identify::targets::TargetProblem;
+use crate::identify::targets::{Aggregate, LoopTarget, TargetProblem};
 use crate::identify::{
     CurveProblem, Fit, FitControl, FitEnding, FitOptions, IdentifyError, Method, Residuals,
     differential_evolution, fit, least_squares, nelder_mead,
 };
 use crate::model::{self, Model};
-use crate::recording::csv;
+use crate::recording::{Recording, csv};
 use crate::regular_file::{self, TABLE_MAX_BYTES};
 
 /// Fit a model's parameters to recordings, or to a table of peak forces and loop energies
@@ -110,7 +110,8 @@ impl CliCommand for IdentifyArgs {
             seed: self.seed,
             ..FitOptions::default()
         };
-        let fitted = fit_with_progress(problem.as_ref(), &options, output)?;
+        let fitted = fit_with_progress(problem.residuals(), &options, output)?;
+        let errors = problem.errors(&fitted.values)?;
         for (p, value) in fitted.parameters.iter().zip(&fitted.values) {
             specimen.model.parameters.insert(p.name.to_owned(), *value);
         }
@@ -118,8 +119,8 @@ impl CliCommand for IdentifyArgs {
             let text = toml::to_string(&specimen).map_err(|e| CliError::Internal(e.to_string()))?;
             std::fs::write(path, text).map_err(CliError::file(path, "writing"))?;
         }
-        output.result(&json(&specimen.model.name, &fitted), || {
-            text(&fitted, self.out.as_deref())
+        output.result(&json(&specimen.model.name, &fitted, &errors), || {
+            text(&fitted, &errors, self.out.as_deref())
         })?;
         Ok(Done::success_if(fitted.ending == FitEnding::Converged))
     }
@@ -186,11 +187,7 @@ impl IdentifyArgs {
         Ok(fixed)
     }
 
-    fn problem<'a>(
-        &self,
-        model: &'static Model,
-        structure: &'a toml::Table,
-    ) -> Result<Box<dyn Residuals + 'a>, CliError> {
+    fn problem<'a>(&self, model: &'static Model, structure: &'a toml::Table) -> Result<FitTo<'a>, CliError> {
         if let Some(path) = &self.targets {
             return table_problem(path, model, structure);
         }
@@ -205,7 +202,7 @@ impl IdentifyArgs {
             .map(|path| csv::read_file(path))
             .collect::<Result<Vec<_>, _>>()?;
         let problem = CurveProblem::of_model(model, structure, &recordings, self.begin.initial())?;
-        Ok(Box::new(problem))
+        Ok(FitTo::Recordings(problem, recordings))
     }
 }
 
@@ -233,12 +230,92 @@ impl RecordingStart {
     }
 }
 
+/// What the parameters are fitted to.
+enum FitTo<'a> {
+    Recordings(CurveProblem<'a>, Vec<Recording>),
+    Table(TargetProblem<'a>, Vec<LoopTarget>),
+}
+
+/// How far the fitted model is from what was measured.
+#[derive(Debug, PartialEq, serde::Serialize)]
+struct FitError {
+    /// The recording by its name, or the row of the table.
+    of: String,
+    /// Root mean square of the difference over the samples that were compared; of a table, the difference of the peak force.
+    error_n: f64,
+    /// The same in percent of the recording's range of force; of a table, of the measured peak force.
+    error_percent: f64,
+    /// Difference of the loop energy in J and in percent of the measured one; tables only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    energy_error: Option<[f64; 2]>,
+}
+
+impl FitTo<'_> {
+    fn residuals(&self) -> &dyn Residuals {
+        match self {
+            FitTo::Recordings(problem, _) => problem,
+            FitTo::Table(problem, _) => problem,
+        }
+    }
+
+    /// The error on each recording or row with these values of the parameters.
+    fn errors(&self, values: &[f64]) -> Result<Vec<FitError>, CliError> {
+        match self {
+            FitTo::Recordings(problem, recordings) => errors_on_recordings(problem, recordings, values),
+            FitTo::Table(problem, targets) => {
+                let model = problem.measure(values)?;
+                Ok(model.iter().zip(targets).enumerate().map(error_on_row).collect())
+            }
+        }
+    }
+}
+
+/// The residuals of a recording are shares of its range of force.
+fn errors_on_recordings(
+    problem: &CurveProblem<'_>,
+    recordings: &[Recording],
+    values: &[f64],
+) -> Result<Vec<FitError>, CliError> {
+    let mut residuals = vec![0.0; problem.count()];
+    problem.evaluate(values, &mut residuals)?;
+    let mut rest = residuals.as_slice();
+    let mut errors = Vec::new();
+    for (count, recording) in problem.stretches().into_iter().zip(recordings) {
+        let (own, others) = rest.split_at(count);
+        rest = others;
+        if count == 0 {
+            continue;
+        }
+        let force = recording.force_n.iter().copied();
+        let range_n = force.clone().fold(f64::NEG_INFINITY, f64::max) - force.fold(f64::INFINITY, f64::min);
+        let share = (own.iter().map(|r| r * r).sum::<f64>() / count as f64).sqrt();
+        errors.push(FitError {
+            of: recording.name.clone(),
+            error_n: share * range_n,
+            error_percent: 100.0 * share,
+            energy_error: None,
+        });
+    }
+    Ok(errors)
+}
+
+fn error_on_row((index, (model, target)): (usize, (&Aggregate, &LoopTarget))) -> FitError {
+    let measured = &target.measured;
+    let [force, energy] = model.errors(measured);
+    FitError {
+        of: format!("row {}", index + 1),
+        error_n: model.peak_force_n - measured.peak_force_n,
+        error_percent: 100.0 * force,
+        energy_error: Some([model.loop_energy_j - measured.loop_energy_j, 100.0 * energy]),
+    }
+}
+
 /// The fit to a table of peak forces and loop energies.
 fn table_problem<'a>(
     path: &Path,
     model: &'static Model,
     structure: &'a toml::Table,
-) -> Result<Box<dyn Residuals + 'a>, CliError> {
+) -> Result<FitTo<'a>, CliError> {
     let table = regular_file::read(path, TABLE_MAX_BYTES).map_err(CliError::file(path, "reading"))?;
     let targets = read_targets(table.as_slice())?;
     if targets.is_empty() {
@@ -248,11 +325,8 @@ fn table_problem<'a>(
         )));
     }
     let factory = move |values: &[f64]| model.plant(values, structure);
-    Ok(Box::new(TargetProblem::new(
-        model.parameters.to_vec(),
-        Box::new(factory),
-        targets,
-    )))
+    let problem = TargetProblem::new(model.parameters.to_vec(), Box::new(factory), targets.clone());
+    Ok(FitTo::Table(problem, targets))
 }
 
 /// Fits with a progress bar; Ctrl-C ends the fit with the best values so far.
@@ -275,7 +349,20 @@ fn fit_with_progress(
     fitted
 }
 
-fn text(fit: &Fit, out: Option<&Path>) -> String {
+/// The error on a recording or a row as the terminal shows it.
+fn error_line(error: &FitError) -> String {
+    let (of, n, percent) = (&error.of, error.error_n, error.error_percent);
+    match error.energy_error {
+        None => format!("error on {of}: {n:.2} N rms, {percent:.2} % of the range of force"),
+        Some([j, energy_percent]) => {
+            format!(
+                "error on {of}: peak force {n:+.2} N ({percent:+.2} %), loop energy {j:+.3} J ({energy_percent:+.2} %)"
+            )
+        }
+    }
+}
+
+fn text(fit: &Fit, errors: &[FitError], out: Option<&Path>) -> String {
     let mut text = String::new();
     for (i, p) in fit.parameters.iter().enumerate() {
         let note = match (fit.free[i], fit.ci95[i]) {
@@ -295,6 +382,9 @@ fn text(fit: &Fit, out: Option<&Path>) -> String {
         "{how}, {} evaluations, cost {:.6e}",
         fit.evaluations, fit.cost
     );
+    for error in errors {
+        let _ = writeln!(text, "{}", error_line(error));
+    }
     for warning in &fit.warnings {
         let _ = writeln!(text, "warning: {warning}");
     }
@@ -304,7 +394,7 @@ fn text(fit: &Fit, out: Option<&Path>) -> String {
     text
 }
 
-fn json(model: &str, fit: &Fit) -> serde_json::Value {
+fn json(model: &str, fit: &Fit, errors: &[FitError]) -> serde_json::Value {
     let parameters: Vec<_> = (0..fit.parameters.len())
         .map(|i| {
             serde_json::json!({ "name": fit.parameters[i].name, "unit": fit.parameters[i].unit, "value": fit.values[i],
@@ -312,6 +402,67 @@ fn json(model: &str, fit: &Fit) -> serde_json::Value {
         })
         .collect();
     let warnings: Vec<String> = fit.warnings.iter().map(ToString::to_string).collect();
-    serde_json::json!({ "model": model, "parameters": parameters, "cost": fit.cost, "evaluations": fit.evaluations,
+    serde_json::json!({ "model": model, "parameters": parameters, "cost": fit.cost, "errors": errors, "evaluations": fit.evaluations,
                         "converged": fit.converged(), "stopped": fit.ending == FitEnding::Stopped, "warnings": warnings })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A recording whose force lies beside that of the model: every other sample above and below it.
+    #[test]
+    fn the_error_is_in_newtons_and_in_percent_of_the_range() {
+        let model = model::find("equivalent").expect("listed");
+        let structure = toml::Table::new();
+        let values = [0.0, 100.0, 0.0, 0.4];
+        let mut plant = model.plant(&values, &structure).expect("built");
+        let displacement_mm: Vec<f64> = (0..=200).map(|i| f64::from(i) * 0.05).collect();
+        let beside = |(i, x): (usize, &f64)| plant.step(*x, 0.01) + if i % 2 == 0 { 4.0 } else { -4.0 };
+        let recording = Recording {
+            name: "a.csv".to_owned(),
+            time_s: (0..=200).map(|i| f64::from(i) * 0.01).collect(),
+            force_n: displacement_mm.iter().enumerate().map(beside).collect(),
+            displacement_mm,
+            ..Recording::default()
+        };
+        let recordings = vec![recording];
+        let problem =
+            CurveProblem::of_model(model, &structure, &recordings, Initial::FromRest).expect("fits");
+        let errors = FitTo::Recordings(problem, recordings)
+            .errors(&values)
+            .expect("evaluated");
+        let [error] = errors.as_slice() else {
+            panic!("{errors:?}");
+        };
+        // From 1 N (the second sample, 4 N below 5 N) to 1004 N; a double rounds at 1e-12 of that.
+        assert!(
+            (error.error_n - 4.0).abs() < 1e-9 && (error.error_percent - 0.4 / 1.003).abs() < 1e-9,
+            "{error:?}"
+        );
+        assert_eq!(
+            error_line(error),
+            "error on a.csv: 4.00 N rms, 0.40 % of the range of force"
+        );
+    }
+
+    #[test]
+    fn the_error_on_a_row_has_both_figures() {
+        let aggregate = |peak_force_n, loop_energy_j| Aggregate {
+            peak_force_n,
+            loop_energy_j,
+        };
+        let target = LoopTarget {
+            motion: crate::identify::targets::TargetMotion::Ramp {
+                stroke_mm: 1.0,
+                duration_s: 1.0,
+            },
+            measured: aggregate(200.0, 2.0),
+        };
+        let error = error_on_row((0, (&aggregate(210.0, 1.5), &target)));
+        assert_eq!(
+            error_line(&error),
+            "error on row 1: peak force +10.00 N (+5.00 %), loop energy -0.500 J (-25.00 %)"
+        );
+    }
 }

@@ -5,13 +5,17 @@
 //! progress, Ctrl-C, the client of the daemon, the files of this computer, the virtual bench) is in `shared`.
 
 mod blind;
+mod completions;
 mod daemon;
 mod demo;
 pub(crate) mod diagnose;
 mod export;
 mod hold;
 mod identify;
+mod import;
+mod man;
 mod mock_rig;
+mod new;
 mod papers;
 mod plan;
 mod reset;
@@ -24,6 +28,7 @@ mod simulate;
 mod status;
 mod stop;
 mod tare;
+mod watch;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -82,6 +87,7 @@ fn parse_and_run<C: CliCommand>(matches: &ArgMatches, output: &Output) -> Result
 static COMMANDS: &[CommandEntry] = &[
     CommandEntry::of::<daemon::DaemonArgs>(),
     CommandEntry::of::<run::RunArgs>(),
+    CommandEntry::of::<watch::WatchArgs>(),
     CommandEntry::of::<stop::StopArgs>(),
     CommandEntry::of::<hold::HoldArgs>(),
     CommandEntry::of::<resume::ResumeArgs>(),
@@ -90,6 +96,8 @@ static COMMANDS: &[CommandEntry] = &[
     CommandEntry::of::<status::StatusArgs>(),
     CommandEntry::of::<runs::RunsArgs>(),
     CommandEntry::of::<export::ExportArgs>(),
+    CommandEntry::of::<import::ImportArgs>(),
+    CommandEntry::of::<new::NewArgs>(),
     CommandEntry::of::<plan::PlanArgs>(),
     CommandEntry::of::<simulate::SimulateArgs>(),
     CommandEntry::of::<identify::IdentifyArgs>(),
@@ -99,6 +107,8 @@ static COMMANDS: &[CommandEntry] = &[
     CommandEntry::of::<diagnose::DiagnoseArgs>(),
     CommandEntry::of::<blind::BlindArgs>(),
     CommandEntry::of::<demo::DemoArgs>(),
+    CommandEntry::of::<completions::CompletionsArgs>(),
+    CommandEntry::of::<man::ManArgs>(),
 ];
 
 /// How a command ended that met no error.
@@ -142,12 +152,26 @@ impl Output {
 
     /// The error with all its causes, outermost first.
     fn error(&self, error: &CliError) {
-        let text = crate::daemon::chain(error);
+        self.error_text(&crate::daemon::chain(error), error.exit_code());
+    }
+
+    fn error_text(&self, text: &str, exit_code: u8) {
         let mut stderr = std::io::stderr().lock();
         let _ = match self.json {
-            true => writeln!(stderr, "{}", serde_json::json!({ "error": text })),
+            true => writeln!(
+                stderr,
+                "{}",
+                serde_json::json!({ "error": text, "exit_code": exit_code })
+            ),
             false => writeln!(stderr, "error: {text}"),
         };
+    }
+
+    /// A line for people on stderr, beside the result; scripts get none.
+    fn note(&self, text: &str) {
+        if !self.json {
+            eprintln!("note: {text}");
+        }
     }
 }
 
@@ -156,9 +180,7 @@ pub fn main() -> ExitCode {
     let matches = match command_line().try_get_matches() {
         Ok(matches) => matches,
         Err(error) => {
-            // Help and version come this way too. A closed stdout is not an error.
-            let _ = error.print();
-            return ExitCode::from(if error.use_stderr() { 2 } else { 0 });
+            return refused_arguments(&error);
         }
     };
     let Some((name, arguments)) = matches.subcommand() else {
@@ -180,8 +202,31 @@ pub fn main() -> ExitCode {
     }
 }
 
+/// Prints why the arguments cannot be used. Help and version come this way too.
+fn refused_arguments(error: &clap::Error) -> ExitCode {
+    // The arguments were not understood, so it is only known that the word is among them.
+    let json = std::env::args_os().any(|argument| argument == "--json");
+    match (error.use_stderr(), json) {
+        (true, true) => {
+            let text = error.to_string();
+            let text = text.trim().trim_start_matches("error: ");
+            Output { json }.error_text(text, UNUSABLE);
+        }
+        // A closed stdout is not an error.
+        _ => {
+            let _ = error.print();
+        }
+    }
+    ExitCode::from(if error.use_stderr() { UNUSABLE } else { 0 })
+}
+
+/// Exit code of unusable input or usage.
+const UNUSABLE: u8 = 2;
+/// Name of the program.
+const PROGRAM: &str = "leafbench";
+
 fn command_line() -> clap::Command {
-    Output::augment_args(clap::Command::new("leafbench"))
+    Output::augment_args(clap::Command::new(PROGRAM))
         .about("Controls a leaf-spring test bench, records it, and steps a virtual twin beside it")
         .version(env!("CARGO_PKG_VERSION"))
         .subcommand_required(true)
@@ -231,6 +276,8 @@ mod tests {
         for entry in COMMANDS {
             assert!(!entry.examples.is_empty(), "{}", entry.name);
             for example in entry.examples {
+                // Quotes are for the shell.
+                let example = example.replace('"', "");
                 let words = example.split_whitespace();
                 let matches = command_line()
                     .try_get_matches_from(words.clone())

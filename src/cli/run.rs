@@ -9,7 +9,7 @@ use clap::Args;
 
 use super::shared::client::{Client, DataArg};
 use super::shared::ctrl_c::ctrl_c_count;
-use super::shared::local::profile_help;
+use super::shared::local::{self, WrittenKind, profile_help};
 use super::shared::progress::Progress;
 use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::client_types::{RunProgress, RunState, StartRun, Started, Status};
@@ -52,7 +52,7 @@ impl CliCommand for RunArgs {
         let client = self.data.client()?;
         let order = self.order()?;
         let interrupts = ctrl_c_count();
-        let started = start(&client, order, &interrupts)?;
+        let started = start(&client, order, &interrupts, output)?;
         if !output.json {
             eprintln!("run {} started; page: {}", started.run_id, client.page());
         }
@@ -68,6 +68,7 @@ impl RunArgs {
             // The daemon may run in another folder, so it gets the text of the file.
             Some(path) if path.ends_with(".toml") => {
                 let path = Path::new(&path);
+                local::require_file(path, WrittenKind::Profile)?;
                 let text = regular_file::read_text(path, WRITTEN_MAX_BYTES);
                 Some(text.map_err(CliError::file(path, "reading"))?)
             }
@@ -84,7 +85,12 @@ impl RunArgs {
 }
 
 /// Asks for a run and waits until it begins. Ctrl-C in the meantime stops it.
-pub(super) fn start(client: &Client, order: StartRun, interrupts: &AtomicU32) -> Result<Started, CliError> {
+pub(super) fn start(
+    client: &Client,
+    order: StartRun,
+    interrupts: &AtomicU32,
+    output: &Output,
+) -> Result<Started, CliError> {
     let (answered, answer) = mpsc::channel();
     let asking = client.clone();
     std::thread::Builder::new()
@@ -106,7 +112,7 @@ pub(super) fn start(client: &Client, order: StartRun, interrupts: &AtomicU32) ->
         match interrupts.load(Ordering::Relaxed) {
             0 => {}
             1 => {
-                if !std::mem::replace(&mut told, true) {
+                if !std::mem::replace(&mut told, true) && !output.json {
                     eprintln!(
                         "\nCtrl-C: stopping the run before it begins (press Ctrl-C again to leave without waiting)"
                     );
@@ -138,9 +144,11 @@ pub(super) fn wait(
         let pressed = interrupts.load(Ordering::Relaxed);
         if pressed > 0 && !stop_asked {
             stop_asked = true;
-            eprintln!(
-                "\nCtrl-C: stopping the run, the rig unloads (press Ctrl-C again to leave without waiting)"
-            );
+            if !output.json {
+                eprintln!(
+                    "\nCtrl-C: stopping the run, the rig unloads (press Ctrl-C again to leave without waiting)"
+                );
+            }
             // A daemon that no longer answers is seen at the next status.
             let _ = client.stop(Some(STOP_REASON.to_owned()));
         } else if pressed > 1 {
@@ -159,7 +167,9 @@ pub(super) fn wait(
         };
         if run.disk_problem != told && !run.is_over() {
             told.clone_from(&run.disk_problem);
-            eprintln!("{}", disk_alarm(&told));
+            if !output.json {
+                eprintln!("{}", disk_alarm(&told));
+            }
         }
         if run.is_over() {
             if let Some(progress) = progress {
@@ -182,7 +192,8 @@ fn disk_alarm(problem: &str) -> String {
     }
 }
 
-fn text(run: &RunProgress) -> String {
+/// The end of a run as the terminal shows it.
+pub(super) fn text(run: &RunProgress) -> String {
     if run.state == RunState::NeverStarted {
         return format!("run {} did not start: {}", run.run_id, run.cause);
     }

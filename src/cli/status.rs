@@ -1,6 +1,8 @@
 //! `leafbench status`.
 
-use clap::Args;
+use std::time::{Duration, Instant};
+
+use clap::{Args, ValueEnum};
 
 use super::shared::client::DataArg;
 use super::shared::progress::duration;
@@ -10,22 +12,103 @@ use crate::control::realtime::LoopHealth;
 use crate::daemon::client_types::Status;
 use crate::protocol::message::Cause;
 
+/// Pause between two looks while waiting.
+const LOOK_PERIOD: Duration = Duration::from_millis(100);
+
 /// Show what the bench is doing
 #[derive(Debug, Args)]
 pub(super) struct StatusArgs {
+    /// Wait until the bench is in this state, also for a daemon that is not there yet; exit code 1 if it does not come
+    #[arg(long, value_name = "STATE", value_enum)]
+    wait: Option<AwaitedState>,
+    /// Longest time to wait, in s
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        requires = "wait",
+        default_value_t = 60,
+        value_parser = clap::value_parser!(u64).range(0..=86_400)
+    )]
+    timeout: u64,
     #[command(flatten)]
     data: DataArg,
 }
 
+/// What `--wait` can wait for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum AwaitedState {
+    /// The rig is at rest and takes a run
+    Ready,
+}
+
 impl CliCommand for StatusArgs {
     const NAME: &'static str = "status";
-    const EXAMPLES: &'static [&'static str] = &["leafbench status", "leafbench status --json"];
+    const EXAMPLES: &'static [&'static str] =
+        &["leafbench status", "leafbench status --wait ready --timeout 30"];
 
     fn run(self, output: &Output) -> Result<Done, CliError> {
+        let deadline = Instant::now() + Duration::from_secs(self.timeout);
+        loop {
+            let asked = self.ask();
+            let is_late = Instant::now() >= deadline;
+            match asked {
+                Err(CliError::NoDaemon { .. }) if self.wait.is_some() && !is_late => {}
+                Err(error) => return Err(error),
+                Ok((status, page)) => {
+                    if let Some(unmet) = self.unmet(&status, is_late) {
+                        match unmet {
+                            Unmet::NotYet => {}
+                            Unmet::InVain(why) => {
+                                output.result(&status, || {
+                                    format!("{}\nNOT READY: {why}", text(&status, &page))
+                                })?;
+                                return Ok(Done::Negative);
+                            }
+                        }
+                    } else {
+                        output.result(&status, || text(&status, &page))?;
+                        return Ok(Done::Success);
+                    }
+                }
+            }
+            std::thread::sleep(LOOK_PERIOD);
+        }
+    }
+}
+
+/// The state that was asked for is not there.
+enum Unmet {
+    /// It may come.
+    NotYet,
+    /// It does not come, or not in time; why.
+    InVain(String),
+}
+
+impl StatusArgs {
+    /// The status, and the address of the page.
+    fn ask(&self) -> Result<(Status, String), CliError> {
         let client = self.data.client()?;
-        let status: Status = client.get("/api/status")?;
-        output.result(&status, || text(&status, &client.page()))?;
-        Ok(Done::Success)
+        Ok((client.get("/api/status")?, client.page()))
+    }
+
+    /// Whether the bench is not in the state that was asked for.
+    fn unmet(&self, status: &Status, is_late: bool) -> Option<Unmet> {
+        let AwaitedState::Ready = self.wait?;
+        match status.rig.phase {
+            Phase::Ready if !status.preparing => None,
+            // A person must come: no time brings it to rest.
+            Phase::Interlocked => Some(Unmet::InVain(phase_text(Phase::Interlocked).to_owned())),
+            phase if is_late => Some(Unmet::InVain(format!(
+                "after {} s the bench is {}",
+                self.timeout,
+                if status.preparing {
+                    "preparing a run"
+                } else {
+                    phase_text(phase)
+                }
+            ))),
+            _ => Some(Unmet::NotYet),
+        }
     }
 }
 
@@ -152,6 +235,36 @@ mod tests {
         tripped.rig.cause = Cause::LeaseLapsed;
         let said = text(&tripped, "");
         assert!(said.contains("\ncause         lease_lapsed\n"), "{said}");
+    }
+
+    #[test]
+    fn an_interlock_and_the_end_of_the_time_end_the_wait_for_a_ready_bench() {
+        let waiting = |wait| StatusArgs {
+            wait,
+            timeout: 5,
+            data: DataArg {
+                folder: std::path::PathBuf::new(),
+            },
+        };
+        let unmet = |status: &Status, late| match waiting(Some(AwaitedState::Ready)).unmet(status, late) {
+            None => "ready".to_owned(),
+            Some(Unmet::NotYet) => "not yet".to_owned(),
+            Some(Unmet::InVain(why)) => why,
+        };
+        let mut bench = status();
+        bench.rig.phase = Phase::Running;
+        assert_eq!(unmet(&bench, false), "not yet");
+        assert_eq!(unmet(&bench, true), "after 5 s the bench is running");
+        assert!(
+            waiting(None).unmet(&bench, false).is_none(),
+            "nothing is waited for"
+        );
+        bench.rig.phase = Phase::Ready;
+        assert_eq!(unmet(&bench, true), "ready");
+        bench.preparing = true;
+        assert_eq!(unmet(&bench, false), "not yet");
+        bench.rig.phase = Phase::Interlocked;
+        assert!(unmet(&bench, false).contains("leafbench reset"));
     }
 
     #[test]

@@ -220,8 +220,7 @@ async fn runs(State(state): App) -> Result<Json<Vec<RunSummary>>> {
     responses((status = 200, body = RunDetail), (status = 404, body = Failure)))]
 async fn run_detail(State(state): App, Path(run_id): Path<String>) -> Result<Json<RunDetail>> {
     blocking(&state, move |state| {
-        let listing = state.store.find(&run_id).map_err(ApiError::disk)?;
-        let listing = listing.ok_or_else(|| ApiError::no_run(&run_id))?;
+        let listing = state.store.find(&run_id).map_err(ApiError::not_found)?;
         let file = RunFile::open(&listing.path).map_err(ApiError::disk)?;
         let value = |v: serde_json::Result<_>| v.map_err(|e| ApiError::internal(&e.to_string()));
         let problem = file.survey().damage.join("; ");

@@ -203,6 +203,9 @@ pub(crate) struct RunSummary {
     pub profile: String,
     /// Name of the specimen.
     pub specimen: String,
+    /// Name of the operator; may be empty.
+    #[serde(default)]
+    pub operator: String,
     /// Number of samples in the file.
     pub samples: u64,
     /// Number of missing samples.
@@ -254,6 +257,7 @@ impl From<RunListing> for RunSummary {
             started_utc: run.started_utc,
             profile: run.profile_name,
             specimen: run.specimen,
+            operator: run.operator,
             samples: run.samples,
             lost: run.lost,
             late: run.late,

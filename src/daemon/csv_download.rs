@@ -77,10 +77,7 @@ pub(super) fn prepare(store: &Store, run_id: &str, part: &CsvPart) -> Result<Dow
             "give only one of cycle, mean_loop and every".to_owned(),
         )
     })?;
-    let listing = store
-        .find(run_id)
-        .map_err(ApiError::disk)?
-        .ok_or_else(|| ApiError::no_run(run_id))?;
+    let listing = store.find(run_id).map_err(ApiError::not_found)?;
     let run = RunFile::open(&listing.path).map_err(ApiError::disk)?;
     let missing = run.survey().incomplete();
     if !missing.is_empty() && !part.partial {

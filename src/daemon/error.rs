@@ -10,6 +10,7 @@ use axum::response::{IntoResponse, Response};
 
 use super::client_types::Failure;
 use super::library::LibraryError;
+use super::store::FindRunError;
 use crate::control::realtime::RequestError;
 use crate::recording::run_file::RunFileError;
 
@@ -87,8 +88,19 @@ impl ApiError {
         ApiError::new(status, chain(&error), String::new())
     }
 
+    /// An id stands for no run, or for several.
+    pub(super) fn not_found(error: FindRunError) -> Self {
+        match error {
+            FindRunError::Disk(error) => ApiError::disk(error),
+            FindRunError::Unknown { id, .. } => ApiError::no_run(&id),
+            several @ FindRunError::Several { .. } => {
+                ApiError::new(StatusCode::CONFLICT, several.to_string(), String::new())
+            }
+        }
+    }
+
     /// The data folder has no run with this id.
-    pub(super) fn no_run(run_id: &str) -> Self {
+    fn no_run(run_id: &str) -> Self {
         let shown: String = run_id.chars().take(40).collect();
         ApiError::new(
             StatusCode::NOT_FOUND,

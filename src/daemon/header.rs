@@ -24,7 +24,7 @@ pub(crate) fn new(
 ) -> Header {
     Header {
         run_id,
-        started_utc: now.strftime("%Y-%m-%dT%H:%M:%SZ").to_string(),
+        started_utc: now.strftime("%Y-%m-%dT%H:%M:%S%.3fZ").to_string(),
         specimen: bench.specimen.name.clone(),
         operator: String::new(),
         profile_name: profile.name.clone(),
@@ -43,5 +43,28 @@ pub(crate) fn new(
         duration_planned_s: planned.duration_s,
         remarks: Vec::new(),
         continues: String::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Runs are listed by their start: two of one second must differ.
+    #[test]
+    fn the_start_has_milliseconds() {
+        let profile = Profile::from_toml(include_str!("../../bench-configs/profiles/static-ramp.toml"), "p");
+        let bench = Bench::shipped().expect("built in");
+        let planned = Planned {
+            cycles: 0,
+            duration_s: 1.0,
+        };
+        let started = |ms: i64| {
+            let now = jiff::Timestamp::from_millisecond(ms).expect("a time");
+            let profile = profile.as_ref().expect("shipped");
+            new("run".to_owned(), now, &bench, profile, String::new(), planned).started_utc
+        };
+        assert_eq!(started(1_007), "1970-01-01T00:00:01.007Z");
+        assert!(started(1_007) < started(1_010) && started(1_010) < started(2_000));
     }
 }

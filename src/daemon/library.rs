@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::client_types::ProfileSummary;
+use super::nearest;
 use crate::profile::{Player, Profile, ProfileError};
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::regular_file::{self, WRITTEN_MAX_BYTES};
@@ -19,9 +20,11 @@ pub(crate) enum LibraryError {
         reason: String,
     },
     /// The folder has no profile with this name.
-    #[error("there is no profile \"{name}\": choose one of {known}")]
+    #[error("there is no profile \"{name}\"{}: choose one of {known}", nearest::question(meant.as_deref()))]
     Unknown {
         name: String,
+        /// The name that is probably meant.
+        meant: Option<String>,
         /// Names of the profiles in the folder, with commas between them.
         known: String,
     },
@@ -53,14 +56,11 @@ impl Library {
         }
         let files = self.files()?;
         let Some(path) = files.iter().find(|path| name_of(path) == text) else {
-            let known = files
-                .iter()
-                .map(|path| name_of(path))
-                .collect::<Vec<_>>()
-                .join(", ");
+            let known: Vec<&str> = files.iter().map(|path| name_of(path)).collect();
             return Err(LibraryError::Unknown {
                 name: text.to_owned(),
-                known,
+                meant: nearest::name(text, &known).map(str::to_owned),
+                known: known.join(", "),
             });
         };
         read(path)
@@ -148,6 +148,18 @@ mod tests {
                 "{name}"
             );
         }
+    }
+
+    #[test]
+    fn a_mistyped_name_is_asked_about() {
+        let said = |name: &str| shipped().find(name).expect_err("unknown").to_string();
+        let typed = said("static-rmp");
+        assert!(
+            typed
+                .starts_with("there is no profile \"static-rmp\": did you mean static-ramp?: choose one of "),
+            "{typed}"
+        );
+        assert!(!said("no-such-profile").contains("did you mean"));
     }
 
     #[test]

@@ -7,6 +7,7 @@
 //! | file | subject |
 //! |---|---|
 //! | `client_types` | requests and answers |
+//! | `nearest` | the name that a mistyped one stands for |
 //! | `library`, `store`, `header` | profiles, run files, header of a recording |
 //! | `live`, `backlog`, `disk_watch` | samples for the live view, samples that wait for the recording thread or for the disk |
 //! | `error` | why the daemon or a request fails |
@@ -32,6 +33,7 @@ pub(crate) mod header;
 pub(crate) mod library;
 mod live;
 mod lock;
+pub(crate) mod nearest;
 mod newest_run;
 mod orders;
 mod page;

@@ -124,7 +124,7 @@ fn run_header(
     header.specimen.clone_from(&chosen.specimen);
     header.operator = request.operator.unwrap_or_default();
     header.first_cycle = chosen.first_cycle;
-    header.resumes_run = request.resume_run.unwrap_or_default();
+    header.resumes_run.clone_from(&chosen.resumes_run);
     header.remarks = state.control.degraded().to_vec();
     header
 }

@@ -33,6 +33,8 @@ pub(super) struct ChosenProfile {
     pub first_cycle: u32,
     /// Name of the specimen: that of the request, of the run to resume, or of the bench.
     pub specimen: String,
+    /// Full id of the run to resume; empty otherwise.
+    pub resumes_run: String,
 }
 
 /// The requested profile, or the profile of the run to resume.
@@ -51,6 +53,7 @@ pub(super) fn choose(state: &DaemonState, request: &StartRun) -> Result<ChosenPr
         specimen: requested
             .unwrap_or(&state.settings.bench.specimen.name)
             .to_owned(),
+        resumes_run: String::new(),
     })
 }
 
@@ -60,8 +63,7 @@ fn resumed(
     specimen: Option<&str>,
     run_id: &str,
 ) -> Result<ChosenProfile, ApiError> {
-    let listing = state.store.find(run_id).map_err(ApiError::disk)?;
-    let listing = listing.ok_or_else(|| ApiError::no_run(run_id))?;
+    let listing = state.store.find(run_id).map_err(ApiError::not_found)?;
     let run = RunFile::open(&listing.path).map_err(ApiError::disk)?;
     let before = run.header();
     same_profile(state, before, profile)?;
@@ -85,6 +87,7 @@ fn resumed(
         profile,
         toml: before.profile_toml.clone(),
         specimen: specimen.to_owned(),
+        resumes_run: before.run_id.clone(),
     })
 }
 

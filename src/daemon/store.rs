@@ -7,11 +7,40 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::SystemTime;
 
+use super::nearest;
 use crate::recording::run_file::{self, EXTENSION, RunFile, RunFileError, RunListing};
 
 /// The cause of a run that was closed by the next daemon.
 const LEFT_OPEN: &str = "the file was left open: the daemon was killed or crashed, the power failed, or the disk could not \
                          be written; a rig that was running unloaded by itself when its lease expired";
+
+/// The id that means the newest run.
+pub(crate) const LATEST: &str = "latest";
+/// Fewest characters of a short run id.
+const SHORTEST_ID: usize = 3;
+/// Messages show at most this many characters of an id.
+const SHOWN_CHARS: usize = 40;
+
+/// Why an id stands for no run.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum FindRunError {
+    #[error(transparent)]
+    Disk(#[from] RunFileError),
+    #[error(
+        "there is no run \"{id}\" in {}{}: list the runs with `leafbench runs`, or name another folder with --data",
+        folder.display(),
+        nearest::question(meant.as_deref())
+    )]
+    Unknown {
+        id: String,
+        folder: PathBuf,
+        /// The run id that is probably meant.
+        meant: Option<String>,
+    },
+    /// A short id that several run ids begin or end with.
+    #[error("\"{id}\" stands for {} runs: write more of the id: {}", runs.len(), runs.join(", "))]
+    Several { id: String, runs: Vec<String> },
+}
 
 /// The folder of run files. Clones share what they know of the files.
 #[derive(Debug, Clone)]
@@ -97,13 +126,57 @@ impl Store {
         problem
     }
 
-    /// The run with this id. The id `latest` means the newest run. A closed file is not read in full.
-    pub(crate) fn find(&self, run_id: &str) -> Result<Option<RunListing>, RunFileError> {
+    /// The run with this id, or the only one whose id begins or ends with it. The id `latest` means the newest run. A closed file
+    /// is not read in full.
+    pub(crate) fn find(&self, run_id: &str) -> Result<RunListing, FindRunError> {
         let mut runs = run_file::list(&self.folder)?;
-        if run_id == "latest" {
-            return Ok(runs.pop());
+        let place = match run_id {
+            LATEST => runs.len().checked_sub(1),
+            id => place_of(id, &runs)?,
+        };
+        match place {
+            Some(place) => Ok(runs.swap_remove(place)),
+            None => Err(self.unknown(run_id, &runs)),
         }
-        Ok(runs.into_iter().find(|run| run.run_id == run_id))
+    }
+
+    /// As [`Store::find`], but `latest` means the newest run that is over.
+    pub(crate) fn find_finished(&self, run_id: &str) -> Result<RunListing, FindRunError> {
+        if run_id != LATEST {
+            return self.find(run_id);
+        }
+        let runs = run_file::list(&self.folder)?;
+        let newest = runs.into_iter().rev().find(RunListing::is_closed);
+        newest.ok_or_else(|| self.unknown(run_id, &[]))
+    }
+
+    fn unknown(&self, run_id: &str, runs: &[RunListing]) -> FindRunError {
+        let ids: Vec<&str> = runs.iter().map(|run| run.run_id.as_str()).collect();
+        FindRunError::Unknown {
+            id: run_id.chars().take(SHOWN_CHARS).collect(),
+            folder: self.folder.clone(),
+            meant: nearest::typed_wrong(run_id, &ids).map(str::to_owned),
+        }
+    }
+}
+
+/// Index of the run with this id, or of the only one whose id begins or ends with it.
+fn place_of(id: &str, runs: &[RunListing]) -> Result<Option<usize>, FindRunError> {
+    if let Some(exact) = runs.iter().position(|run| run.run_id == id) {
+        return Ok(Some(exact));
+    }
+    if id.chars().count() < SHORTEST_ID {
+        return Ok(None);
+    }
+    let matches = |run: &RunListing| run.run_id.starts_with(id) || run.run_id.ends_with(id);
+    let places: Vec<usize> = (0..runs.len()).filter(|&i| matches(&runs[i])).collect();
+    match places.as_slice() {
+        [] => Ok(None),
+        [only] => Ok(Some(*only)),
+        several => Err(FindRunError::Several {
+            id: id.to_owned(),
+            runs: several.iter().map(|&i| runs[i].run_id.clone()).collect(),
+        }),
     }
 }
 
@@ -138,6 +211,8 @@ pub(crate) fn new_run_id(now: jiff::Timestamp) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recording::Recorder;
+    use crate::recording::run_file::test_support;
 
     #[test]
     fn ids_sort_by_time_differ_and_have_only_letters_digits_and_a_dash() {
@@ -159,7 +234,71 @@ mod tests {
         std::fs::create_dir(folder.path().join("runs")).expect("made");
         let store = Store::new(&folder.path().join("runs"));
         for id in ["../secret", "..%2fsecret", "/etc/passwd", "", ".", "latest"] {
-            assert!(store.find(id).expect("listed").is_none(), "{id}");
+            assert!(
+                matches!(store.find(id), Err(FindRunError::Unknown { .. })),
+                "{id}"
+            );
         }
+    }
+
+    /// A folder with an empty run of each id, started at the given times; a closed run if `closed`.
+    fn store_of(runs: &[(&str, &str, bool)]) -> (tempfile::TempDir, Store) {
+        let folder = tempfile::tempdir().expect("a folder");
+        for (id, started_utc, closed) in runs {
+            let mut header = test_support::header();
+            (header.run_id, header.started_utc) = ((*id).to_owned(), (*started_utc).to_owned());
+            let path = folder.path().join(format!("{id}.{EXTENSION}"));
+            let mut writer = run_file::RunFileWriter::create(&path, &header).expect("created");
+            if *closed {
+                writer.end(&test_support::outcome(0));
+            }
+        }
+        let store = Store::new(folder.path());
+        (folder, store)
+    }
+
+    const RUNS: [(&str, &str, bool); 3] = [
+        ("20261123t091621-wxyz", "2026-11-23T09:16:21.100Z", true),
+        ("20261123t091621-abcd", "2026-11-23T09:16:21.900Z", true),
+        ("20261124t080000-efgh", "2026-11-24T08:00:00.000Z", false),
+    ];
+
+    #[test]
+    fn a_short_id_stands_for_the_only_run_that_begins_or_ends_with_it() {
+        let (_folder, store) = store_of(&RUNS);
+        let found = |id: &str| store.find(id).map(|run| run.run_id).map_err(|e| e.to_string());
+        for (id, run) in [
+            ("abcd", RUNS[1].0),
+            ("20261124", RUNS[2].0),
+            (RUNS[0].0, RUNS[0].0),
+        ] {
+            assert_eq!(found(id).as_deref(), Ok(run), "{id}");
+        }
+        let several = found("20261123t").expect_err("two");
+        assert!(
+            several.ends_with(
+                "stands for 2 runs: write more of the id: 20261123t091621-wxyz, 20261123t091621-abcd"
+            ),
+            "{several}"
+        );
+        for id in ["zz", "cd", "t0916"] {
+            assert!(found(id).expect_err(id).contains("there is no run"), "{id}");
+        }
+        let typed = found("20261123t091621-abce").expect_err("mistyped");
+        assert!(typed.contains("did you mean 20261123t091621-abcd?"), "{typed}");
+    }
+
+    #[test]
+    fn runs_of_one_second_are_in_order_and_the_latest_finished_one_is_closed() {
+        let (_folder, store) = store_of(&RUNS);
+        let ids: Vec<String> = store
+            .list()
+            .expect("listed")
+            .into_iter()
+            .map(|r| r.run_id)
+            .collect();
+        assert_eq!(ids, RUNS.map(|(id, ..)| id.to_owned()));
+        assert_eq!(store.find(LATEST).expect("found").run_id, RUNS[2].0);
+        assert_eq!(store.find_finished(LATEST).expect("found").run_id, RUNS[1].0);
     }
 }

@@ -6,11 +6,13 @@ pub(crate) mod csv;
 pub(crate) mod cycles;
 pub(crate) mod datapackage;
 pub(crate) mod export;
+pub(crate) mod import;
 pub(crate) mod memory;
 pub(crate) mod metrics;
 pub(crate) mod play;
 pub(crate) mod recorder;
 pub(crate) mod run_file;
+pub(crate) mod run_recording;
 
 use crate::units::Command;
 

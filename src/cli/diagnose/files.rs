@@ -16,6 +16,8 @@ pub(super) const DIAGNOSIS: &str = "diagnosis.json";
 pub(crate) const REPORT: &str = "report.html";
 /// The bench with the improved model.
 pub(crate) const IMPROVED: &str = "improved.toml";
+/// The rounds of `--run-next`, for scripts.
+pub(super) const ROUNDS: &str = "rounds.json";
 /// The profile of the next test.
 pub(super) const NEXT_TEST: &str = "next-test.toml";
 
@@ -51,6 +53,48 @@ pub(super) fn json(value: &impl serde::Serialize) -> Result<String, CliError> {
     serde_json::to_string_pretty(value).map_err(|e| CliError::Internal(e.to_string()))
 }
 
+/// Refuses a folder that cannot be written, or in which the diagnosis would replace one of the files that it reads. Nothing is
+/// left behind.
+pub(super) fn check_folder(folder: &Path, read: &[&Path]) -> Result<(), CliError> {
+    let clash = read.iter().find(|path| would_replace(folder, path));
+    if let Some(path) = clash {
+        return Err(CliError::Input(format!(
+            "{} is read by this diagnosis, and --out {} would replace it: name another folder with --out",
+            path.display(),
+            folder.display()
+        )));
+    }
+    let missing: Vec<&Path> = folder
+        .ancestors()
+        .take_while(|path| !path.as_os_str().is_empty() && !path.exists())
+        .collect();
+    let tried = try_to_write(folder);
+    for made in missing {
+        let _ = std::fs::remove_dir(made);
+    }
+    tried.map_err(CliError::file(folder, "writing to the folder of --out"))
+}
+
+/// Makes the folder if it is missing, and a file in it, which is removed again.
+fn try_to_write(folder: &Path) -> std::io::Result<()> {
+    atomic_file::create_private_folder(folder)?;
+    let probe = folder.join(format!(".leafbench-{}.tmp", std::process::id()));
+    let made = atomic_file::create_private(&probe);
+    let _ = std::fs::remove_file(&probe);
+    made.map(drop)
+}
+
+/// True if a diagnosis into the folder writes a file of this path.
+fn would_replace(folder: &Path, path: &Path) -> bool {
+    let (Ok(folder), Ok(path)) = (folder.canonicalize(), path.canonicalize()) else {
+        return false;
+    };
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let written = [DIAGNOSIS, REPORT, IMPROVED, NEXT_TEST, ROUNDS].contains(&name.as_ref());
+    let of_a_round = name.starts_with("round-") && name.ends_with("-recording.csv");
+    path.parent() == Some(&folder) && (written || of_a_round)
+}
+
 /// Writes the files into the folder, and removes those that an earlier diagnosis left and this one does not have.
 pub(super) fn write(folder: &Path, files: &[NamedFile]) -> Result<(), CliError> {
     atomic_file::create_private_folder(folder).map_err(CliError::file(folder, "creating the folder"))?;
@@ -77,6 +121,36 @@ fn remove(path: &Path) -> Result<(), CliError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_folder_that_cannot_be_written_or_has_what_is_read_is_refused() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let folder = folder.path();
+        let new = folder.join("a/b");
+        check_folder(&new, &[]).expect("it can be made");
+        assert!(!folder.join("a").exists(), "nothing is left behind");
+        let file = folder.join("file");
+        std::fs::write(&file, "x").expect("written");
+        for impossible in [&file, &file.join("below")] {
+            let refused = check_folder(impossible, &[]).expect_err("a file").to_string();
+            assert!(
+                refused.contains("writing to the folder of --out failed"),
+                "{refused}"
+            );
+        }
+        for name in [IMPROVED, "round-1-recording.csv"] {
+            let read = folder.join(name);
+            std::fs::write(&read, "x").expect("written");
+            let refused = check_folder(folder, &[&read])
+                .expect_err("it is read")
+                .to_string();
+            assert!(refused.contains("name another folder with --out"), "{refused}");
+            assert_eq!(std::fs::read_to_string(&read).expect("there"), "x");
+        }
+        let beside = folder.join("loop.csv");
+        std::fs::write(&beside, "x").expect("written");
+        check_folder(folder, &[&beside]).expect("it is not replaced");
+    }
 
     #[test]
     fn a_file_that_a_later_diagnosis_does_not_have_is_removed() {

@@ -1,6 +1,7 @@
 //! `leafbench diagnose`: of recordings, of tables (`targets`), or of recordings and the tests that follow (`run_next`).
 
 mod files;
+mod inputs;
 mod leave_out;
 mod proof;
 mod run_next;
@@ -20,7 +21,7 @@ use crate::diagnose::diagnosis::{Diagnosis, ImprovedModel, Note};
 use crate::diagnose::{Baseline, DiagnoseOptions, Verdict, diagnose};
 use crate::effect;
 use crate::model;
-use crate::recording::{Recording, csv};
+use crate::recording::Recording;
 use run_next::VirtualRig;
 
 pub(super) use files::{IMPROVED, REPORT};
@@ -33,8 +34,13 @@ const MOST_TESTS: u32 = 4;
 #[derive(Debug, Args)]
 #[command(after_help = codes_of_physics())]
 pub(super) struct DiagnoseArgs {
-    /// Recordings of one specimen on one rig: CSV with time_s, displacement_mm, force_n
-    #[arg(value_name = "RECORDING.csv", required_unless_present = "targets", num_args = 1..)]
+    #[arg(
+        value_name = "RECORDING",
+        required_unless_present = "targets",
+        num_args = 1..,
+        help = "Recordings of one specimen on one rig: CSV with time_s, displacement_mm, force_n; run files (.leafrun); run ids,\n\
+                whole or short; latest for the newest finished run"
+    )]
     recordings: Vec<PathBuf>,
     #[arg(
         long,
@@ -101,6 +107,9 @@ pub(super) struct DiagnoseArgs {
         conflicts_with = "targets"
     )]
     flip: Vec<FlippedChannel>,
+    /// Take recordings of different specimens together: they are the same spring under several names
+    #[arg(long, conflicts_with = "targets")]
+    mixed_specimens: bool,
     #[command(flatten)]
     data: DataArg,
     /// Folder for diagnosis.json, report.html, improved.toml and, if there is a next test, next-test.toml
@@ -148,6 +157,7 @@ fn codes_of_physics() -> String {
 impl CliCommand for DiagnoseArgs {
     const NAME: &'static str = "diagnose";
     const EXAMPLES: &'static [&'static str] = &[
+        "leafbench diagnose latest",
         "leafbench diagnose loops/RUN.csv loops/OTHER.csv",
         "leafbench diagnose --run-next=virtual --bench bench-configs/benches/mock.toml loops/RUN.csv",
         "leafbench diagnose --baseline leaf-pack --known coulomb_friction --out diagnosis loops/RUN.csv",
@@ -159,6 +169,9 @@ impl CliCommand for DiagnoseArgs {
     fn run(self, output: &Output) -> Result<Done, CliError> {
         let bench = self.bench.load()?;
         let baseline = self.baseline(&bench.model)?;
+        let given = self.recordings.iter().chain(&self.targets);
+        let read: Vec<&Path> = given.map(PathBuf::as_path).chain(self.bench.path()).collect();
+        files::check_folder(&self.out, &read)?;
         let job = DiagnoseJob {
             bench: &bench,
             baseline: &baseline,
@@ -168,11 +181,7 @@ impl CliCommand for DiagnoseArgs {
         if !self.targets.is_empty() {
             return targets::run(&self.targets, &job);
         }
-        let mut recordings = self
-            .recordings
-            .iter()
-            .map(|path| csv::read_file(path))
-            .collect::<Result<Vec<_>, _>>()?;
+        let mut recordings = inputs::read(&self.recordings, &self.data.folder, self.mixed_specimens, output)?;
         recordings.iter().try_for_each(in_mm_and_n)?;
         recordings
             .iter_mut()

@@ -12,8 +12,9 @@ use std::time::Duration;
 use super::{DiagnoseJob, NextTestRig, files, text};
 use crate::cli::shared::client::{Client, DataArg};
 use crate::cli::shared::ctrl_c::ctrl_c_count;
+use crate::cli::shared::local;
 use crate::cli::virtual_bench::record_run;
-use crate::cli::{CliError, Done, Output, export, run};
+use crate::cli::{CliError, Done, Output, run};
 use crate::config::Bench;
 use crate::control::Phase;
 use crate::daemon::client_types::{StartRun, Status};
@@ -87,7 +88,7 @@ impl Tester for LiveRig {
             ..StartRun::default()
         };
         // The daemon checks the plan against its own limits before anything moves.
-        let started = match run::start(&self.client, order, &self.interrupts) {
+        let started = match run::start(&self.client, order, &self.interrupts, output) {
             Ok(started) => started,
             Err(CliError::Refused(_)) if self.interrupts() > 0 => {
                 return Ok(Tested::CutShort(STOPPED.to_owned()));
@@ -114,10 +115,8 @@ impl Tester for LiveRig {
                 why.join("; ")
             )));
         }
-        Ok(Tested::Ran(Box::new(RunFile::open(&export::find_run(
-            &self.data,
-            &started.run_id,
-        )?)?)))
+        let listing = local::find_run(&self.data, &started.run_id)?;
+        Ok(Tested::Ran(Box::new(RunFile::open(&listing.path)?)))
     }
 }
 
@@ -263,7 +262,7 @@ pub(super) fn until_settled(
         }
         earlier.push(diagnosis);
     };
-    let path = job.folder.join("rounds.json");
+    let path = job.folder.join(files::ROUNDS);
     std::fs::write(&path, files::json(&rounds.rounds)?).map_err(CliError::file(&path, "writing"))?;
     Ok(Ended {
         settled: end.settled,

@@ -6,6 +6,7 @@ use crate::config::ConfigError;
 use crate::control::Refusal;
 use crate::daemon::DaemonError;
 use crate::daemon::library::LibraryError;
+use crate::daemon::store::FindRunError;
 use crate::diagnose::DiagnoseError;
 use crate::diagnose::aggregates::AggregateError;
 use crate::identify::IdentifyError;
@@ -15,6 +16,7 @@ use crate::model::BuildError;
 use crate::profile::ProfileError;
 use crate::recording::csv::CsvError;
 use crate::recording::export::ExportError;
+use crate::recording::import::ImportError;
 use crate::recording::run_file::RunFileError;
 
 /// Why a command failed.
@@ -56,6 +58,9 @@ pub(crate) enum CliError {
     /// A profile was not found by its name.
     #[error(transparent)]
     Library(#[from] LibraryError),
+    /// A run was not found by its id.
+    #[error(transparent)]
+    FindRun(#[from] FindRunError),
     /// A profile cannot be played.
     #[error(transparent)]
     Profile(#[from] ProfileError),
@@ -74,6 +79,9 @@ pub(crate) enum CliError {
     /// A recording (CSV) is unusable.
     #[error(transparent)]
     Csv(#[from] CsvError),
+    /// A table of another program cannot be imported.
+    #[error(transparent)]
+    Import(#[from] ImportError),
     /// The mock rig's config is unusable.
     #[error(transparent)]
     MockRig(#[from] MockRigError),

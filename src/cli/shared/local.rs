@@ -7,9 +7,12 @@ use clap::Args;
 use super::error::CliError;
 use crate::config::Bench;
 use crate::daemon::library::{self, Library};
+use crate::daemon::nearest;
+use crate::daemon::store::{FindRunError, Store};
 use crate::mockrig::{MockRig, MockRigConfig};
 use crate::model;
 use crate::profile::Profile;
+use crate::recording::run_file::RunListing;
 
 /// The bench that needs no hardware, below the folder of shipped configs.
 const DEFAULT_BENCH: &str = "benches/mock.toml";
@@ -28,10 +31,18 @@ pub(crate) struct BenchArg {
 }
 
 impl BenchArg {
+    /// The file of `--bench`, if it is given.
+    pub(crate) fn path(&self) -> Option<&Path> {
+        self.file.as_deref()
+    }
+
     /// The bench of `--bench`. The default bench is built in, for folders where the shipped configs are not found.
     pub(crate) fn load(&self) -> Result<Bench, CliError> {
         Ok(match (&self.file, configs()) {
-            (Some(path), _) => Bench::load(path)?,
+            (Some(path), _) => {
+                require_file(path, WrittenKind::Bench)?;
+                Bench::load(path)?
+            }
             (None, Ok(folder)) => Bench::load(&folder.join(DEFAULT_BENCH))?,
             (None, Err(_)) => Bench::shipped()?,
         })
@@ -70,6 +81,7 @@ impl ProfileArgs {
     pub(crate) fn load(&self) -> Result<(Profile, String), CliError> {
         let path = Path::new(&self.profile);
         if path.extension().is_some_and(|e| e == "toml") {
+            require_file(path, WrittenKind::Profile)?;
             return Ok(library::read(path)?);
         }
         Ok(Library::open(&self.folder.folder()?)?.find(&self.profile)?)
@@ -89,7 +101,12 @@ pub(crate) fn profile_help() -> String {
 /// Names of the shipped profiles, sorted; none where their folder is not found.
 fn shipped_profiles() -> Vec<String> {
     let folder = configs().map(|folder| folder.join("profiles"));
-    let Some(files) = folder.ok().and_then(|folder| std::fs::read_dir(folder).ok()) else {
+    folder.map_or(Vec::new(), |folder| toml_names(&folder))
+}
+
+/// Names of the TOML files of a folder without their extension, sorted; none where the folder cannot be read.
+fn toml_names(folder: &Path) -> Vec<String> {
+    let Ok(files) = std::fs::read_dir(folder) else {
         return Vec::new();
     };
     let mut names: Vec<String> = files
@@ -142,6 +159,88 @@ pub(crate) fn configs() -> Result<PathBuf, CliError> {
         })
 }
 
+/// A kind of file that a person writes and names on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum WrittenKind {
+    Bench,
+    Profile,
+}
+
+impl WrittenKind {
+    /// Folder of the shipped files of this kind.
+    fn folder(self) -> &'static str {
+        match self {
+            WrittenKind::Bench => "benches",
+            WrittenKind::Profile => "profiles",
+        }
+    }
+}
+
+/// Asks about a file that is not there, where a file of nearly this name is: beside it, or among the shipped ones of its kind.
+/// In all other cases the one who reads the file says what is wrong.
+pub(crate) fn require_file(path: &Path, kind: WrittenKind) -> Result<(), CliError> {
+    if path.exists() {
+        return Ok(());
+    }
+    let beside = match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder.to_owned(),
+        _ => PathBuf::from("."),
+    };
+    let shipped = configs().map(|folder| folder.join(kind.folder())).ok();
+    let wanted = path.file_stem().unwrap_or_default().to_string_lossy();
+    for folder in [Some(beside), shipped].into_iter().flatten() {
+        let names = toml_names(&folder);
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        if let Some(name) = nearest::name(&wanted, &names) {
+            let there = folder.join(format!("{name}.toml"));
+            let there = there.strip_prefix(".").unwrap_or(&there);
+            return Err(CliError::Input(format!(
+                "there is no file {}: did you mean {}?",
+                path.display(),
+                there.display()
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// A run in a data folder, by its id, a short id or `latest`.
+pub(crate) fn find_run(folder: &Path, id: &str) -> Result<RunListing, CliError> {
+    Ok(store(folder, id)?.find(id)?)
+}
+
+/// As [`find_run`], but `latest` means the newest run that is over.
+pub(crate) fn find_finished_run(folder: &Path, id: &str) -> Result<RunListing, CliError> {
+    Ok(store(folder, id)?.find_finished(id)?)
+}
+
+/// The runs of a data folder. A folder that is not there has no runs, so that the id is what is missing.
+fn store(folder: &Path, id: &str) -> Result<Store, CliError> {
+    if folder.is_dir() {
+        return Ok(Store::new(folder));
+    }
+    Err(CliError::FindRun(FindRunError::Unknown {
+        id: id.to_owned(),
+        folder: folder.to_owned(),
+        meant: None,
+    }))
+}
+
+/// Refuses to replace files that are there already, unless the user says so with `--force`.
+pub(crate) fn require_new<P: AsRef<Path>>(paths: &[P], force: bool) -> Result<(), CliError> {
+    let there = paths
+        .iter()
+        .map(AsRef::as_ref)
+        .find(|path| path.symlink_metadata().is_ok());
+    match there {
+        Some(path) if !force => Err(CliError::Input(format!(
+            "{} is there already: name another place with --out, or replace it with --force",
+            path.display()
+        ))),
+        _ => Ok(()),
+    }
+}
+
 /// The bench's mock rig, loaded with the bench's specimen. `seed` replaces the noise seed of the bench config.
 pub(crate) fn mock_rig(bench: &Bench, seed: Option<u64>) -> Result<MockRig, CliError> {
     let mut config: MockRigConfig = bench.mock_rig.clone().try_into().map_err(|e| {
@@ -168,6 +267,26 @@ mod tests {
         assert!(text.lines().count() > 1 && text.lines().all(|l| l.len() <= HELP_WIDTH));
         assert_eq!(text.replace('\n', " "), words.join(", "));
         assert_eq!(wrapped::<&str>(&[]), "");
+    }
+
+    #[test]
+    fn a_mistyped_file_is_asked_about() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let there = folder.path().join("my-test.toml");
+        std::fs::write(&there, "").expect("written");
+        require_file(&there, WrittenKind::Profile).expect("it is there");
+        let said = |name: &str, kind: WrittenKind| {
+            let asked = require_file(&folder.path().join(name), kind).map_err(|e| e.to_string());
+            asked.err().unwrap_or_default()
+        };
+        let beside = said("my-tset.toml", WrittenKind::Profile);
+        assert!(
+            beside.ends_with(&format!("did you mean {}?", there.display())),
+            "{beside}"
+        );
+        let shipped = said("mokc.toml", WrittenKind::Bench);
+        assert!(shipped.ends_with("bench-configs/benches/mock.toml?"), "{shipped}");
+        assert_eq!(said("no-such-thing.toml", WrittenKind::Bench), "");
     }
 
     #[test]

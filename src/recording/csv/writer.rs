@@ -44,7 +44,7 @@ impl CsvFormat {
     }
 
     /// Number of decimals of a command in this mode.
-    fn mode_decimals(&self, mode: Mode) -> u32 {
+    pub(in crate::recording) fn mode_decimals(&self, mode: Mode) -> u32 {
         match mode {
             Mode::Displacement => self.displacement_decimals,
             Mode::Force => self.force_decimals,

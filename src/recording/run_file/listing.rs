@@ -15,6 +15,8 @@ pub(crate) struct RunListing {
     pub started_utc: String,
     pub profile_name: String,
     pub specimen: String,
+    /// Name of the operator; may be empty.
+    pub operator: String,
     /// Run id of the file that this one continues; empty otherwise.
     pub continues: String,
     /// Number of samples in the file.
@@ -92,6 +94,7 @@ fn listing(path: PathBuf) -> RunListing {
         started_utc: header.started_utc.clone(),
         profile_name: header.profile_name.clone(),
         specimen: header.specimen.clone(),
+        operator: header.operator.clone(),
         continues: header.continues.clone(),
         samples,
         lost,
@@ -115,6 +118,7 @@ fn unreadable(path: PathBuf, error: &RunFileError) -> RunListing {
         started_utc: String::new(),
         profile_name: String::new(),
         specimen: String::new(),
+        operator: String::new(),
         continues: String::new(),
         samples: 0,
         lost: 0,
