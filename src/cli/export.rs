@@ -2,16 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 
 use super::shared::client::DataArg;
 use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::store::Store;
 use crate::recording::atomic_file;
-use crate::recording::export::{self, Selection};
+use crate::recording::export::{self, Selection, TableFormat};
 use crate::recording::run_file::{EXTENSION, GapCause, RunFile, Survey};
 
-/// Write a run as CSV with its data package, and its cycles as a second CSV; needs no daemon
+/// Write a run as CSV with its data package and its cycles as a second CSV, or as MF4 or Parquet; needs no daemon
 #[derive(Debug, Args)]
 pub(super) struct ExportArgs {
     /// Run id, `latest`, or a .leafrun file
@@ -20,10 +20,24 @@ pub(super) struct ExportArgs {
     /// Folder to write to
     #[arg(long, value_name = "DIR", default_value = ".")]
     out: PathBuf,
+    /// Formats to write; separate several by commas
+    #[arg(long, value_name = "FORMAT", value_delimiter = ',', default_value = "csv")]
+    format: Vec<FormatArg>,
     #[command(flatten)]
     part: PartArgs,
     #[command(flatten)]
     data: DataArg,
+}
+
+/// A format of exported files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum FormatArg {
+    /// Text with a data package; numbers are rounded to a quarter of a count
+    Csv,
+    /// ASAM MDF 4.1, with units, profile and bench inside
+    Mf4,
+    /// Apache Parquet, with units, profile and bench inside
+    Parquet,
 }
 
 /// Which samples are exported; at most one of these.
@@ -53,11 +67,13 @@ impl PartArgs {
     }
 }
 
-#[derive(serde::Serialize)]
+#[derive(Default, serde::Serialize)]
 struct Written {
-    csv: PathBuf,
-    datapackage: PathBuf,
+    csv: Option<PathBuf>,
+    datapackage: Option<PathBuf>,
     cycles_csv: Option<PathBuf>,
+    mf4: Option<PathBuf>,
+    parquet: Option<PathBuf>,
     rows: u64,
     lost: u64,
     late: u64,
@@ -69,44 +85,52 @@ struct Written {
     damage: Vec<String>,
 }
 
+impl Written {
+    /// All files, in the order of the formats.
+    fn files(&self) -> impl Iterator<Item = &PathBuf> {
+        let files = [
+            &self.csv,
+            &self.datapackage,
+            &self.cycles_csv,
+            &self.mf4,
+            &self.parquet,
+        ];
+        files.into_iter().flatten()
+    }
+
+    /// Adds what is in the run file, and the number of rows: both are the same for every format.
+    fn count(&mut self, rows: u64, survey: Survey, sample_rate_hz: f64) {
+        self.rows = rows;
+        self.lost = survey.lost;
+        self.late = survey.late;
+        self.damaged = survey.damaged;
+        self.unsaved = survey.unsaved;
+        self.missing = missing_ranges(&survey, sample_rate_hz);
+        self.damage = survey.damage;
+    }
+}
+
 impl CliCommand for ExportArgs {
     const NAME: &'static str = "export";
     const EXAMPLES: &'static [&'static str] = &[
         "leafbench export latest --out loops",
         "leafbench export latest --mean-loop --out loops",
+        "leafbench export latest --format mf4,parquet --out loops",
     ];
 
     fn run(self, output: &Output) -> Result<Done, CliError> {
         let file = RunFile::open(&self.run_path()?)?;
-        let folder = self.out;
-        atomic_file::create_private_folder(&folder)
-            .map_err(CliError::file(&folder, "creating the folder"))?;
-        let (selection, suffix) = self.part.selection();
-        let run_id = file.header().run_id.clone();
-        let exported = export::export(&file, selection, &folder.join(format!("{run_id}{suffix}.csv")))?;
-        let cycles_csv = match exported.survey.cycles.is_empty() {
-            true => None,
-            false => {
-                let path = folder.join(format!("{run_id}.cycles.csv"));
-                export::export_cycles(&file, &path)?;
-                Some(path)
+        atomic_file::create_private_folder(&self.out)
+            .map_err(CliError::file(&self.out, "creating the folder"))?;
+        let mut written = Written::default();
+        let mut whole = true;
+        for format in [FormatArg::Csv, FormatArg::Mf4, FormatArg::Parquet] {
+            if self.format.contains(&format) {
+                whole &= self.write(&file, format, &mut written)?;
             }
-        };
-        let partial = exported.is_partial();
-        let written = Written {
-            rows: exported.rows,
-            lost: exported.survey.lost,
-            late: exported.survey.late,
-            damaged: exported.survey.damaged,
-            unsaved: exported.survey.unsaved,
-            missing: missing_ranges(&exported.survey, file.header().sample_rate_hz),
-            damage: exported.survey.damage.clone(),
-            csv: exported.csv,
-            datapackage: exported.datapackage,
-            cycles_csv,
-        };
+        }
         output.result(&written, || text(&written))?;
-        Ok(Done::success_if(!partial))
+        Ok(Done::success_if(whole))
     }
 }
 
@@ -118,20 +142,51 @@ impl ExportArgs {
         }
         find_run(&self.data.folder, &self.run)
     }
+
+    /// Writes one format; false if something of the run is damaged or not on the disk.
+    fn write(&self, run: &RunFile, format: FormatArg, written: &mut Written) -> Result<bool, CliError> {
+        let (selection, suffix) = self.part.selection();
+        let header = run.header();
+        let path = |extension: &str| self.out.join(format!("{}{suffix}.{extension}", header.run_id));
+        let table = |format: TableFormat| {
+            let path = path(format.extension());
+            let (rows, survey) = export::export_table(run, selection, format, &path)?;
+            Ok::<_, CliError>((Some(path), rows, survey))
+        };
+        let (rows, survey) = match format {
+            FormatArg::Csv => {
+                let exported = export::export(run, selection, &path("csv"))?;
+                written.csv = Some(exported.csv);
+                written.datapackage = Some(exported.datapackage);
+                if !exported.survey.cycles.is_empty() {
+                    let path = self.out.join(format!("{}.cycles.csv", header.run_id));
+                    export::export_cycles(run, &path)?;
+                    written.cycles_csv = Some(path);
+                }
+                (exported.rows, exported.survey)
+            }
+            FormatArg::Mf4 => {
+                let (path, rows, survey) = table(TableFormat::Mf4)?;
+                written.mf4 = path;
+                (rows, survey)
+            }
+            FormatArg::Parquet => {
+                let (path, rows, survey) = table(TableFormat::Parquet)?;
+                written.parquet = path;
+                (rows, survey)
+            }
+        };
+        let whole = survey.incomplete().is_empty();
+        written.count(rows, survey, header.sample_rate_hz);
+        Ok(whole)
+    }
 }
 
 fn text(w: &Written) -> String {
-    let mut lines = vec![
-        format!(
-            "{}  ({} rows, {} samples lost, {} late)",
-            w.csv.display(),
-            w.rows,
-            w.lost,
-            w.late
-        ),
-        w.datapackage.display().to_string(),
-    ];
-    lines.extend(w.cycles_csv.as_ref().map(|path| path.display().to_string()));
+    let mut lines: Vec<String> = w.files().map(|path| path.display().to_string()).collect();
+    if let Some(first) = lines.first_mut() {
+        *first += &format!("  ({} rows, {} samples lost, {} late)", w.rows, w.lost, w.late);
+    }
     let told = w.damage.iter().chain(&w.missing);
     lines.extend(told.map(|sentence| format!("NOT WHOLE: {sentence}")));
     lines.join("\n")

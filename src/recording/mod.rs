@@ -13,6 +13,7 @@ pub(crate) mod metrics;
 pub(crate) mod play;
 pub(crate) mod recorder;
 pub(crate) mod run_file;
+pub(crate) mod xml;
 
 use crate::units::Command;
 

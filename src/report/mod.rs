@@ -6,6 +6,7 @@ pub(crate) mod diagnosis;
 mod diagnosis_plots;
 mod figures;
 mod html;
+pub(crate) mod junit;
 pub(crate) mod loops;
 pub(crate) mod pack;
 pub(crate) mod story;

@@ -69,13 +69,6 @@ pub(crate) struct Exported {
     pub survey: Survey,
 }
 
-impl Exported {
-    /// True if something of the run is damaged or not on the disk: the rows written are correct, but some are missing.
-    pub(crate) fn is_partial(&self) -> bool {
-        !self.survey.incomplete().is_empty()
-    }
-}
-
 /// Why a run could not be exported.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ExportError {
@@ -307,7 +300,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let run = run_in(folder.path(), 3000, 0..0);
         let exported = export(&run, Selection::Whole, &folder.path().join("run.csv")).unwrap();
-        assert_eq!((exported.rows, exported.is_partial()), (3000, false));
+        assert_eq!(
+            (exported.rows, exported.survey.incomplete()),
+            (3000, String::new())
+        );
         let back = csv::read_file(&exported.csv).unwrap();
         assert_eq!(back.command_mode, Some(Mode::Displacement));
         let (cycle, flags) = (back.cycle.unwrap(), back.flags.unwrap());

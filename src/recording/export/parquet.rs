@@ -24,7 +24,7 @@ pub(super) fn write(
     table: &Table,
     facts: &[(&'static str, String)],
 ) -> io::Result<u64> {
-    let schema = schema(&table.columns);
+    let schema = schema(&table.columns, facts);
     let facts = facts
         .iter()
         .map(|(key, value)| KeyValue::new((*key).to_owned(), value.clone()));
@@ -53,7 +53,8 @@ pub(super) fn write(
     Ok(rows)
 }
 
-fn schema(columns: &[&Column]) -> SchemaRef {
+/// The facts are here too, because Arrow reads only those of its own schema.
+fn schema(columns: &[&Column], facts: &[(&'static str, String)]) -> SchemaRef {
     let field = |column: &&Column| {
         let kind = match column.kind {
             ColumnKind::Number => DataType::Float64,
@@ -66,7 +67,12 @@ fn schema(columns: &[&Column]) -> SchemaRef {
         ]);
         Field::new(column.name, kind, column.may_be_empty()).with_metadata(metadata)
     };
-    Arc::new(Schema::new(columns.iter().map(field).collect::<Vec<Field>>()))
+    let facts: HashMap<String, String> = facts
+        .iter()
+        .map(|(key, value)| ((*key).to_owned(), value.clone()))
+        .collect();
+    let fields: Vec<Field> = columns.iter().map(field).collect();
+    Arc::new(Schema::new_with_metadata(fields, facts))
 }
 
 fn write_batch<W: Write + Send>(

@@ -115,23 +115,6 @@ fn terminated(text: &str) -> Vec<u8> {
     bytes
 }
 
-/// Text as content of an XML element or attribute. A character that XML 1.0 does not allow becomes U+FFFD.
-pub(super) fn escaped(text: &str) -> String {
-    let mut xml = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => xml.push_str("&amp;"),
-            '<' => xml.push_str("&lt;"),
-            '>' => xml.push_str("&gt;"),
-            '"' => xml.push_str("&quot;"),
-            '\t' | '\n' | '\r' => xml.push_str(&format!("&#{};", u32::from(c))),
-            '\0'..='\u{1f}' | '\u{fffe}' | '\u{ffff}' => xml.push('\u{fffd}'),
-            other => xml.push(other),
-        }
-    }
-    xml
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -160,13 +143,5 @@ mod tests {
         assert_eq!(terminated("12345678").len(), 16);
         assert_eq!(terminated("1234567"), b"1234567\0");
         assert_eq!(terminated("a\0b"), b"ab\0\0\0\0\0\0");
-    }
-
-    #[test]
-    fn xml_has_no_forbidden_characters() {
-        assert_eq!(
-            escaped("a<b> & \"c\"\n\u{1b}"),
-            "a&lt;b&gt; &amp; &quot;c&quot;&#10;\u{fffd}"
-        );
     }
 }

@@ -3,9 +3,10 @@
 
 use md5::{Digest, Md5};
 
-use super::block::{BlockId, Blocks, HEAD_BYTES, escaped};
+use super::block::{BlockId, Blocks, HEAD_BYTES};
 use super::{Attachment, Mark, MdfHead};
 use crate::recording::columns::{Cell, Column, ColumnKind};
+use crate::recording::xml::escaped;
 
 /// Place of the link to the next block of a chain.
 const NEXT: usize = 0;
@@ -162,8 +163,7 @@ fn add_channel(
 fn add_attachment(blocks: &mut Blocks, attachment: &Attachment) -> BlockId {
     let name = blocks.text(attachment.name);
     let mime_type = blocks.text(attachment.mime_type);
-    let comment = format!("<TX>{}</TX>", escaped(attachment.comment));
-    let comment = blocks.xml("ATcomment", &comment);
+    let comment = blocks.text(attachment.comment);
     let bytes = (attachment.bytes.len() as u64).to_le_bytes();
     let mut data = EMBEDDED_WITH_MD5.to_le_bytes().to_vec();
     // Index of the history entry that made it, reserved.
@@ -178,7 +178,7 @@ fn add_attachment(blocks: &mut Blocks, attachment: &Attachment) -> BlockId {
 
 fn add_mark(blocks: &mut Blocks, mark: &Mark) -> BlockId {
     let name = blocks.text(&mark.name);
-    let comment = blocks.xml("EVcomment", &format!("<TX>{}</TX>", escaped(mark.comment)));
+    let comment = blocks.text(mark.comment);
     // Marker; its place is a time; a point, no range; cause 0: other; flags; reserved.
     let mut data = vec![MARKER, TIME, 0, 0, 0, 0, 0, 0];
     // No scope, no attachments, first entry of the history.
