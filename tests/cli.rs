@@ -12,8 +12,11 @@ fn text(bytes: &[u8]) -> String {
 #[test]
 fn run_without_a_daemon_says_how_to_start_one() {
     let folder = tempfile::tempdir().expect("a folder");
+    let report = folder.path().join("report.xml");
     let output = leafbench(&["run", "static-ramp", "--data"])
         .arg(folder.path())
+        .arg("--junit")
+        .arg(&report)
         .output()
         .expect("starts");
     assert_eq!(output.status.code(), Some(3));
@@ -21,6 +24,13 @@ fn run_without_a_daemon_says_how_to_start_one() {
     assert!(
         said.contains("leafbench daemon --bench bench-configs/benches/mock.toml"),
         "{said}"
+    );
+    let report = std::fs::read_to_string(report).expect("a report of a run that did not start");
+    assert!(
+        report.contains("<testcase classname=\"leafbench\" name=\"static-ramp\" time=\"0.000\">")
+            && report.contains("errors=\"1\"")
+            && report.contains("message=\"no daemon is running here"),
+        "{report}"
     );
 }
 
@@ -96,6 +106,7 @@ fn a_technicians_day_tare_run_status_runs_export() {
     assert!(tare["force_new_n"].as_f64().expect("a number").abs() < 50.0);
 
     let profile = short_profile(folder.path());
+    let report = folder.path().join("report.xml");
     let (ended, code) = json(
         &data,
         &[
@@ -105,12 +116,20 @@ fn a_technicians_day_tare_run_status_runs_export() {
             "test",
             "--specimen",
             "samurai-front 7",
+            "--junit",
+            report.to_str().expect("UTF-8"),
         ],
     );
     assert_eq!(
         (code, &ended["ending"]),
         (0, &serde_json::json!("completed")),
         "{ended}"
+    );
+    let report = std::fs::read_to_string(report).expect("written");
+    let samples = format!("<property name=\"samples\" value=\"{}\"/>", ended["samples"]);
+    assert!(
+        report.contains(&samples) && report.contains("failures=\"0\" errors=\"0\""),
+        "{report}"
     );
     let run_id = ended["run_id"].as_str().expect("an id");
     assert_eq!(daemon.status()["run"]["state"], "ended");
@@ -121,9 +140,20 @@ fn a_technicians_day_tare_run_status_runs_export() {
     let out = folder.path().join("out");
     let (written, code) = json(
         &data,
-        &["export", "latest", "--out", out.to_str().expect("UTF-8")],
+        &[
+            "export",
+            "latest",
+            "--format",
+            "csv,parquet,mf4",
+            "--out",
+            out.to_str().expect("UTF-8"),
+        ],
     );
     assert_eq!(code, 0, "{written}");
+    for (format, mark) in [("mf4", "MDF     "), ("parquet", "PAR1")] {
+        let bytes = std::fs::read(written[format].as_str().expect("a path")).expect("written");
+        assert!(bytes.starts_with(mark.as_bytes()), "{format}");
+    }
     let csv = std::fs::read_to_string(written["csv"].as_str().expect("a path")).expect("written");
     assert_eq!(
         csv.lines().count() as u64,

@@ -1,5 +1,5 @@
-//! Writes the reports: HTML pages that hold everything themselves and are read without a network, and plots as SVG. What
-//! they say is decided by the callers.
+//! Writes the reports: HTML pages that hold everything themselves and are read without a network, plots as SVG, and JUnit XML for
+//! CI servers. What they say is decided by the callers.
 
 pub(crate) mod aggregates;
 pub(crate) mod diagnosis;

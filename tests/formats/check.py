@@ -47,10 +47,11 @@ class Run:
         self.events = database.execute("SELECT time_s, kind, text FROM events ORDER BY seq").fetchall()
         force, travel = self.header["force_channel"], self.header["displacement_channel"]
         rate = self.header["sample_rate_hz"]
-        rows, modes = [], []
+        rows, modes, after_gap = [], [], 0
         blocks = "SELECT seq, first_tick, sample_count, crc32, data FROM blocks ORDER BY seq"
         for seq, tick, count, crc, data in database.execute(blocks):
             if zlib.crc32(struct.pack("<QQQ", seq, tick, count) + data) != crc:
+                after_gap = 1
                 continue
             for offset, force_counts, travel_counts, command, twin, cycle, segment, flags, mode, _ in RECORD.iter_unpack(data):
                 if mode and MODES[mode] not in modes:
@@ -63,8 +64,10 @@ class Run:
                     "cycle": cycle,
                     "segment": segment,
                     "twin_force_n": None if math.isnan(twin) else twin,
-                    "flags": flags,
+                    # An export marks the first sample after a damaged block.
+                    "flags": flags | after_gap,
                 })
+                after_gap = 0
         names = ["time_s", "displacement_mm", "force_n", *modes, "cycle", "segment", "twin_force_n", "flags"]
         self.columns = {name: [row.get(name) for row in rows] for name in names}
         self.rows = len(rows)

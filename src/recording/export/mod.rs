@@ -277,10 +277,19 @@ impl<W: Write> Write for Hashing<W> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Recorder;
+    use std::collections::HashMap;
+    use std::sync::Arc;
+
+    use ::parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
+    use arrow_array::RecordBatch;
+    use arrow_array::cast::AsArray;
+    use arrow_array::types::Float64Type;
+    use arrow_schema::SchemaRef;
+
     use super::super::csv;
     use super::super::run_file::RunFileWriter;
     use super::super::run_file::test_support::{header, outcome, sample};
+    use super::super::{Header, Recorder};
     use super::*;
     use crate::units::Mode;
 
@@ -408,5 +417,115 @@ mod tests {
             rows.iter().map(|c| (c.cycle, c.complete)).collect::<Vec<_>>(),
             [(1, true), (2, true)]
         );
+    }
+
+    /// The rows of a Parquet file, and its metadata.
+    fn read_parquet(path: &Path) -> (Vec<RecordBatch>, SchemaRef, HashMap<String, String>) {
+        let builder = ParquetRecordBatchReaderBuilder::try_new(File::open(path).unwrap()).unwrap();
+        let footer = builder.metadata().file_metadata().key_value_metadata().unwrap();
+        let pairs = footer
+            .iter()
+            .map(|pair| (pair.key.clone(), pair.value.clone().unwrap()));
+        let (schema, facts) = (Arc::clone(builder.schema()), pairs.collect());
+        let batches = builder.build().unwrap().map(Result::unwrap).collect();
+        (batches, schema, facts)
+    }
+
+    #[test]
+    fn a_parquet_file_has_every_bit_with_units_and_facts() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = run_in(folder.path(), 3000, 700..705);
+        let path = folder.path().join("run.parquet");
+        let (rows, survey) = export_table(&run, Selection::Whole, TableFormat::Parquet, &path).unwrap();
+        assert_eq!((rows, survey.lost), (2995, 5));
+        let (batches, schema, facts) = read_parquet(&path);
+        let samples: Vec<Sample> = run.samples().collect();
+        let numbers = |name: &str| -> Vec<Option<u64>> {
+            let columns = batches.iter().map(|batch| batch.column_by_name(name).unwrap());
+            let cells = columns.flat_map(|column| column.as_primitive::<Float64Type>().iter());
+            cells.map(|cell| cell.map(f64::to_bits)).collect()
+        };
+        let bits = |value: fn(&Sample) -> Option<f64>| -> Vec<Option<u64>> {
+            samples.iter().map(|s| value(s).map(f64::to_bits)).collect()
+        };
+        assert_eq!(numbers("time_s"), bits(|s| Some(s.time_s)));
+        assert_eq!(numbers("force_n"), bits(|s| Some(s.force_n)));
+        assert_eq!(numbers("command_mm"), bits(|s| s.command.map(|c| c.value())));
+        assert_eq!(numbers("twin_force_n"), bits(|s| s.twin_force_n));
+        assert!(
+            numbers("twin_force_n").contains(&None),
+            "the twin was late in every third row"
+        );
+        let field = schema.field_with_name("displacement_mm").unwrap();
+        assert_eq!(field.metadata().get("unit").map(String::as_str), Some("mm"));
+        let header = run.header();
+        assert_eq!(facts["bench_toml"], header.bench_toml);
+        assert_eq!(facts["profile_toml"], header.profile_toml);
+        let file = std::fs::read(run.path()).unwrap();
+        assert_eq!(facts["run_file_sha256"], hex(&Sha256::digest(file)));
+        assert_eq!(schema.metadata().get("operator"), Some(&header.operator));
+    }
+
+    #[test]
+    fn a_live_run_has_no_hash_of_its_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.leafrun");
+        let mut writer = RunFileWriter::create(&path, &header()).unwrap();
+        (0..100).for_each(|tick| writer.sample(&sample(tick)));
+        writer.flush();
+        let run = RunFile::open(&path).unwrap();
+        let facts = facts::facts(&run, &run.survey(), Selection::Whole).unwrap();
+        assert!(facts.iter().all(|(name, _)| *name != "run_file_sha256"));
+        assert!(
+            facts
+                .iter()
+                .any(|(name, text)| *name == "calibration_hash" && text.starts_with("0x"))
+        );
+    }
+
+    #[test]
+    fn parts_of_a_run_are_tables_too() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = run_in(folder.path(), 3000, 0..0);
+        let path = folder.path().join("part.parquet");
+        let rows = |selection| {
+            let (rows, _) = export_table(&run, selection, TableFormat::Parquet, &path).unwrap();
+            let (batches, schema, _) = read_parquet(&path);
+            assert_eq!(
+                batches.iter().map(RecordBatch::num_rows).sum::<usize>() as u64,
+                rows
+            );
+            (rows, schema.fields().len())
+        };
+        assert_eq!(rows(Selection::Cycle(2)), (1000, 8));
+        assert_eq!(rows(Selection::Every(250)), (12, 8));
+        // time, displacement, force, command, twin and the number of cycles.
+        assert_eq!(rows(Selection::MeanLoop), (1000, 6));
+        let missing = export_table(&run, Selection::Cycle(9), TableFormat::Mf4, &path);
+        assert!(matches!(missing, Err(ExportError::NoCycle { .. })));
+    }
+
+    #[test]
+    fn the_start_of_an_mf4_file_is_that_of_the_run() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = run_in(folder.path(), 10, 0..0);
+        // 2026-11-21T10:30:00Z.
+        assert_eq!(start_ns(&run).unwrap(), 1_795_257_000_000_000_000);
+        let path = folder.path().join("old.leafrun");
+        let old = Header {
+            started_utc: "1969-12-31T23:59:59Z".to_owned(),
+            ..header()
+        };
+        let mut writer = RunFileWriter::create(&path, &old).unwrap();
+        writer.end(&outcome(0));
+        let old = RunFile::open(&path).unwrap();
+        let refused = export_table(
+            &old,
+            Selection::Whole,
+            TableFormat::Mf4,
+            &folder.path().join("old.mf4"),
+        );
+        assert!(matches!(refused, Err(ExportError::Start { .. })));
+        assert!(!folder.path().join("old.mf4").exists());
     }
 }

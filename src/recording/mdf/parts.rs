@@ -133,7 +133,7 @@ fn add_channel(
 ) -> BlockId {
     let name = blocks.text(column.name);
     let unit = blocks.text(column.unit);
-    let comment = blocks.xml("CNcomment", &format!("<TX>{}</TX>", escaped(column.description)));
+    let comment = blocks.text(column.description);
     // 4: a floating-point number, 0: a whole number without sign; both little-endian.
     let data_type = if column.kind == ColumnKind::Number { 4 } else { 0 };
     let (kind, sync) = if is_master { (MASTER, TIME) } else { (0, 0) };
@@ -223,4 +223,29 @@ pub(super) fn invalid_bytes(columns: &[&Column]) -> usize {
 pub(super) fn record_bytes(columns: &[&Column]) -> u64 {
     let values = columns.iter().map(|column| u64::from(value_bytes(column.kind)));
     values.sum::<u64>() + invalid_bytes(columns) as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::columns;
+
+    fn column(name: &str) -> &'static Column {
+        columns::find(name).unwrap()
+    }
+
+    #[test]
+    fn a_record_has_its_values_and_then_its_invalidation_bits() {
+        let columns = ["time_s", "command_mm", "cycle", "twin_force_n", "flags"].map(column);
+        // 8 + 8 + 4 + 8 + 2 bytes, and one byte for the bits of command and twin.
+        assert_eq!((record_bytes(&columns), invalid_bytes(&columns)), (31, 1));
+        let mut record = Vec::new();
+        push_cell(&mut record, ColumnKind::Number, Cell::Number(-0.0));
+        push_cell(&mut record, ColumnKind::Whole32, Cell::Whole(u32::MAX));
+        push_cell(&mut record, ColumnKind::Whole16, Cell::Whole(0x0102));
+        assert_eq!(record, [0, 0, 0, 0, 0, 0, 0, 0x80, 255, 255, 255, 255, 2, 1]);
+        record.clear();
+        push_cell(&mut record, ColumnKind::Number, Cell::Empty);
+        assert!(f64::from_le_bytes(record.try_into().unwrap()).is_nan());
+    }
 }
