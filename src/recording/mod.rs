@@ -1,5 +1,5 @@
 //! Samples, events and recordings: what a run leaves behind, and the trait [`Recorder`] that passes a run on while it lasts.
-//! Files are in `run_file` and `csv`; control, twin and models are elsewhere.
+//! Files are in `run_file`, `csv` and `mdf`, exports in `export`; control, twin and models are elsewhere.
 
 pub(crate) mod atomic_file;
 pub(crate) mod columns;
