@@ -214,7 +214,7 @@ fn write_junit(
             time_s: 0.0,
             properties: Vec::new(),
             ending: CaseEnding::Error {
-                reason: error.to_string(),
+                reason: crate::daemon::chain(error),
             },
         },
     };

@@ -14,15 +14,15 @@ const NAME_SPACE: &str = "http://www.asam.net/mdf/v4";
 
 /// A block of the file that is being built.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct BlockId(usize);
+pub(super) struct MdfBlockId(usize);
 
-struct Block {
+struct MdfBlock {
     kind: &'static str,
-    links: Vec<Option<BlockId>>,
+    links: Vec<Option<MdfBlockId>>,
     data: Vec<u8>,
 }
 
-impl Block {
+impl MdfBlock {
     fn bytes(&self) -> u64 {
         HEAD_BYTES + 8 * self.links.len() as u64 + self.data.len() as u64
     }
@@ -30,19 +30,24 @@ impl Block {
 
 /// The blocks of a file in the order of their addresses.
 #[derive(Default)]
-pub(super) struct Blocks {
-    blocks: Vec<Block>,
+pub(super) struct MdfBlocks {
+    blocks: Vec<MdfBlock>,
 }
 
-impl Blocks {
+impl MdfBlocks {
     /// Adds a block of a kind such as `CN`; a link is `None` if there is no such block.
-    pub(super) fn add(&mut self, kind: &'static str, links: Vec<Option<BlockId>>, data: Vec<u8>) -> BlockId {
-        self.blocks.push(Block { kind, links, data });
-        BlockId(self.blocks.len() - 1)
+    pub(super) fn add(
+        &mut self,
+        kind: &'static str,
+        links: Vec<Option<MdfBlockId>>,
+        data: Vec<u8>,
+    ) -> MdfBlockId {
+        self.blocks.push(MdfBlock { kind, links, data });
+        MdfBlockId(self.blocks.len() - 1)
     }
 
     /// Replaces a link of a block: for chains and circles, where the target is added later.
-    pub(super) fn link(&mut self, from: BlockId, place: usize, to: BlockId) {
+    pub(super) fn link(&mut self, from: MdfBlockId, place: usize, to: MdfBlockId) {
         let links = self.blocks.get_mut(from.0).map(|block| &mut block.links);
         if let Some(link) = links.and_then(|links| links.get_mut(place)) {
             *link = Some(to);
@@ -50,12 +55,12 @@ impl Blocks {
     }
 
     /// A block with plain text.
-    pub(super) fn text(&mut self, text: &str) -> BlockId {
+    pub(super) fn text(&mut self, text: &str) -> MdfBlockId {
         self.add("TX", Vec::new(), terminated(text))
     }
 
     /// A block with a comment: `root` is the element that the format wants here, `content` its XML.
-    pub(super) fn xml(&mut self, root: &str, content: &str) -> BlockId {
+    pub(super) fn xml(&mut self, root: &str, content: &str) -> MdfBlockId {
         let xml = format!("<{root} xmlns=\"{NAME_SPACE}\">{content}</{root}>");
         self.add("MD", Vec::new(), terminated(&xml))
     }
@@ -63,7 +68,7 @@ impl Blocks {
     /// Addresses of all blocks.
     fn addresses(&self) -> Vec<u64> {
         let mut next = IDENTIFICATION_BYTES;
-        let place = |block: &Block| {
+        let place = |block: &MdfBlock| {
             let address = next;
             next = (address + block.bytes()).next_multiple_of(8);
             address
@@ -72,7 +77,7 @@ impl Blocks {
     }
 
     /// Address of one block.
-    pub(super) fn address(&self, of: BlockId) -> u64 {
+    pub(super) fn address(&self, of: MdfBlockId) -> u64 {
         self.addresses().get(of.0).copied().unwrap_or(0)
     }
 
@@ -121,7 +126,7 @@ mod tests {
 
     #[test]
     fn blocks_are_laid_out_as_by_hand() {
-        let mut blocks = Blocks::default();
+        let mut blocks = MdfBlocks::default();
         let head = blocks.add("HD", vec![None, None], vec![7; 3]);
         let text = blocks.text("N\u{b7}m");
         blocks.link(head, 1, text);

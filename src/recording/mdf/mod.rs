@@ -8,7 +8,7 @@ mod parts;
 
 use std::io::{self, Seek, SeekFrom, Write};
 
-use self::block::{Blocks, HEAD_BYTES};
+use self::block::{HEAD_BYTES, MdfBlocks};
 use super::columns::{Cell, Column};
 
 /// A file that is embedded, with its bytes unchanged.
@@ -63,7 +63,7 @@ pub(crate) struct MdfWriter<W> {
 impl<W: Write + Seek> MdfWriter<W> {
     /// Writes everything before the samples.
     pub(crate) fn begin(mut sink: W, head: &MdfHead) -> io::Result<MdfWriter<W>> {
-        let mut blocks = Blocks::default();
+        let mut blocks = MdfBlocks::default();
         let file = parts::add_all(&mut blocks, head);
         blocks.write(&mut sink)?;
         Ok(MdfWriter {

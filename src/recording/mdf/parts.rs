@@ -3,7 +3,7 @@
 
 use md5::{Digest, Md5};
 
-use super::block::{BlockId, Blocks, HEAD_BYTES};
+use super::block::{HEAD_BYTES, MdfBlockId, MdfBlocks};
 use super::{Attachment, Mark, MdfHead};
 use crate::recording::columns::{Cell, Column, ColumnKind};
 use crate::recording::xml::escaped;
@@ -29,22 +29,22 @@ const MARKER: u8 = 6;
 /// The blocks whose addresses the writer needs.
 pub(super) struct Parts {
     /// The channel group.
-    pub group: BlockId,
+    pub group: MdfBlockId,
     /// The block of samples: the last one, still empty.
-    pub data: BlockId,
+    pub data: MdfBlockId,
 }
 
 /// Adds all blocks of a file.
-pub(super) fn add_all(blocks: &mut Blocks, head: &MdfHead) -> Parts {
+pub(super) fn add_all(blocks: &mut MdfBlocks, head: &MdfHead) -> Parts {
     let header = add_header(blocks, head);
     let history = add_history(blocks, head);
     let group = add_group(blocks, head);
-    let attachments: Vec<BlockId> = head
+    let attachments: Vec<MdfBlockId> = head
         .attachments
         .iter()
         .map(|a| add_attachment(blocks, a))
         .collect();
-    let marks: Vec<BlockId> = head.marks.iter().map(|m| add_mark(blocks, m)).collect();
+    let marks: Vec<MdfBlockId> = head.marks.iter().map(|m| add_mark(blocks, m)).collect();
     // Samples without record ids, because the group is alone: next group, channel group, samples, comment.
     let data_group = blocks.add("DG", vec![None, Some(group), None, None], vec![0; 8]);
     let data = blocks.add("DT", Vec::new(), Vec::new());
@@ -58,7 +58,7 @@ pub(super) fn add_all(blocks: &mut Blocks, head: &MdfHead) -> Parts {
 }
 
 /// Links `from` to the first block and each block to the next one.
-fn chain(blocks: &mut Blocks, from: BlockId, place: usize, to: &[BlockId]) {
+fn chain(blocks: &mut MdfBlocks, from: MdfBlockId, place: usize, to: &[MdfBlockId]) {
     let (mut from, mut place) = (from, place);
     for &block in to {
         blocks.link(from, place, block);
@@ -67,7 +67,7 @@ fn chain(blocks: &mut Blocks, from: BlockId, place: usize, to: &[BlockId]) {
 }
 
 /// The header is the first block of the file.
-fn add_header(blocks: &mut Blocks, head: &MdfHead) -> BlockId {
+fn add_header(blocks: &mut MdfBlocks, head: &MdfHead) -> MdfBlockId {
     let mut data = head.start_ns.to_le_bytes().to_vec();
     // Two offsets to UTC in minutes, flags of the time, class of the clock (0: of a computer), flags, reserved.
     data.extend([0, 0, 0, 0, OFFSETS_VALID, 0, 0, 0]);
@@ -89,7 +89,7 @@ fn add_header(blocks: &mut Blocks, head: &MdfHead) -> BlockId {
 }
 
 /// The one entry of the history: which program wrote the file.
-fn add_history(blocks: &mut Blocks, head: &MdfHead) -> BlockId {
+fn add_history(blocks: &mut MdfBlocks, head: &MdfHead) -> MdfBlockId {
     let comment = format!(
         "<TX>exported from a run file</TX><tool_id>leafbench</tool_id><tool_vendor>leafbench</tool_vendor>\
          <tool_version>{}</tool_version>",
@@ -102,7 +102,7 @@ fn add_history(blocks: &mut Blocks, head: &MdfHead) -> BlockId {
 }
 
 /// The channel group with its channels.
-fn add_group(blocks: &mut Blocks, head: &MdfHead) -> BlockId {
+fn add_group(blocks: &mut MdfBlocks, head: &MdfHead) -> MdfBlockId {
     let name = blocks.text(head.group);
     let invalid_bytes = invalid_bytes(head.columns) as u32;
     let data_bytes = record_bytes(head.columns) as u32 - invalid_bytes;
@@ -125,12 +125,12 @@ fn add_group(blocks: &mut Blocks, head: &MdfHead) -> BlockId {
 
 /// One channel; `invalid_bit` is the place of its invalidation bit, if it has one.
 fn add_channel(
-    blocks: &mut Blocks,
+    blocks: &mut MdfBlocks,
     column: &Column,
     is_master: bool,
     byte_offset: u32,
     invalid_bit: Option<u32>,
-) -> BlockId {
+) -> MdfBlockId {
     let name = blocks.text(column.name);
     let unit = blocks.text(column.unit);
     let comment = blocks.text(column.description);
@@ -160,7 +160,7 @@ fn add_channel(
     blocks.add("CN", links, data)
 }
 
-fn add_attachment(blocks: &mut Blocks, attachment: &Attachment) -> BlockId {
+fn add_attachment(blocks: &mut MdfBlocks, attachment: &Attachment) -> MdfBlockId {
     let name = blocks.text(attachment.name);
     let mime_type = blocks.text(attachment.mime_type);
     let comment = blocks.text(attachment.comment);
@@ -176,7 +176,7 @@ fn add_attachment(blocks: &mut Blocks, attachment: &Attachment) -> BlockId {
     blocks.add("AT", vec![None, Some(name), Some(mime_type), Some(comment)], data)
 }
 
-fn add_mark(blocks: &mut Blocks, mark: &Mark) -> BlockId {
+fn add_mark(blocks: &mut MdfBlocks, mark: &Mark) -> MdfBlockId {
     let name = blocks.text(&mark.name);
     let comment = blocks.text(mark.comment);
     // Marker; its place is a time; a point, no range; cause 0: other; flags; reserved.
