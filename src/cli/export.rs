@@ -20,7 +20,7 @@ pub(super) struct ExportArgs {
     /// Folder to write to
     #[arg(long, value_name = "DIR", default_value = ".")]
     out: PathBuf,
-    /// Formats to write; separate several by commas
+    /// Formats, separated by commas; mf4 (ASAM MDF 4.1) and parquet hold units, profile and bench in the same file
     #[arg(long, value_name = "FORMAT", value_delimiter = ',', default_value = "csv")]
     format: Vec<FormatArg>,
     #[command(flatten)]
@@ -29,14 +29,12 @@ pub(super) struct ExportArgs {
     data: DataArg,
 }
 
-/// A format of exported files.
+/// A format of exported files; docs/formats.md describes each.
+// Doc comments of the variants would give the help of this one command a layout of its own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum FormatArg {
-    /// Text with a data package; numbers are rounded to a quarter of a count
     Csv,
-    /// ASAM MDF 4.1, with units, profile and bench inside
     Mf4,
-    /// Apache Parquet, with units, profile and bench inside
     Parquet,
 }
 

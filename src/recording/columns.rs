@@ -5,7 +5,7 @@ use super::csv::NEEDED;
 /// Type of the numbers in a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum ColumnKind {
-    /// A double.
+    /// A double of 64 bits.
     Number,
     /// A whole number of 32 bits, at least 0.
     Whole32,

@@ -23,7 +23,7 @@ pub(crate) enum CaseEnding {
     },
 }
 
-/// One run.
+/// One run, as a CI server shows it.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct TestCase {
     /// Name of the profile.
