@@ -12,8 +12,11 @@ fn text(bytes: &[u8]) -> String {
 #[test]
 fn run_without_a_daemon_says_how_to_start_one() {
     let folder = tempfile::tempdir().expect("a folder");
+    let report = folder.path().join("report.xml");
     let output = leafbench(&["run", "static-ramp", "--data"])
         .arg(folder.path())
+        .arg("--junit")
+        .arg(&report)
         .output()
         .expect("starts");
     assert_eq!(output.status.code(), Some(3));
@@ -21,6 +24,13 @@ fn run_without_a_daemon_says_how_to_start_one() {
     assert!(
         said.contains("leafbench daemon --bench bench-configs/benches/mock.toml"),
         "{said}"
+    );
+    let report = std::fs::read_to_string(report).expect("a report of a run that did not start");
+    assert!(
+        report.contains("<testcase classname=\"leafbench\" name=\"static-ramp\" time=\"0.000\">")
+            && report.contains("errors=\"1\"")
+            && report.contains("message=\"no daemon is running here"),
+        "{report}"
     );
 }
 
@@ -85,6 +95,29 @@ fn short_profile(folder: &Path) -> String {
     path.to_str().expect("UTF-8").to_owned()
 }
 
+/// The report for CI has one case, which passed, with the samples of the run.
+fn assert_passed_in(report: &Path, ended: &serde_json::Value) {
+    let report = std::fs::read_to_string(report).expect("written");
+    let samples = format!("<property name=\"samples\" value=\"{}\"/>", ended["samples"]);
+    assert!(
+        report.contains(&samples) && report.contains("failures=\"0\" errors=\"0\""),
+        "{report}"
+    );
+}
+
+/// Exports the newest run to `out` and looks at the first bytes of the files; what the command says.
+fn exported_in_all_formats(data: &Path, out: &Path) -> serde_json::Value {
+    let out = out.to_str().expect("UTF-8");
+    let order = ["export", "latest", "--format", "csv,parquet,mf4", "--out", out];
+    let (written, code) = json(data, &order);
+    assert_eq!(code, 0, "{written}");
+    for (format, mark) in [("mf4", "MDF     "), ("parquet", "PAR1")] {
+        let bytes = std::fs::read(written[format].as_str().expect("a path")).expect("written");
+        assert!(bytes.starts_with(mark.as_bytes()), "{format}");
+    }
+    written
+}
+
 #[test]
 fn a_technicians_day_tare_run_status_runs_export() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -96,6 +129,7 @@ fn a_technicians_day_tare_run_status_runs_export() {
     assert!(tare["force_new_n"].as_f64().expect("a number").abs() < 50.0);
 
     let profile = short_profile(folder.path());
+    let report = folder.path().join("report.xml");
     let (ended, code) = json(
         &data,
         &[
@@ -105,6 +139,8 @@ fn a_technicians_day_tare_run_status_runs_export() {
             "test",
             "--specimen",
             "samurai-front 7",
+            "--junit",
+            report.to_str().expect("UTF-8"),
         ],
     );
     assert_eq!(
@@ -112,18 +148,14 @@ fn a_technicians_day_tare_run_status_runs_export() {
         (0, &serde_json::json!("completed")),
         "{ended}"
     );
+    assert_passed_in(&report, &ended);
     let run_id = ended["run_id"].as_str().expect("an id");
     assert_eq!(daemon.status()["run"]["state"], "ended");
 
     let (runs, _) = json(&data, &["runs"]);
     assert_eq!(runs[0]["run_id"], run_id);
     assert_eq!(runs[0]["specimen"], "samurai-front 7");
-    let out = folder.path().join("out");
-    let (written, code) = json(
-        &data,
-        &["export", "latest", "--out", out.to_str().expect("UTF-8")],
-    );
-    assert_eq!(code, 0, "{written}");
+    let written = exported_in_all_formats(&data, &folder.path().join("out"));
     let csv = std::fs::read_to_string(written["csv"].as_str().expect("a path")).expect("written");
     assert_eq!(
         csv.lines().count() as u64,

@@ -12,9 +12,10 @@ use crate::mockrig::MockRigConfig;
 use crate::model::leaf_pack::PackStructure;
 use crate::model::{MODELS, Model, Parameter};
 use crate::profile::{Profile, Segment};
-use crate::recording::Flags;
 use crate::recording::csv::CsvFormat;
 use crate::recording::cycles::CYCLE_COLUMNS;
+use crate::recording::run_file::{RunFile, RunFileWriter, test_support};
+use crate::recording::{Event, EventKind, Flags, Recorder};
 use crate::units::Mode;
 
 /// A key that no table has.
@@ -458,6 +459,70 @@ fn documented_columns_are_those_that_are_written() {
 fn documented_flags_are_those_of_a_sample() {
     let bits: Vec<String> = Flags::all().iter().map(|f| f.bits().to_string()).collect();
     assert_eq!(first_cells("### Flags"), bits);
+}
+
+/// The queries of docs/formats.md: what stands in quotes after `sqlite3 ... RUN.leafrun`.
+fn documented_queries() -> Vec<String> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/formats.md");
+    let text = std::fs::read_to_string(path).expect("the document is in the repository");
+    let quoted = text.split("RUN.leafrun \"").skip(1);
+    let queries = quoted.map(|rest| rest.split('"').next().unwrap_or_default().to_owned());
+    queries.collect()
+}
+
+/// A run of 1300 samples in a file in `folder`; the texts have quotes and umlauts.
+fn written_run(folder: &Path) -> RunFile {
+    let path = folder.join("run.leafrun");
+    let mut writer = RunFileWriter::create(&path, &test_support::header()).expect("created");
+    for tick in 40_000..41_300 {
+        writer.sample(&test_support::sample(tick));
+    }
+    writer.event(&Event {
+        tick: 40_003,
+        time_s: 0.003,
+        kind: EventKind::RigState,
+        text: "\"läuft\"".to_owned(),
+    });
+    writer.end(&test_support::outcome(1300));
+    RunFile::open(&path).expect("a run file")
+}
+
+#[test]
+fn documented_queries_print_what_is_in_a_run_file() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = written_run(folder.path());
+    let database = rusqlite::Connection::open(run.path()).expect("a database");
+    let queries = documented_queries();
+    let [summary, calibration, profile, events, samples] = queries.as_slice() else {
+        panic!("five queries, not {}: {queries:?}", queries.len())
+    };
+    let header = run.header();
+    let row = database.query_row(summary, [], |row| {
+        Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?))
+    });
+    let wanted = (header.specimen.clone(), "completed".to_owned(), 1300, 1300);
+    assert_eq!(row, Ok(wanted));
+    let row = database.query_row(calibration, [], |row| Ok([row.get(0)?, row.get(1)?, row.get(2)?]));
+    let force = header.force_channel;
+    assert_eq!(row, Ok([force.scale_per_count, force.offset, force.tare]));
+    let row = database.query_row(profile, [], |row| row.get(0));
+    assert_eq!(row, Ok(header.profile_toml.clone()));
+    let row = database.query_row(events, [], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)));
+    assert_eq!(row, Ok((0.003, "rig_state".to_owned(), "\"läuft\"".to_owned())));
+    let mut statement = database.prepare(samples).expect("a query that SQLite accepts");
+    let rows = statement.query_map([], |row| Ok([row.get(0)?, row.get(1)?, row.get(2)?]));
+    let rows: Vec<[f64; 3]> = rows.expect("rows").map(|row| row.expect("numbers")).collect();
+    assert_eq!(rows.len(), 1300);
+    for (row, s) in rows.iter().zip(run.samples()) {
+        for (found, wanted) in row.iter().zip([s.time_s, s.displacement_mm, s.force_n]) {
+            // SQLite reads the text of a number in the header to the last bit or the one before.
+            assert!(
+                (found - wanted).abs() <= 1e-12 * wanted.abs().max(1.0),
+                "{row:?} {s:?}"
+            );
+        }
+    }
+    assert!(rows.iter().any(|[_, x_mm, _]| *x_mm < 0.0), "negative counts too");
 }
 
 /// All Rust sources below a folder, one after the other.

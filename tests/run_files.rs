@@ -95,6 +95,15 @@ fn a_damaged_run_is_listed_as_damaged_and_not_served_as_if_it_were_whole() {
     assert_eq!(body.lines().count() as u64, SAMPLES - 2048 + 1);
     assert!(head.to_lowercase().contains("leafbench-partial: "), "{head}");
     assert!(head.contains("broken-partial.csv"), "{head}");
+    for (format, mark) in [("mf4", "MDF     4.10"), ("parquet", "PAR1")] {
+        let (status, head, body) = get(&daemon, &format!("/api/runs/whole/{format}"));
+        assert_eq!(status, 200, "{body}");
+        assert!(
+            body.starts_with(mark) && head.contains(&format!("whole.{format}")),
+            "{head}"
+        );
+        assert_eq!(get(&daemon, &format!("/api/runs/broken/{format}")).0, 409);
+    }
     let (_, _, detail) = get(&daemon, "/api/runs/broken");
     assert!(detail.contains("\"damaged\""), "{detail}");
 }

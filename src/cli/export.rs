@@ -2,19 +2,19 @@
 
 use std::path::{Path, PathBuf};
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 
 use super::shared::client::DataArg;
 use super::shared::local;
 use super::{CliCommand, CliError, Done, Output};
-use crate::recording::export::{self, Selection};
+use crate::recording::export::{self, Selection, TableFormat};
 use crate::recording::run_file::{EXTENSION, GapCause, RunFile, Survey};
 use crate::recording::{atomic_file, datapackage};
 
 /// In the file names of a run that has no end yet.
 const SO_FAR: &str = "-so-far";
 
-/// Write a run as CSV with its data package, and its cycles as a second CSV; needs no daemon
+/// Write a run as CSV with its data package and its cycles as a second CSV, or as MF4 or Parquet; needs no daemon
 #[derive(Debug, Args)]
 pub(super) struct ExportArgs {
     /// Run id, whole or short, `latest`, or a .leafrun file
@@ -23,6 +23,9 @@ pub(super) struct ExportArgs {
     /// Folder to write to
     #[arg(long, value_name = "DIR", default_value = ".")]
     out: PathBuf,
+    /// Formats, separated by commas; mf4 (ASAM MDF 4.1) and parquet hold units, profile and bench in the same file
+    #[arg(long, value_name = "FORMAT", value_delimiter = ',', default_value = "csv")]
+    format: Vec<FormatArg>,
     #[command(flatten)]
     part: PartArgs,
     /// Replace files that are there already
@@ -30,6 +33,19 @@ pub(super) struct ExportArgs {
     force: bool,
     #[command(flatten)]
     data: DataArg,
+}
+
+/// A format of exported files; docs/formats.md describes each.
+// Doc comments of the variants would give the help of this one command a layout of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum FormatArg {
+    Csv,
+    Mf4,
+    Parquet,
+}
+
+impl FormatArg {
+    const ALL: [FormatArg; 3] = [FormatArg::Csv, FormatArg::Mf4, FormatArg::Parquet];
 }
 
 /// Which samples are exported; at most one of these.
@@ -59,11 +75,13 @@ impl PartArgs {
     }
 }
 
-#[derive(serde::Serialize)]
+#[derive(Default, serde::Serialize)]
 struct Written {
-    csv: PathBuf,
-    datapackage: PathBuf,
+    csv: Option<PathBuf>,
+    datapackage: Option<PathBuf>,
     cycles_csv: Option<PathBuf>,
+    mf4: Option<PathBuf>,
+    parquet: Option<PathBuf>,
     /// The run has no end yet: the files hold what was recorded so far.
     still_going: bool,
     rows: u64,
@@ -77,50 +95,56 @@ struct Written {
     damage: Vec<String>,
 }
 
+impl Written {
+    /// All files, in the order of the formats.
+    fn files(&self) -> impl Iterator<Item = &PathBuf> {
+        let files = [
+            &self.csv,
+            &self.datapackage,
+            &self.cycles_csv,
+            &self.mf4,
+            &self.parquet,
+        ];
+        files.into_iter().flatten()
+    }
+
+    /// Adds what is in the run file, and the number of rows: both are the same for every format.
+    fn count(&mut self, rows: u64, survey: Survey, sample_rate_hz: f64) {
+        self.rows = rows;
+        self.lost = survey.lost;
+        self.late = survey.late;
+        self.damaged = survey.damaged;
+        self.unsaved = survey.unsaved;
+        self.missing = missing_ranges(&survey, sample_rate_hz);
+        self.damage = survey.damage;
+    }
+}
+
 impl CliCommand for ExportArgs {
     const NAME: &'static str = "export";
     const EXAMPLES: &'static [&'static str] = &[
         "leafbench export latest --out loops",
         "leafbench export latest --mean-loop --out loops",
+        "leafbench export latest --format mf4,parquet --out loops",
     ];
 
     fn run(self, output: &Output) -> Result<Done, CliError> {
         let file = RunFile::open(&self.run_path()?)?;
-        let folder = self.out;
-        atomic_file::create_private_folder(&folder)
-            .map_err(CliError::file(&folder, "creating the folder"))?;
-        let (selection, suffix) = self.part.selection();
-        let still_going = file.outcome().is_none();
-        let mark = if still_going { SO_FAR } else { "" };
-        let run_id = file.header().run_id.clone();
-        let csv = folder.join(format!("{run_id}{suffix}{mark}.csv"));
-        let cycles_csv = folder.join(format!("{run_id}{mark}.cycles.csv"));
-        // What is known of a run that goes on is out of date at the next export. The table of cycles is the same for every part.
-        local::require_new(&[&csv, &datapackage::path_of(&csv)], self.force || still_going)?;
-        let exported = export::export(&file, selection, &csv)?;
-        let cycles_csv = match exported.survey.cycles.is_empty() {
-            true => None,
-            false => {
-                export::export_cycles(&file, &cycles_csv)?;
-                Some(cycles_csv)
+        atomic_file::create_private_folder(&self.out)
+            .map_err(CliError::file(&self.out, "creating the folder"))?;
+        let mut written = Written {
+            still_going: file.outcome().is_none(),
+            ..Written::default()
+        };
+        self.require_new(&file)?;
+        let mut whole = true;
+        for format in FormatArg::ALL {
+            if self.format.contains(&format) {
+                whole &= self.write(&file, format, &mut written)?;
             }
-        };
-        let partial = exported.is_partial();
-        let written = Written {
-            still_going,
-            rows: exported.rows,
-            lost: exported.survey.lost,
-            late: exported.survey.late,
-            damaged: exported.survey.damaged,
-            unsaved: exported.survey.unsaved,
-            missing: missing_ranges(&exported.survey, file.header().sample_rate_hz),
-            damage: exported.survey.damage.clone(),
-            csv: exported.csv,
-            datapackage: exported.datapackage,
-            cycles_csv,
-        };
+        }
         output.result(&written, || text(&written))?;
-        Ok(Done::success_if(!partial))
+        Ok(Done::success_if(whole))
     }
 }
 
@@ -132,20 +156,74 @@ impl ExportArgs {
         }
         Ok(local::find_run(&self.data.folder, &self.run)?.path)
     }
+
+    /// File of this run with an extension; `part` says which samples, and a run that goes on is marked.
+    fn path(&self, run: &RunFile, part: &str, extension: &str) -> PathBuf {
+        let mark = if run.outcome().is_none() { SO_FAR } else { "" };
+        let run_id = &run.header().run_id;
+        self.out.join(format!("{run_id}{part}{mark}.{extension}"))
+    }
+
+    /// Refuses to replace files. What is known of a run that goes on is out of date at the next export, so that is replaced; the table
+    /// of cycles is the same for every part.
+    fn require_new(&self, run: &RunFile) -> Result<(), CliError> {
+        let (_, part) = self.part.selection();
+        let paths = self.format.iter().flat_map(|format| match format {
+            FormatArg::Csv => {
+                let csv = self.path(run, &part, "csv");
+                vec![datapackage::path_of(&csv), csv]
+            }
+            FormatArg::Mf4 => vec![self.path(run, &part, TableFormat::Mf4.extension())],
+            FormatArg::Parquet => vec![self.path(run, &part, TableFormat::Parquet.extension())],
+        });
+        let paths: Vec<PathBuf> = paths.collect();
+        local::require_new(&paths, self.force || run.outcome().is_none())
+    }
+
+    /// Writes one format; false if something of the run is damaged or not on the disk.
+    fn write(&self, run: &RunFile, format: FormatArg, written: &mut Written) -> Result<bool, CliError> {
+        let (selection, suffix) = self.part.selection();
+        let header = run.header();
+        let path = |extension: &str| self.path(run, &suffix, extension);
+        let table = |format: TableFormat| {
+            let path = path(format.extension());
+            let (rows, survey) = export::export_table(run, selection, format, &path)?;
+            Ok::<_, CliError>((Some(path), rows, survey))
+        };
+        let (rows, survey) = match format {
+            FormatArg::Csv => {
+                let exported = export::export(run, selection, &path("csv"))?;
+                written.csv = Some(exported.csv);
+                written.datapackage = Some(exported.datapackage);
+                if !exported.survey.cycles.is_empty() {
+                    let path = self.path(run, "", "cycles.csv");
+                    export::export_cycles(run, &path)?;
+                    written.cycles_csv = Some(path);
+                }
+                (exported.rows, exported.survey)
+            }
+            FormatArg::Mf4 => {
+                let (path, rows, survey) = table(TableFormat::Mf4)?;
+                written.mf4 = path;
+                (rows, survey)
+            }
+            FormatArg::Parquet => {
+                let (path, rows, survey) = table(TableFormat::Parquet)?;
+                written.parquet = path;
+                (rows, survey)
+            }
+        };
+        let whole = survey.incomplete().is_empty();
+        written.count(rows, survey, header.sample_rate_hz);
+        Ok(whole)
+    }
 }
 
 fn text(w: &Written) -> String {
-    let mut lines = vec![
-        format!(
-            "{}  ({} rows, {} samples lost, {} late)",
-            w.csv.display(),
-            w.rows,
-            w.lost,
-            w.late
-        ),
-        w.datapackage.display().to_string(),
-    ];
-    lines.extend(w.cycles_csv.as_ref().map(|path| path.display().to_string()));
+    let mut lines: Vec<String> = w.files().map(|path| path.display().to_string()).collect();
+    if let Some(first) = lines.first_mut() {
+        *first += &format!("  ({} rows, {} samples lost, {} late)", w.rows, w.lost, w.late);
+    }
     if w.still_going {
         lines.push(
             "NOT WHOLE: the run is still going, or its daemon was killed: the files end at its newest sample; export it again \

@@ -1,6 +1,7 @@
 //! `leafbench run`.
 
-use std::path::Path;
+use std::io::Write;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
@@ -13,7 +14,10 @@ use super::shared::local::{self, WrittenKind, profile_help};
 use super::shared::progress::Progress;
 use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::client_types::{RunProgress, RunState, StartRun, Started, Status};
+use crate::protocol::message::SAMPLE_RATE_HZ;
+use crate::recording::atomic_file;
 use crate::regular_file::{self, WRITTEN_MAX_BYTES};
+use crate::report::junit::{self, CaseEnding, TestCase};
 
 /// Pause between two questions to the daemon.
 const POLL_PERIOD: Duration = Duration::from_millis(150);
@@ -37,6 +41,9 @@ pub(super) struct RunArgs {
     /// Start despite an overdue calibration or another specimen; NAME answers for it and is recorded
     #[arg(long = "override", value_name = "NAME")]
     override_by: Option<String>,
+    /// Write the outcome as JUnit XML for a CI server: one test case, also if the run cannot start
+    #[arg(long, value_name = "FILE")]
+    junit: Option<PathBuf>,
     #[command(flatten)]
     data: DataArg,
 }
@@ -46,9 +53,25 @@ impl CliCommand for RunArgs {
     const EXAMPLES: &'static [&'static str] = &[
         "leafbench run static-ramp-12s --operator Technician",
         "leafbench run sine-6mm-2.5hz-10 --specimen samurai-front-7",
+        "leafbench run static-ramp-12s --junit static-ramp-12s.xml",
     ];
 
-    fn run(self, output: &Output) -> Result<Done, CliError> {
+    fn run(mut self, output: &Output) -> Result<Done, CliError> {
+        let asked = self.profile.clone().or_else(|| self.resume.clone());
+        let junit = self.junit.take();
+        let ended = self.follow(output);
+        // A report that cannot be written must not hide why the run failed.
+        let reported = junit.map_or(Ok(()), |path| write_junit(&path, asked, &ended));
+        let ended = ended?;
+        output.result(&ended, || text(&ended))?;
+        reported?;
+        Ok(Done::success_if(ended.is_whole()))
+    }
+}
+
+impl RunArgs {
+    /// Starts the run and follows it to its end.
+    fn follow(self, output: &Output) -> Result<RunProgress, CliError> {
         let client = self.data.client()?;
         let order = self.order()?;
         let interrupts = ctrl_c_count();
@@ -56,13 +79,9 @@ impl CliCommand for RunArgs {
         if !output.json {
             eprintln!("run {} started; page: {}", started.run_id, client.page());
         }
-        let ended = wait(&client, &started.run_id, &interrupts, output)?;
-        output.result(&ended, || text(&ended))?;
-        Ok(Done::success_if(ended.is_whole()))
+        wait(&client, &started.run_id, &interrupts, output)
     }
-}
 
-impl RunArgs {
     fn order(self) -> Result<StartRun, CliError> {
         let profile = match self.profile {
             // The daemon may run in another folder, so it gets the text of the file.
@@ -189,6 +208,58 @@ fn disk_alarm(problem: &str) -> String {
     match problem.is_empty() {
         true => "disk: it can be written again".to_owned(),
         false => format!("disk: {problem}"),
+    }
+}
+
+/// Writes the report for CI. `asked` is the profile of the command line, or the run to resume.
+fn write_junit(
+    path: &Path,
+    asked: Option<String>,
+    ended: &Result<RunProgress, CliError>,
+) -> Result<(), CliError> {
+    let case = match ended {
+        Ok(run) => case_of(run),
+        Err(error) => TestCase {
+            name: asked.unwrap_or_default(),
+            time_s: 0.0,
+            properties: Vec::new(),
+            ending: CaseEnding::Error {
+                reason: crate::daemon::chain(error),
+            },
+        },
+    };
+    let written = atomic_file::write(path, |file| file.write_all(junit::xml(&case).as_bytes()));
+    written.map_err(CliError::file(path, "writing"))
+}
+
+/// The run as a test case. It fails unless it completed and all its samples are on the disk.
+fn case_of(run: &RunProgress) -> TestCase {
+    let count = |number: u64| number.to_string();
+    let ending = match (run.is_whole(), run.ending.as_deref()) {
+        (true, _) => CaseEnding::Passed,
+        (false, Some("completed")) => failed("incomplete", &run.disk_problem, run),
+        (false, ending) => failed(ending.unwrap_or("never_started"), &run.cause, run),
+    };
+    TestCase {
+        name: run.profile.clone(),
+        time_s: (run.samples + run.lost) as f64 / f64::from(SAMPLE_RATE_HZ),
+        properties: vec![
+            ("run_id", run.run_id.clone()),
+            ("samples", count(run.samples)),
+            ("lost", count(run.lost)),
+            ("late", count(run.late)),
+            ("cycles_completed", count(run.cycles_completed.into())),
+            ("model_mismatch", run.model_mismatch.clone()),
+        ],
+        ending,
+    }
+}
+
+fn failed(kind: &str, reason: &str, run: &RunProgress) -> CaseEnding {
+    CaseEnding::Failed {
+        kind: kind.to_owned(),
+        reason: reason.to_owned(),
+        text: text(run),
     }
 }
 

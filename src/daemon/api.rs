@@ -16,7 +16,7 @@ use super::client_types::{
     Accepted, Failure, Nothing, PlanRequest, ProfileSummary, RunDetail, RunSummary, StartRun, Started,
     Status, StopRequest,
 };
-use super::csv_download::{self, CsvPart};
+use super::download::{self, DownloadFormat, DownloadPart};
 use super::error::ApiError;
 use super::guard::{self, RequestGuard};
 use super::plan::{self, Plan, PlanError};
@@ -27,6 +27,7 @@ use super::wanted::Wanted;
 use super::{page, runs as run_life, socket};
 use crate::control::TareReport;
 use crate::control::realtime::{Reply, Request};
+use crate::recording::export::TableFormat;
 use crate::recording::run_file::{RunFile, RunListing};
 
 /// Largest body of a request in bytes: more than any profile file.
@@ -68,6 +69,8 @@ fn routes() -> Vec<Route> {
         get("/api/runs", |m| on(m, runs)),
         get("/api/runs/{run_id}", |m| on(m, run_detail)),
         get("/api/runs/{run_id}/csv", |m| on(m, run_csv)),
+        get("/api/runs/{run_id}/mf4", |m| on(m, run_mf4)),
+        get("/api/runs/{run_id}/parquet", |m| on(m, run_parquet)),
         get("/api/profiles", |m| on(m, profiles)),
         post("/api/plan", |m| on(m, plan_profile)),
         get("/api/openapi.json", |m| on(m, openapi)),
@@ -92,6 +95,8 @@ fn routes() -> Vec<Route> {
         runs,
         run_detail,
         run_csv,
+        run_mf4,
+        run_parquet,
         profiles,
         plan_profile,
         openapi,
@@ -243,20 +248,61 @@ async fn run_detail(State(state): App, Path(run_id): Path<String>) -> Result<Jso
 /// The run as CSV: whole, one cycle (`?cycle=3`), the mean loop (`?mean_loop=true`) or every n-th sample (`?every=10`).
 /// A damaged or incomplete run is refused, unless `?partial=1` asks for what is left of it.
 #[utoipa::path(get, path = "/api/runs/{run_id}/csv",
-    params(("run_id" = String, Path), CsvPart),
+    params(("run_id" = String, Path), DownloadPart),
     responses((status = 200, content_type = "text/csv", body = String), (status = 404, body = Failure),
         (status = 409, body = Failure)))]
 async fn run_csv(
     State(state): App,
     Path(run_id): Path<String>,
-    part: std::result::Result<Query<CsvPart>, QueryRejection>,
+    part: std::result::Result<Query<DownloadPart>, QueryRejection>,
 ) -> Result<Response> {
-    let Query(part) = part?;
+    send_run(state, run_id, part?.0, DownloadFormat::Csv).await
+}
+
+/// The run as ASAM MDF 4.1, with units, profile and bench inside. The parts are those of the CSV.
+#[utoipa::path(get, path = "/api/runs/{run_id}/mf4",
+    params(("run_id" = String, Path), DownloadPart),
+    responses((status = 200, content_type = "application/octet-stream", body = Vec<u8>), (status = 404, body = Failure),
+        (status = 409, body = Failure)))]
+async fn run_mf4(
+    State(state): App,
+    Path(run_id): Path<String>,
+    part: std::result::Result<Query<DownloadPart>, QueryRejection>,
+) -> Result<Response> {
+    send_run(state, run_id, part?.0, DownloadFormat::Table(TableFormat::Mf4)).await
+}
+
+/// The run as Apache Parquet, with units, profile and bench inside. The parts are those of the CSV.
+#[utoipa::path(get, path = "/api/runs/{run_id}/parquet",
+    params(("run_id" = String, Path), DownloadPart),
+    responses((status = 200, content_type = "application/vnd.apache.parquet", body = Vec<u8>),
+        (status = 404, body = Failure), (status = 409, body = Failure)))]
+async fn run_parquet(
+    State(state): App,
+    Path(run_id): Path<String>,
+    part: std::result::Result<Query<DownloadPart>, QueryRejection>,
+) -> Result<Response> {
+    send_run(
+        state,
+        run_id,
+        part?.0,
+        DownloadFormat::Table(TableFormat::Parquet),
+    )
+    .await
+}
+
+/// Exports the part of a run and sends it.
+async fn send_run(
+    state: Arc<DaemonState>,
+    run_id: String,
+    part: DownloadPart,
+    format: DownloadFormat,
+) -> Result<Response> {
     let file = blocking(&state, move |state| {
-        csv_download::prepare(&state.store, &run_id, &part)
+        download::prepare(&state.store, &run_id, &part, format)
     })
     .await?;
-    Ok(csv_download::stream(file))
+    Ok(download::stream(file))
 }
 
 /// The profiles that can be started by name.

@@ -14,7 +14,7 @@
 //! | `lock`, `endpoint` | one daemon per rig, the file by which commands find it |
 //! | `connections`, `server`, `request_body`, `guard` | limits of connections and requests, protection from other web pages |
 //! | `wanted`, `starts`, `orders` | work that may be withdrawn, order of starts and stops, orders that control must get |
-//! | `plan`, `csv_download` | check of a profile, export |
+//! | `plan`, `download` | check of a profile, export |
 //! | `newest_run`, `state` | what the handlers and the runs share |
 //! | `permission`, `resume`, `progress`, `prepare` | what a run needs before it can start |
 //! | `runs`, `socket`, `page` | life of a run, live view, the technician's page |
@@ -24,8 +24,8 @@ mod api;
 mod backlog;
 pub(crate) mod client_types;
 mod connections;
-mod csv_download;
 mod disk_watch;
+mod download;
 mod endpoint;
 mod error;
 mod guard;

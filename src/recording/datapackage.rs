@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::run_file::{Gap, RunFile, Survey};
-use super::{Event, EventKind, Header};
+use super::{Event, EventKind, Header, columns};
 
 /// The CSV that the package describes.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -32,7 +32,8 @@ pub(crate) fn path_of(csv: &Path) -> PathBuf {
 /// The package of an exported run.
 pub(crate) fn build(run: &RunFile, survey: &Survey, resource: &Resource) -> Value {
     let header = run.header();
-    let events = run.events();
+    let mut details = details(run, survey, &resource.selection);
+    details["rows"] = resource.rows.into();
     let slug = slug(&header.run_id);
     json!({
         "profile": "data-package",
@@ -60,12 +61,25 @@ pub(crate) fn build(run: &RunFile, survey: &Survey, resource: &Resource) -> Valu
                 "missingValues": [""]
             }
         }],
-        "leafbench": details(header, survey, &events, run, resource)
+        "leafbench": details
     })
 }
 
-/// Facts for which a Data Package has no standard field.
-fn details(header: &Header, survey: &Survey, events: &[Event], run: &RunFile, resource: &Resource) -> Value {
+/// The sign convention in words.
+pub(crate) const SIGN: &str = "displacement and force are positive in the direction that loads the spring";
+
+/// The scaling of both channels, with its formula.
+pub(crate) fn calibration(header: &Header) -> Value {
+    json!({
+        "formula": "value = counts * scale_per_count - offset - tare",
+        "force_n": header.force_channel,
+        "displacement_mm": header.displacement_channel
+    })
+}
+
+/// Facts for which a Data Package has no standard field. `selection` says which part of the run is exported.
+pub(crate) fn details(run: &RunFile, survey: &Survey, selection: &str) -> Value {
+    let (header, events) = (run.header(), run.events());
     let firmware = &header.firmware;
     json!({
         "run_id": header.run_id,
@@ -76,11 +90,7 @@ fn details(header: &Header, survey: &Survey, events: &[Event], run: &RunFile, re
         "firmware": firmware,
         "bench": { "toml": header.bench_toml, "sha256": header.bench_sha256 },
         "profile": { "name": header.profile_name, "toml": header.profile_toml },
-        "calibration": {
-            "formula": "value = counts * scale_per_count - offset - tare",
-            "force_n": header.force_channel,
-            "displacement_mm": header.displacement_channel
-        },
+        "calibration": calibration(header),
         "twin": header.twin,
         "sample_rate_hz": header.sample_rate_hz,
         "first_cycle": header.first_cycle,
@@ -88,8 +98,7 @@ fn details(header: &Header, survey: &Survey, events: &[Event], run: &RunFile, re
         "continues": header.continues,
         "cycles_planned": header.cycles_planned,
         "remarks": header.remarks,
-        "selection": resource.selection,
-        "rows": resource.rows,
+        "selection": selection,
         "samples": survey.samples,
         "lost": survey.lost,
         "late": survey.late,
@@ -98,9 +107,9 @@ fn details(header: &Header, survey: &Survey, events: &[Event], run: &RunFile, re
         "damage": survey.damage,
         "flagged": survey.flagged,
         "gaps": survey.gaps.iter().map(|gap| gap_json(gap, survey, header)).collect::<Vec<_>>(),
-        "events": events_json(events),
+        "events": events_json(&events),
         "outcome": run.outcome(),
-        "sign": "displacement and force are positive in the direction that loads the spring"
+        "sign": SIGN
     })
 }
 
@@ -132,72 +141,12 @@ fn slug(text: &str) -> String {
     lower.chars().map(|c| if allowed(c) { c } else { '-' }).collect()
 }
 
-/// Name, type, unit and description of each column that exports write.
-const FIELDS: &[(&str, &str, &str, &str)] = &[
-    (
-        "time_s",
-        "number",
-        "s",
-        "Time since the run's first sample, from the rig's tick",
-    ),
-    (
-        "displacement_mm",
-        "number",
-        "mm",
-        "Displacement of the specimen (LVDT)",
-    ),
-    ("force_n", "number", "N", "Force on the specimen (load cell)"),
-    (
-        "command_mm",
-        "number",
-        "mm",
-        "Commanded displacement; empty where none was commanded",
-    ),
-    (
-        "command_n",
-        "number",
-        "N",
-        "Commanded force; empty where none was commanded",
-    ),
-    (
-        "cycle",
-        "integer",
-        "1",
-        "Counted cycle from 1; 0 outside the counted cycles",
-    ),
-    (
-        "segment",
-        "integer",
-        "1",
-        "Segment of the profile from 1; 0 outside the profile",
-    ),
-    (
-        "twin_force_n",
-        "number",
-        "N",
-        "Force of the virtual twin; empty where it was off",
-    ),
-    (
-        "flags",
-        "integer",
-        "1",
-        "Quality, 0 = good; sum of 1 after a gap, 2 late, 4 force invalid, 8 displacement invalid, 16 stuck, 32 spike, \
-         64 no command, 128 not the motion of the profile",
-    ),
-    (
-        "cycles_averaged",
-        "integer",
-        "1",
-        "Number of cycles averaged in this row",
-    ),
-];
-
-fn field(column: &str) -> Value {
-    let known = FIELDS.iter().find(|(name, ..)| *name == column);
+fn field(name: &str) -> Value {
+    let column = columns::find(name);
     let (kind, unit, description) =
-        known.map_or(("any", "", ""), |&(_, kind, unit, text)| (kind, unit, text));
-    let mut field = json!({ "name": column, "type": kind, "unit": unit, "description": description });
-    if super::csv::NEEDED.contains(&column) {
+        column.map_or(("any", "", ""), |c| (c.kind.json_type(), c.unit, c.description));
+    let mut field = json!({ "name": name, "type": kind, "unit": unit, "description": description });
+    if super::csv::NEEDED.contains(&name) {
         field["constraints"] = json!({ "required": true });
     }
     field

@@ -1,18 +1,21 @@
 //! Samples, events and recordings: what a run leaves behind, and the trait [`Recorder`] that passes a run on while it lasts.
-//! Files are in `run_file` and `csv`; control, twin and models are elsewhere.
+//! Files are in `run_file`, `csv` and `mdf`, exports in `export`; control, twin and models are elsewhere.
 
 pub(crate) mod atomic_file;
+pub(crate) mod columns;
 pub(crate) mod csv;
 pub(crate) mod cycles;
 pub(crate) mod datapackage;
 pub(crate) mod export;
 pub(crate) mod import;
+pub(crate) mod mdf;
 pub(crate) mod memory;
 pub(crate) mod metrics;
 pub(crate) mod play;
 pub(crate) mod recorder;
 pub(crate) mod run_file;
 pub(crate) mod run_recording;
+pub(crate) mod xml;
 
 use crate::units::Command;
 
@@ -101,6 +104,17 @@ pub(crate) enum EventKind {
     Host,
     /// The run ended.
     End,
+}
+
+impl EventKind {
+    /// The word in files: the name in lower case with underscores.
+    pub(crate) fn word(self) -> String {
+        // An enum without fields always becomes a text.
+        let value = serde_json::to_value(self).ok();
+        value
+            .and_then(|v| v.as_str().map(str::to_owned))
+            .unwrap_or_default()
+    }
 }
 
 /// Something that happened during a run.

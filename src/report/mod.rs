@@ -1,11 +1,12 @@
-//! Writes the reports: HTML pages that hold everything themselves and are read without a network, and plots as SVG. What
-//! they say is decided by the callers.
+//! Writes the reports: HTML pages that hold everything themselves and are read without a network, plots as SVG, and JUnit XML for
+//! CI servers. What they say is decided by the callers.
 
 pub(crate) mod aggregates;
 pub(crate) mod diagnosis;
 mod diagnosis_plots;
 mod figures;
 mod html;
+pub(crate) mod junit;
 pub(crate) mod loops;
 pub(crate) mod pack;
 pub(crate) mod story;

@@ -154,7 +154,7 @@ pub(super) fn write_outcome(database: &Connection, outcome: &Outcome) -> rusqlit
 
 /// Writes one event; `seq` counts from 1.
 pub(super) fn write_event(database: &Connection, seq: u64, event: &Event) -> rusqlite::Result<()> {
-    let kind = kind_word(event.kind);
+    let kind = event.kind.word();
     database
         .prepare_cached("INSERT INTO events VALUES (?1, ?2, ?3, ?4, ?5, ?6)")?
         .execute(params![
@@ -194,12 +194,6 @@ fn event_crc32(seq: u64, event: &Event, kind: &str) -> u32 {
     digest.bytes(kind.as_bytes());
     digest.bytes(event.text.as_bytes());
     digest.finish()
-}
-
-/// The stable word of a kind.
-fn kind_word(kind: EventKind) -> String {
-    let value = serde_json::to_value(kind).unwrap_or_default();
-    value.as_str().unwrap_or_default().to_owned()
 }
 
 /// The kind that a stable word names.

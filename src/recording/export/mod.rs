@@ -1,4 +1,14 @@
-//! Exports a run file: CSV with its data package, and the cycles CSV. `csv` and `datapackage` define what is in them.
+//! Exports a run file: CSV with its data package, the cycles CSV, Parquet and MDF 4 (MF4). `recording::csv`, `datapackage`,
+//! `columns` and `mdf` define what is in them.
+//!
+//! `mean_loop` the mean over the cycles · `table` rows of doubles, for Parquet and MF4 · `facts` what stands beside them ·
+//! `parquet` and `mf4` the formats
+
+mod facts;
+mod mean_loop;
+mod mf4;
+mod parquet;
+mod table;
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -9,9 +19,9 @@ use sha2::{Digest, Sha256};
 use super::csv::{CsvFormat, CsvWriter};
 use super::cycles::{self, CycleMeter, CycleSummary};
 use super::datapackage::{self, Resource};
-use super::run_file::{CycleSpan, RunFile, Survey};
-use super::{Ending, Flags, Sample, atomic_file};
-use crate::units::Mode;
+use super::run_file::{RunFile, Survey};
+use super::{Ending, Sample, atomic_file};
+use table::Table;
 
 /// Part of a run that is exported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,6 +34,17 @@ pub(crate) enum Selection {
     MeanLoop,
     /// Every n-th tick, starting with the first; at least 1.
     Every(u64),
+}
+
+impl Selection {
+    /// True if the sample belongs to this part. `first_tick` is that of the first sample of the run.
+    fn takes(self, first_tick: u64, sample: &Sample) -> bool {
+        match self {
+            Selection::Cycle(cycle) => sample.cycle == cycle,
+            Selection::Every(n) => (sample.tick - first_tick).is_multiple_of(n),
+            Selection::Whole | Selection::MeanLoop => true,
+        }
+    }
 }
 
 impl std::fmt::Display for Selection {
@@ -48,13 +69,6 @@ pub(crate) struct Exported {
     pub survey: Survey,
 }
 
-impl Exported {
-    /// True if something of the run is damaged or not on the disk: the rows written are correct, but some are missing.
-    pub(crate) fn is_partial(&self) -> bool {
-        !self.survey.incomplete().is_empty()
-    }
-}
-
 /// Why a run could not be exported.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ExportError {
@@ -71,6 +85,69 @@ pub(crate) enum ExportError {
     NoLoop { run: PathBuf },
     #[error("the interval between exported samples is 0: the interval must be at least 1")]
     EveryZero,
+    /// The start of the run in the header cannot be read; MF4 needs it.
+    #[error(
+        "{run}: its start \"{started_utc}\" is not a time such as 2026-11-21T10:30:00Z after 1970: export it as CSV or Parquet"
+    )]
+    Start { run: PathBuf, started_utc: String },
+}
+
+/// A format that holds numbers as doubles, with units and facts of the run in the same file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum TableFormat {
+    /// ASAM MDF 4.1, the file of CANape, asammdf and other programs of vehicle testing.
+    Mf4,
+    /// Apache Parquet, for pandas, Polars, DuckDB and other programs of data analysis.
+    Parquet,
+}
+
+impl TableFormat {
+    /// Extension of a file, without the dot.
+    pub(crate) fn extension(self) -> &'static str {
+        match self {
+            TableFormat::Mf4 => "mf4",
+            TableFormat::Parquet => "parquet",
+        }
+    }
+}
+
+/// Writes a part of a run to `path`, whole or not at all; the number of its rows, and what is in the run file.
+pub(crate) fn export_table(
+    run: &RunFile,
+    selection: Selection,
+    format: TableFormat,
+    path: &Path,
+) -> Result<(u64, Survey), ExportError> {
+    let survey = run.survey();
+    check(run, selection, &survey)?;
+    let start_ns = match format {
+        TableFormat::Mf4 => start_ns(run)?,
+        TableFormat::Parquet => 0,
+    };
+    let table = Table::new(run, &survey, selection);
+    let written = atomic_file::write(path, |file| {
+        let facts = facts::facts(run, &survey, selection)?;
+        match format {
+            TableFormat::Mf4 => mf4::write(file, &table, &facts, start_ns),
+            TableFormat::Parquet => parquet::write(file, &table, &facts),
+        }
+    });
+    let rows = written.map_err(|source| ExportError::Io {
+        path: path.to_owned(),
+        source,
+    })?;
+    Ok((rows, survey))
+}
+
+/// Start of the run in nanoseconds since 1970, UTC.
+fn start_ns(run: &RunFile) -> Result<u64, ExportError> {
+    let text = &run.header().started_utc;
+    let time: Option<jiff::Timestamp> = text.parse().ok();
+    let nanoseconds = time.and_then(|time| u64::try_from(time.as_nanosecond()).ok());
+    nanoseconds.ok_or_else(|| ExportError::Start {
+        run: run.path().to_owned(),
+        started_utc: text.clone(),
+    })
 }
 
 /// Writes `csv` and its data package, each whole or not at all. The run file is only read.
@@ -130,15 +207,12 @@ fn write_csv(
         bytes: 0,
     };
     let (rows, columns) = if selection == Selection::MeanLoop {
-        write_mean_loop(&mut sink, run, survey, &format)?
+        mean_loop::write_csv(&mut sink, run, survey, &format)?
     } else {
         let columns = format.columns();
         let mut writer = CsvWriter::new(&mut sink, format)?;
         let first_tick = survey.ticks.map_or(0, |(first, _)| first);
-        for sample in run
-            .samples()
-            .filter(|sample| selected(selection, first_tick, sample))
-        {
+        for sample in run.samples().filter(|sample| selection.takes(first_tick, sample)) {
             writer.sample(&sample)?;
         }
         (writer.rows(), columns)
@@ -146,138 +220,16 @@ fn write_csv(
     Ok(Resource {
         file_name: csv.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         bytes: sink.bytes,
-        sha256: sink
-            .sha256
-            .finalize()
-            .iter()
-            .map(|byte| format!("{byte:02x}"))
-            .collect(),
+        sha256: hex(&sink.sha256.finalize()),
         rows,
         columns,
         selection: selection.to_string(),
     })
 }
 
-fn selected(selection: Selection, first_tick: u64, sample: &Sample) -> bool {
-    match selection {
-        Selection::Cycle(cycle) => sample.cycle == cycle,
-        Selection::Every(n) => (sample.tick - first_tick).is_multiple_of(n),
-        Selection::Whole | Selection::MeanLoop => true,
-    }
-}
-
-/// One row of the mean loop: sums over the cycles that have a usable sample at this tick.
-#[derive(Debug, Clone, Copy, Default)]
-struct MeanLoopBin {
-    count: u32,
-    displacement_mm: f64,
-    force_n: f64,
-    command: f64,
-    commands: u32,
-    twin_force_n: f64,
-    twins: u32,
-}
-
-impl MeanLoopBin {
-    fn add(&mut self, sample: &Sample) {
-        self.count += 1;
-        self.displacement_mm += sample.displacement_mm;
-        self.force_n += sample.force_n;
-        if let Some(command) = sample.command {
-            self.command += command.value();
-            self.commands += 1;
-        }
-        if let Some(twin_force_n) = sample.twin_force_n {
-            self.twin_force_n += twin_force_n;
-            self.twins += 1;
-        }
-    }
-}
-
-/// One bin for each tick after the start of a cycle. Their number is the median length of a cycle in ticks.
-fn mean_bins(run: &RunFile, survey: &Survey) -> Vec<MeanLoopBin> {
-    let complete: Vec<CycleSpan> = survey
-        .cycles
-        .iter()
-        .copied()
-        .filter(|span| span.complete)
-        .collect();
-    let mut lengths: Vec<u64> = complete
-        .iter()
-        .map(|span| span.last_tick - span.first_tick + 1)
-        .collect();
-    lengths.sort_unstable();
-    let median = lengths.get(lengths.len() / 2).copied().unwrap_or(0);
-    let mut bins = vec![MeanLoopBin::default(); median as usize];
-    let mut spans = complete.iter().peekable();
-    for sample in run.samples() {
-        while spans.next_if(|span| span.last_tick < sample.tick).is_some() {}
-        let Some(span) = spans.peek().filter(|span| span.first_tick <= sample.tick) else {
-            continue;
-        };
-        if let Some(bin) = bins.get_mut((sample.tick - span.first_tick) as usize)
-            && !sample.flags.intersects(Flags::UNUSABLE)
-        {
-            bin.add(&sample);
-        }
-    }
-    bins
-}
-
-fn write_mean_loop(
-    sink: &mut impl Write,
-    run: &RunFile,
-    survey: &Survey,
-    format: &CsvFormat,
-) -> io::Result<(u64, Vec<&'static str>)> {
-    let mut columns = vec!["time_s", "displacement_mm", "force_n"];
-    // If the run used both modes, a mean command has no unit: no command column.
-    let mode = match format.command_modes.as_slice() {
-        [mode] => Some(*mode),
-        _ => None,
-    };
-    columns.extend(mode.map(|mode| match mode {
-        Mode::Displacement => "command_mm",
-        Mode::Force => "command_n",
-    }));
-    columns.extend(["twin_force_n", "cycles_averaged"]);
-    write!(sink, "{}\r\n", columns.join(","))?;
-    let mut rows = 0;
-    // A mean has finer steps than a count: one decimal more than for single samples.
-    let (mm, n) = (
-        format.displacement_decimals as usize + 1,
-        format.force_decimals as usize + 1,
-    );
-    for (i, bin) in mean_bins(run, survey)
-        .iter()
-        .enumerate()
-        .filter(|(_, bin)| bin.count > 0)
-    {
-        let count = f64::from(bin.count);
-        let time_s = i as f64 / run.header().sample_rate_hz;
-        let (x, f) = (bin.displacement_mm / count, bin.force_n / count);
-        write!(
-            sink,
-            "{time_s:.*},{x:.mm$},{f:.n$}",
-            format.time_decimals as usize
-        )?;
-        if let Some(mode) = mode {
-            let decimals = if mode == Mode::Displacement { mm } else { n };
-            write_mean(sink, bin.command, bin.commands, decimals)?;
-        }
-        write_mean(sink, bin.twin_force_n, bin.twins, n)?;
-        write!(sink, ",{}\r\n", bin.count)?;
-        rows += 1;
-    }
-    Ok((rows, columns))
-}
-
-/// Writes a cell with a mean; the cell is empty without a value.
-fn write_mean(sink: &mut impl Write, sum: f64, count: u32, decimals: usize) -> io::Result<()> {
-    match count {
-        0 => write!(sink, ","),
-        _ => write!(sink, ",{:.decimals$}", sum / f64::from(count)),
-    }
+/// A hash as text.
+fn hex(hash: &[u8]) -> String {
+    hash.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Summary of every counted cycle of a run.
@@ -325,11 +277,21 @@ impl<W: Write> Write for Hashing<W> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Recorder;
+    use std::collections::HashMap;
+    use std::sync::Arc;
+
+    use ::parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
+    use arrow_array::RecordBatch;
+    use arrow_array::cast::AsArray;
+    use arrow_array::types::Float64Type;
+    use arrow_schema::SchemaRef;
+
     use super::super::csv;
     use super::super::run_file::RunFileWriter;
     use super::super::run_file::test_support::{header, outcome, sample};
+    use super::super::{Header, Recorder};
     use super::*;
+    use crate::units::Mode;
 
     /// Ticks 0 to `ticks` of the sine, without those in `lost`.
     fn run_in(folder: &Path, ticks: u64, lost: std::ops::Range<u64>) -> RunFile {
@@ -347,7 +309,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let run = run_in(folder.path(), 3000, 0..0);
         let exported = export(&run, Selection::Whole, &folder.path().join("run.csv")).unwrap();
-        assert_eq!((exported.rows, exported.is_partial()), (3000, false));
+        assert_eq!(
+            (exported.rows, exported.survey.incomplete()),
+            (3000, String::new())
+        );
         let back = csv::read_file(&exported.csv).unwrap();
         assert_eq!(back.command_mode, Some(Mode::Displacement));
         let (cycle, flags) = (back.cycle.unwrap(), back.flags.unwrap());
@@ -452,5 +417,115 @@ mod tests {
             rows.iter().map(|c| (c.cycle, c.complete)).collect::<Vec<_>>(),
             [(1, true), (2, true)]
         );
+    }
+
+    /// The rows of a Parquet file, and its metadata.
+    fn read_parquet(path: &Path) -> (Vec<RecordBatch>, SchemaRef, HashMap<String, String>) {
+        let builder = ParquetRecordBatchReaderBuilder::try_new(File::open(path).unwrap()).unwrap();
+        let footer = builder.metadata().file_metadata().key_value_metadata().unwrap();
+        let pairs = footer
+            .iter()
+            .map(|pair| (pair.key.clone(), pair.value.clone().unwrap()));
+        let (schema, facts) = (Arc::clone(builder.schema()), pairs.collect());
+        let batches = builder.build().unwrap().map(Result::unwrap).collect();
+        (batches, schema, facts)
+    }
+
+    #[test]
+    fn a_parquet_file_has_every_bit_with_units_and_facts() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = run_in(folder.path(), 3000, 700..705);
+        let path = folder.path().join("run.parquet");
+        let (rows, survey) = export_table(&run, Selection::Whole, TableFormat::Parquet, &path).unwrap();
+        assert_eq!((rows, survey.lost), (2995, 5));
+        let (batches, schema, facts) = read_parquet(&path);
+        let samples: Vec<Sample> = run.samples().collect();
+        let numbers = |name: &str| -> Vec<Option<u64>> {
+            let columns = batches.iter().map(|batch| batch.column_by_name(name).unwrap());
+            let cells = columns.flat_map(|column| column.as_primitive::<Float64Type>().iter());
+            cells.map(|cell| cell.map(f64::to_bits)).collect()
+        };
+        let bits = |value: fn(&Sample) -> Option<f64>| -> Vec<Option<u64>> {
+            samples.iter().map(|s| value(s).map(f64::to_bits)).collect()
+        };
+        assert_eq!(numbers("time_s"), bits(|s| Some(s.time_s)));
+        assert_eq!(numbers("force_n"), bits(|s| Some(s.force_n)));
+        assert_eq!(numbers("command_mm"), bits(|s| s.command.map(|c| c.value())));
+        assert_eq!(numbers("twin_force_n"), bits(|s| s.twin_force_n));
+        assert!(
+            numbers("twin_force_n").contains(&None),
+            "the twin was late in every third row"
+        );
+        let field = schema.field_with_name("displacement_mm").unwrap();
+        assert_eq!(field.metadata().get("unit").map(String::as_str), Some("mm"));
+        let header = run.header();
+        assert_eq!(facts["bench_toml"], header.bench_toml);
+        assert_eq!(facts["profile_toml"], header.profile_toml);
+        let file = std::fs::read(run.path()).unwrap();
+        assert_eq!(facts["run_file_sha256"], hex(&Sha256::digest(file)));
+        assert_eq!(schema.metadata().get("operator"), Some(&header.operator));
+    }
+
+    #[test]
+    fn a_live_run_has_no_hash_of_its_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.leafrun");
+        let mut writer = RunFileWriter::create(&path, &header()).unwrap();
+        (0..100).for_each(|tick| writer.sample(&sample(tick)));
+        writer.flush();
+        let run = RunFile::open(&path).unwrap();
+        let facts = facts::facts(&run, &run.survey(), Selection::Whole).unwrap();
+        assert!(facts.iter().all(|(name, _)| *name != "run_file_sha256"));
+        assert!(
+            facts
+                .iter()
+                .any(|(name, text)| *name == "calibration_hash" && text.starts_with("0x"))
+        );
+    }
+
+    #[test]
+    fn parts_of_a_run_are_tables_too() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = run_in(folder.path(), 3000, 0..0);
+        let path = folder.path().join("part.parquet");
+        let rows = |selection| {
+            let (rows, _) = export_table(&run, selection, TableFormat::Parquet, &path).unwrap();
+            let (batches, schema, _) = read_parquet(&path);
+            assert_eq!(
+                batches.iter().map(RecordBatch::num_rows).sum::<usize>() as u64,
+                rows
+            );
+            (rows, schema.fields().len())
+        };
+        assert_eq!(rows(Selection::Cycle(2)), (1000, 8));
+        assert_eq!(rows(Selection::Every(250)), (12, 8));
+        // time, displacement, force, command, twin and the number of cycles.
+        assert_eq!(rows(Selection::MeanLoop), (1000, 6));
+        let missing = export_table(&run, Selection::Cycle(9), TableFormat::Mf4, &path);
+        assert!(matches!(missing, Err(ExportError::NoCycle { .. })));
+    }
+
+    #[test]
+    fn the_start_of_an_mf4_file_is_that_of_the_run() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = run_in(folder.path(), 10, 0..0);
+        // 2026-11-21T10:30:00Z.
+        assert_eq!(start_ns(&run).unwrap(), 1_795_257_000_000_000_000);
+        let path = folder.path().join("old.leafrun");
+        let old = Header {
+            started_utc: "1969-12-31T23:59:59Z".to_owned(),
+            ..header()
+        };
+        let mut writer = RunFileWriter::create(&path, &old).unwrap();
+        writer.end(&outcome(0));
+        let old = RunFile::open(&path).unwrap();
+        let refused = export_table(
+            &old,
+            Selection::Whole,
+            TableFormat::Mf4,
+            &folder.path().join("old.mf4"),
+        );
+        assert!(matches!(refused, Err(ExportError::Start { .. })));
+        assert!(!folder.path().join("old.mf4").exists());
     }
 }

@@ -1,7 +1,9 @@
-//! A run as CSV over HTTP. The run is first exported to a temporary file, so that the download is complete or fails.
+//! A run as CSV, MF4 or Parquet over HTTP. The run is first exported to a temporary file, so that the download is complete or
+//! fails.
 
 use std::fs::File;
 use std::io::Read;
+use std::path::{Path, PathBuf};
 
 use axum::body::Body;
 use axum::http::{HeaderValue, StatusCode, header};
@@ -10,7 +12,7 @@ use axum::response::{IntoResponse, Response};
 use super::error::ApiError;
 use super::store::Store;
 use crate::recording::atomic_file;
-use crate::recording::export::{self, Selection};
+use crate::recording::export::{self, ExportError, Selection, TableFormat};
 use crate::recording::run_file::RunFile;
 
 /// Size of the blocks that are read and sent.
@@ -20,7 +22,7 @@ const BLOCK_BYTES: usize = 64 * 1024;
 #[derive(Debug, Clone, Copy, Default, serde::Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-pub(super) struct CsvPart {
+pub(super) struct DownloadPart {
     /// Number of one counted cycle.
     cycle: Option<u32>,
     /// The mean over the complete counted cycles.
@@ -43,7 +45,7 @@ fn one_or_true<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<bool
     }
 }
 
-impl CsvPart {
+impl DownloadPart {
     /// The selection, and the addition to the file name.
     fn selection(self) -> Option<(Selection, String)> {
         match (self.cycle, self.mean_loop, self.every) {
@@ -56,12 +58,52 @@ impl CsvPart {
     }
 }
 
-/// A CSV that is ready to be sent.
+/// Format of the file that is sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum DownloadFormat {
+    /// Text, without its data package.
+    Csv,
+    /// Doubles, with all facts of the run in the same file.
+    Table(TableFormat),
+}
+
+impl DownloadFormat {
+    fn extension(self) -> &'static str {
+        match self {
+            DownloadFormat::Csv => "csv",
+            DownloadFormat::Table(format) => format.extension(),
+        }
+    }
+
+    fn content_type(self) -> &'static str {
+        match self {
+            DownloadFormat::Csv => "text/csv; charset=utf-8",
+            DownloadFormat::Table(TableFormat::Parquet) => "application/vnd.apache.parquet",
+            // The general type of files: a browser saves it.
+            DownloadFormat::Table(TableFormat::Mf4) => "application/octet-stream",
+        }
+    }
+
+    /// Exports to a file in `folder`; its path.
+    fn export(self, run: &RunFile, selection: Selection, folder: &Path) -> Result<PathBuf, ExportError> {
+        let path = folder.join("download").with_extension(self.extension());
+        match self {
+            DownloadFormat::Csv => export::export(run, selection, &path).map(|exported| exported.csv),
+            DownloadFormat::Table(format) => {
+                export::export_table(run, selection, format, &path)?;
+                Ok(path)
+            }
+        }
+    }
+}
+
+/// An exported run that is ready to be sent.
 pub(super) struct Download {
+    format: DownloadFormat,
     file: File,
     bytes: u64,
     name: String,
-    /// What is not in the CSV; empty if it is whole.
+    /// What is not in the file; empty if it is whole.
     missing: String,
 }
 
@@ -69,7 +111,12 @@ pub(super) struct Download {
 const PARTIAL_HEADER: &str = "leafbench-partial";
 
 /// Exports the part to a temporary file. The file is deleted from its folder before it is sent, so that it cannot remain.
-pub(super) fn prepare(store: &Store, run_id: &str, part: &CsvPart) -> Result<Download, ApiError> {
+pub(super) fn prepare(
+    store: &Store,
+    run_id: &str,
+    part: &DownloadPart,
+    format: DownloadFormat,
+) -> Result<Download, ApiError> {
     let (selection, suffix) = part.selection().ok_or_else(|| {
         ApiError::new(
             StatusCode::BAD_REQUEST,
@@ -88,13 +135,13 @@ pub(super) fn prepare(store: &Store, run_id: &str, part: &CsvPart) -> Result<Dow
         ));
     }
     let partial = if missing.is_empty() { "" } else { "-partial" };
-    let name = format!("{}{suffix}{partial}.csv", listing.run_id);
+    let name = format!("{}{suffix}{partial}.{}", listing.run_id, format.extension());
     let folder = Scratch::new(store).map_err(scratch_failed)?;
-    let exported =
-        export::export(&run, selection, &folder.0.join("download.csv")).map_err(|e| ApiError::invalid(&e))?;
-    let file = File::open(&exported.csv).map_err(scratch_failed)?;
+    let exported = format.export(&run, selection, &folder.0);
+    let file = File::open(exported.map_err(|e| ApiError::invalid(&e))?).map_err(scratch_failed)?;
     let bytes = file.metadata().map_err(scratch_failed)?.len();
     Ok(Download {
+        format,
         file,
         bytes,
         name,
@@ -105,13 +152,13 @@ pub(super) fn prepare(store: &Store, run_id: &str, part: &CsvPart) -> Result<Dow
 fn scratch_failed(error: std::io::Error) -> ApiError {
     ApiError::new(
         StatusCode::INSUFFICIENT_STORAGE,
-        format!("the CSV cannot be written to the data folder: {error}"),
+        format!("the export cannot be written to the data folder: {error}"),
         "free space on the disk".to_owned(),
     )
 }
 
 /// The temporary folder of one export. Dropping it deletes the folder.
-struct Scratch(std::path::PathBuf);
+struct Scratch(PathBuf);
 
 impl Scratch {
     fn new(store: &Store) -> std::io::Result<Scratch> {
@@ -133,7 +180,7 @@ impl Drop for Scratch {
     }
 }
 
-/// Sends the CSV in blocks. They are read on a thread that may wait for the disk.
+/// Sends the file in blocks. They are read on a thread that may wait for the disk.
 pub(super) fn stream(download: Download) -> Response {
     let (sender, receiver) = tokio::sync::mpsc::channel(4);
     let mut file = download.file;
@@ -156,7 +203,7 @@ pub(super) fn stream(download: Download) -> Response {
         receiver.recv().await.map(|item| (item, receiver))
     });
     let headers = [
-        (header::CONTENT_TYPE, "text/csv; charset=utf-8".to_owned()),
+        (header::CONTENT_TYPE, download.format.content_type().to_owned()),
         (header::CONTENT_LENGTH, download.bytes.to_string()),
         (
             header::CONTENT_DISPOSITION,
@@ -179,7 +226,7 @@ mod tests {
     #[test]
     fn at_most_one_part_can_be_selected() {
         let part = |cycle, mean_loop, every| {
-            CsvPart {
+            DownloadPart {
                 cycle,
                 mean_loop,
                 every,
