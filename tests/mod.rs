@@ -30,6 +30,7 @@ mod leaf_pack_losses;
 mod leaf_pack_robust;
 mod mock_in_memory;
 mod model_mismatch;
+mod motion;
 mod one_sine;
 mod paper_benches;
 mod profiles;

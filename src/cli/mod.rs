@@ -11,6 +11,7 @@ pub(crate) mod diagnose;
 mod export;
 mod hold;
 mod identify;
+mod jog;
 mod mock_rig;
 mod papers;
 mod plan;
@@ -24,6 +25,7 @@ mod simulate;
 mod status;
 mod stop;
 mod tare;
+mod zero;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -87,6 +89,8 @@ static COMMANDS: &[CommandEntry] = &[
     CommandEntry::of::<resume::ResumeArgs>(),
     CommandEntry::of::<reset::ResetArgs>(),
     CommandEntry::of::<tare::TareArgs>(),
+    CommandEntry::of::<zero::ZeroArgs>(),
+    CommandEntry::of::<jog::JogArgs>(),
     CommandEntry::of::<status::StatusArgs>(),
     CommandEntry::of::<runs::RunsArgs>(),
     CommandEntry::of::<export::ExportArgs>(),

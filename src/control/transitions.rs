@@ -101,6 +101,8 @@ impl Rig {
         self.sample_counter.reset();
         self.status_counter.reset();
         self.stillness.clear();
+        // A value of a rig that is not heard would look live.
+        self.reading = None;
         self.detectors.forget_stream();
     }
 }
