@@ -32,6 +32,7 @@ mod mock_in_memory;
 mod model_mismatch;
 mod motion;
 mod one_sine;
+mod page;
 mod paper_benches;
 mod profiles;
 mod protocol;

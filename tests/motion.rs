@@ -45,7 +45,10 @@ fn after_a_stop_the_bench_says_where_it_stands_and_zero_brings_it_back() {
     let mut bench = after_a_stop();
     let away = bench.rig.status();
     let at_mm = away.displacement_mm.expect("a reading");
-    assert!(at_mm > 0.15, "an unload of this spring ends above zero: {at_mm} mm");
+    assert!(
+        at_mm > 0.15,
+        "an unload of this spring ends above zero: {at_mm} mm"
+    );
     assert!(away.off_zero.contains("return to zero"), "{}", away.off_zero);
     let samples = bench.memory.samples.len();
     bench.rig.zero().expect("the bench is ready");
@@ -242,7 +245,11 @@ fn a_hold_counts_down_to_its_end() {
     bench.ticks(19_500);
     assert_eq!(bench.rig.phase(), Phase::Held);
     bench.ticks(1_000);
-    assert_ne!(bench.rig.phase(), Phase::Held, "it lapsed when the seconds were over");
+    assert_ne!(
+        bench.rig.phase(),
+        Phase::Held,
+        "it lapsed when the seconds were over"
+    );
 }
 
 #[test]
@@ -265,5 +272,9 @@ fn a_sensor_without_reading_has_no_value_and_its_samples_are_counted() {
     let status = bench.rig.status();
     assert_eq!(status.force_n, None);
     assert!(status.displacement_mm.is_some());
-    assert!((190..=200).contains(&status.counters.flagged), "{}", status.counters.flagged);
+    assert!(
+        (190..=200).contains(&status.counters.flagged),
+        "{}",
+        status.counters.flagged
+    );
 }

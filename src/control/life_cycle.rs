@@ -8,7 +8,8 @@ impl Rig {
     /// Begins the ordered run. Its time starts when the first command is due. It starts from the mean of the window if the rig
     /// is still, else from the newest reading.
     pub(super) fn begin_run(&mut self, tick: u64, turn: &mut Turn) {
-        let Activity::Arming { order, motion, .. } = std::mem::replace(&mut self.activity, Activity::Idle) else {
+        let Activity::Arming { order, motion, .. } = std::mem::replace(&mut self.activity, Activity::Idle)
+        else {
             return;
         };
         let mut order = *order;

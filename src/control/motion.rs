@@ -60,7 +60,9 @@ impl Rig {
         self.check_travel(from_mm + step_mm, step_mm)?;
         let order = self.unrecorded("jog", jog_segments(step_mm));
         match &mut self.activity {
-            Activity::Running(run) => run.turn_to(order.profile).map_err(|e| Refusal::Motion(e.to_string())),
+            Activity::Running(run) => run
+                .turn_to(order.profile)
+                .map_err(|e| Refusal::Motion(e.to_string())),
             Activity::Arming { order: waiting, .. } => {
                 **waiting = order;
                 Ok(())

@@ -204,6 +204,8 @@ impl Rig {
     pub(crate) fn resume(&mut self) -> Result<(), Refusal> {
         match self.phase() {
             Phase::Held => {
+                // What it said was about the hold.
+                self.notice.clear();
                 self.next_request = Some(RequestCode::Resume);
                 Ok(())
             }

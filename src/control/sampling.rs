@@ -53,7 +53,9 @@ impl Rig {
             self.counters.late += 1;
         }
         let invalid = [Flags::FORCE_INVALID, Flags::DISPLACEMENT_INVALID];
-        let is_invalid = invalid.into_iter().any(|flag| sample.reading.flags.contains(flag));
+        let is_invalid = invalid
+            .into_iter()
+            .any(|flag| sample.reading.flags.contains(flag));
         self.counters.flagged += u64::from(is_invalid);
         self.counters.samples += 1;
         self.counters.lost += sample.lost;

@@ -231,7 +231,10 @@ impl Rig {
         status.hold_left_s = self.hold_left_s();
         let recorded = run.filter(|r| r.motion.is_none());
         assign(&mut status.run_id, recorded.map(|r| r.header.run_id.as_str()));
-        assign(&mut status.profile, recorded.map(|r| r.header.profile_name.as_str()));
+        assign(
+            &mut status.profile,
+            recorded.map(|r| r.header.profile_name.as_str()),
+        );
         status.elapsed_s = run.map_or(0.0, |r| r.time_s(newest).max(0.0));
         status.remaining_s = run.map_or(0.0, |r| r.remaining_s(newest));
         status.cycles_completed = run.map_or(0, |r| r.cycles_completed());
@@ -270,7 +273,10 @@ impl Rig {
         }
         let (force_n, displacement_mm) = (at.force_n, at.displacement_mm);
         // Writing into a text does not fail.
-        let _ = write!(text, "The rig stands at {force_n:.1} N and {displacement_mm:.3} mm. ");
+        let _ = write!(
+            text,
+            "The rig stands at {force_n:.1} N and {displacement_mm:.3} mm. "
+        );
         text.push_str(match (far, self.phase()) {
             (true, Phase::Ready) => "An unload ends as soon as the force is small: return to zero before the next test.",
             (true, _) => "The pressure is off: remove the cause, reset, then return to zero.",

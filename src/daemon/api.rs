@@ -13,8 +13,8 @@ use axum::{Json, Router};
 use utoipa::OpenApi;
 
 use super::client_types::{
-    Accepted, Failure, JogRequest, Nothing, PlanRequest, ProfileSummary, RunDetail, RunSummary, StartRun, Started,
-    Status, StopRequest,
+    Accepted, Failure, JogRequest, Nothing, PlanRequest, ProfileSummary, RunDetail, RunSummary, StartRun,
+    Started, Status, StopRequest,
 };
 use super::csv_download::{self, CsvPart};
 use super::error::ApiError;

@@ -251,7 +251,10 @@ mod tests {
         assert_eq!(batch.run_id, "");
         assert_eq!(batch.force_range_n, Some([1.0, 900.0]));
         assert_eq!(batch.force_n[2], None, "tick 10");
-        assert!(batch.force_n.iter().flatten().all(|f| *f == 1.0), "tick 7 is not sent");
+        assert!(
+            batch.force_n.iter().flatten().all(|f| *f == 1.0),
+            "tick 7 is not sent"
+        );
     }
 
     #[test]

@@ -21,9 +21,14 @@ pub(super) fn router() -> Router<Arc<DaemonState>> {
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Path, type and text of each file.
-const FILES: [(&str, &str, &str); 8] = [
+const FILES: [(&str, &str, &str); 9] = [
     ("/", "text/html; charset=utf-8", include_str!("page/index.html")),
-    ("/page.css", "text/css; charset=utf-8", include_str!("page/page.css")),
+    (
+        "/page.css",
+        "text/css; charset=utf-8",
+        include_str!("page/page.css"),
+    ),
+    ("/ask.js", SCRIPT, include_str!("page/ask.js")),
     ("/words.js", SCRIPT, include_str!("page/words.js")),
     ("/plot.js", SCRIPT, include_str!("page/plot.js")),
     ("/scope.js", SCRIPT, include_str!("page/scope.js")),
@@ -88,7 +93,11 @@ mod tests {
         let part = |at: usize| {
             let value = u8::from_str_radix(&colour[at..at + 2], 16).expect("two digits");
             let c = f64::from(value) / 255.0;
-            if c <= 0.040_45 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
+            if c <= 0.040_45 {
+                c / 12.92
+            } else {
+                ((c + 0.055) / 1.055).powf(2.4)
+            }
         };
         0.2126 * part(1) + 0.7152 * part(3) + 0.0722 * part(5)
     }
@@ -112,7 +121,9 @@ mod tests {
     #[test]
     fn the_colours_keep_the_contrast_of_wcag_aa_in_light_and_dark() {
         let style = text_of("/page.css");
-        let dark = style.find("@media (prefers-color-scheme: dark)").expect("a dark page");
+        let dark = style
+            .find("@media (prefers-color-scheme: dark)")
+            .expect("a dark page");
         let end = style.find("* { box-sizing").expect("the end of the colours");
         for theme in [&style[..dark], &style[dark..end]] {
             let of = colours(theme);

@@ -2,35 +2,7 @@
 // so the page can be closed and opened at any time.
 "use strict";
 
-const $ = id => document.getElementById(id);
-let status = null, everConnected = false;
-
-// ---- requests
-
-async function ask(path, body, withinMs) {
-  let answer;
-  try {
-    const options = body === undefined ? {} :
-      { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) };
-    if (withinMs) options.signal = AbortSignal.timeout(withinMs);
-    answer = await fetch(path, options);
-  } catch {
-    throw new Error("The daemon does not answer. Check that it runs on this computer.");
-  }
-  const reply = await answer.json().catch(() => ({}));
-  if (!answer.ok) throw new Error([reply.error || `HTTP ${answer.status}`, reply.what_to_do].filter(Boolean).join(". "));
-  return reply;
-}
-
-// The answer to the last press. It has a place of its own, so nothing moves when it comes and goes.
-let noticeTimer = 0;
-function say(text, mild) {
-  const notice = $("notice");
-  clearTimeout(noticeTimer);
-  notice.textContent = text;
-  notice.classList.toggle("mild", !!mild);
-  if (text) noticeTimer = setTimeout(() => { notice.textContent = ""; }, mild ? 8000 : 30000);
-}
+// ---- buttons and keys
 
 function press(id, action) {
   $(id).addEventListener("click", async () => {
@@ -130,8 +102,8 @@ function write(id, text) { if ($(id).textContent !== text) $(id).textContent = t
 
 function show() {
   const rig = status && status.rig, phase = rig ? rig.phase : "offline";
-  $("lamp").dataset.phase = phase;
   const [name, detail, clear] = phaseWords(status, everConnected);
+  $("lamp").dataset.phase = name === JOG_KEEPS[0] ? "held" : phase;
   write("state", name);
   write("state-detail", detail);
   $("clear").hidden = !clear;
@@ -144,6 +116,7 @@ function show() {
   showRun(rig);
   showWarnings();
   if (!status) { write("footer", ""); return; }
+  write("band", `noise, \u00b1${number(3 * status.plot.noise_n, 1)} N`);
   write("footer", [
     `leafbench ${status.version}, bench ${status.bench}, link ${status.link}${status.link_open ? "" : " (closed)"}, ` +
     `runs in ${status.data_folder}`,
@@ -174,11 +147,13 @@ function showRun(rig) {
     write("run-name", rig.profile);
     write("run-cycles", rig.cycles_total ? `cycle ${rig.cycles_completed} of ${rig.cycles_total}` : "");
     write("run-remaining", `${duration(rig.remaining_s)} left`);
+    write("run-cause", "");
     $("progress").value = total > 0 ? rig.elapsed_s / total : 0;
   } else if (run && run.ending) {
     write("run-name", `${run.profile}: ${run.ending}`);
     write("run-cycles", `${run.samples} samples, ${run.lost} lost, ${run.late} late`);
-    write("run-remaining", run.cause);
+    write("run-remaining", "");
+    write("run-cause", sentence(withoutWord(run.cause, run.ending)));
     $("progress").value = run.ending === "completed" ? 1 : $("progress").value;
   }
   const counters = rig && rig.counters;
@@ -221,7 +196,7 @@ function row(run) {
   cell(run.profile);
   cell(run.specimen);
   const ended = cell(run.ending);
-  const why = [run.problem, run.cause].filter(Boolean).join(" · ");
+  const why = [run.problem, withoutWord(run.cause, run.ending)].filter(Boolean).join(" · ");
   if (why) ended.append(Object.assign(document.createElement("small"), { textContent: why }));
   cell(run.cycles_completed || "", "number");
   cell(run.samples, "number");

@@ -52,7 +52,7 @@ class Plot {
     this.x = xRange || steadyRange(this.x, rangeOf(lines.map(l => l.x), this.xLeast));
     this.y = steadyRange(this.y, rangeOf([...lines.map(l => l.y), band || []], this.yLeast));
     const [[x0, x1], [y0, y1]] = [this.x, this.y];
-    const box = { left: 76, right: width - 10, top: 8, bottom: height - (this.xLabel ? 44 : 24) };
+    const box = { left: 76, right: width - 16, top: 8, bottom: height - (this.xLabel ? 44 : 24) };
     const px = x => box.left + (x - x0) / (x1 - x0) * (box.right - box.left);
     const py = y => box.bottom - (y - y0) / (y1 - y0) * (box.bottom - box.top);
     c.save();
@@ -104,7 +104,7 @@ class Plot {
     c.fillStyle = style("--quiet");
     c.textAlign = "center";
     c.textBaseline = "middle";
-    c.font = "18px system-ui, sans-serif";
+    c.font = "16px system-ui, sans-serif";
     c.fillText(text, (box.left + box.right) / 2, (box.top + box.bottom) / 2);
   }
 
@@ -118,7 +118,7 @@ class Plot {
       return (Math.abs(value) < step / 1e6 ? 0 : value).toFixed(digits).replace("-", "\u2212");
     };
     const xStep = roundStep(x1 - x0, Math.max(2, (box.right - box.left) / 90));
-    const yStep = roundStep(y1 - y0, Math.max(2, (box.bottom - box.top) / 46));
+    const yStep = roundStep(y1 - y0, Math.max(2, (box.bottom - box.top) / 34));
     c.textAlign = "center";
     c.textBaseline = "top";
     for (let x = Math.ceil(x0 / xStep) * xStep; x <= x1 + xStep * 1e-9; x += xStep) {

@@ -100,7 +100,7 @@ function drawPlots() {
     return model === null || force === null ? null : force - model;
   });
   residualPlot.draw([{ x: time, y: residual, colour: measured, width: 1.5 }],
-    { xRange, band: [-band, band], silent: silent || (residual.some(v => v !== null) ? "" : "no twin between two runs") });
+    { xRange, band: [-band, band], silent: silent || (residual.some(v => v !== null) ? "" : "no twin now") });
 }
 
 window.addEventListener("resize", () => { dirty = true; });
@@ -109,7 +109,7 @@ $("window").addEventListener("change", () => { dirty = true; });
 $("clear-peaks").addEventListener("click", () => { peaks = noPeaks(); showPeaks(); });
 
 function showPeaks() {
-  const text = (range, digits) => range ? `${number(range[0], digits)} to ${number(range[1], digits)}` : "\u00a0";
-  $("force-peak").textContent = text(peaks.force, 1);
-  $("displacement-peak").textContent = text(peaks.displacement, 3);
+  const text = (range, digits, unit) => range ? `peaks ${number(range[0], digits)}, ${number(range[1], digits)} ${unit}` : "\u00a0";
+  $("force-peak").textContent = text(peaks.force, 1, "N");
+  $("displacement-peak").textContent = text(peaks.displacement, 3, "mm");
 }

@@ -54,6 +54,9 @@ function duration(seconds) {
 
 const sentence = text => text ? text[0].toUpperCase() + text.slice(1) + (/[.!?]$/.test(text) ? "" : ".") : "";
 
+// The cause of an ending without the word for the ending, which stands before it: "stopped" and "stopped by an operator".
+const withoutWord = (cause, ending) => ending && cause.startsWith(ending + " ") ? cause.slice(ending.length + 1) : cause;
+
 // What the bench does, in words: [name, detail, keep clear].
 function phaseWords(status, everConnected) {
   const rig = status && status.rig;
