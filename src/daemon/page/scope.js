@@ -109,7 +109,8 @@ $("window").addEventListener("change", () => { dirty = true; });
 $("clear-peaks").addEventListener("click", () => { peaks = noPeaks(); showPeaks(); });
 
 function showPeaks() {
-  const text = (range, digits, unit) => range ? `peaks ${number(range[0], digits)}, ${number(range[1], digits)} ${unit}` : "\u00a0";
+  const live = isLive();
+  const text = (range, digits, unit) => range && live ? `peaks ${number(range[0], digits)}, ${number(range[1], digits)} ${unit}` : "\u00a0";
   $("force-peak").textContent = text(peaks.force, 1, "N");
   $("displacement-peak").textContent = text(peaks.displacement, 3, "mm");
 }

@@ -23,7 +23,7 @@ const CONNECTING = ["Connecting", "Waiting for the daemon.", true];
 // Cause of a trip: what happened, what to do. The codes are those of docs/faults.md.
 const CAUSES = {
   lease_lapsed: ["The rig did not hear the daemon for the time of its lease.", "Check the cable and the load of this computer."],
-  host_abort: ["The run was aborted.", "Read the reason here, and remove it."],
+  host_abort: ["The motion was aborted.", "Read the reason here, and remove it."],
   requested: ["The rig was asked to unload.", "Nothing is wrong."],
   force_limit: ["The force passed its limit.", "Check profile, specimen and the zero of the load cell."],
   displacement_limit: ["The displacement passed its limit.", "Check the profile and the zero of the LVDT; bring the piston back within the limit."],
@@ -78,5 +78,5 @@ function trip(rig) {
   const [happened, remedy] = CAUSES[rig.cause] || ["", "Remove the cause."];
   const told = [rig.fault, rig.notice].filter((text, i, all) => text && all.indexOf(text) === i).map(sentence);
   return `What happened: ${[happened, ...told].filter(Boolean).join(" ") || "The bench is latched."}\n` +
-    `What to do: ${remedy} Then press Reset, which moves nothing. ${rig.off_zero}`;
+    `What to do: ${remedy} Then press Reset, which moves nothing.${rig.off_zero ? " Then return to zero." : ""}`;
 }
