@@ -195,6 +195,24 @@ fn a_step_of_zero_ends_a_jog_and_moves_nothing_that_has_not_begun() {
 }
 
 #[test]
+fn a_button_that_is_still_held_after_a_stop_moves_nothing() {
+    let mut bench = ready();
+    assert!(matches!(bench.rig.jog_on(0.1), Err(Refusal::NoJog)));
+    bench.rig.jog(-0.1).expect("the bench is ready");
+    bench.rig.jog_on(-0.1).expect("it is being armed");
+    bench.until(Phase::Running, 1_000);
+    bench.ticks(50);
+    bench.rig.jog_on(-0.1).expect("it is under way");
+    bench.stop();
+    bench.until(Phase::Ready, 5_000);
+    let rest_mm = displacement_mm(&bench);
+    assert!(matches!(bench.rig.jog_on(-0.1), Err(Refusal::NoJog)));
+    bench.ticks(1_000);
+    assert!((displacement_mm(&bench) - rest_mm).abs() < 0.01);
+    assert_eq!(bench.mock.state(), RigState::Off);
+}
+
+#[test]
 fn a_jog_that_is_too_long_or_leaves_the_travel_is_refused() {
     let mut bench = ready();
     for step_mm in [2.01, -3.0, f64::NAN, f64::INFINITY] {

@@ -23,6 +23,7 @@ impl CliCommand for JogArgs {
     fn run(self, output: &Output) -> Result<Done, CliError> {
         let step = JogRequest {
             step_mm: self.step_mm,
+            goes_on: false,
         };
         self.data.client()?.order("/api/jog", &step, output)
     }

@@ -74,6 +74,19 @@ impl Rig {
         }
     }
 
+    /// [`Rig::jog`], but only if a jog is under way: a button that is still held after a stop moves nothing again.
+    pub(crate) fn jog_on(&mut self, step_mm: f64) -> Result<(), Refusal> {
+        let under_way = match &self.activity {
+            Activity::Running(run) => run.motion == Some(Motion::Jog),
+            Activity::Arming { motion, .. } => *motion == Some(Motion::Jog),
+            _ => false,
+        };
+        match under_way || step_mm == 0.0 {
+            true => self.jog(step_mm),
+            false => Err(Refusal::NoJog),
+        }
+    }
+
     /// A jog may lead back into the limits of travel, but not out of them.
     fn check_travel(&self, target_mm: f64, step_mm: f64) -> Result<(), Refusal> {
         let limits = &self.config.limits;

@@ -51,6 +51,8 @@ pub(crate) enum Request {
     Zero,
     /// Moves by this step in mm; 0 ends a jog.
     Jog(f64),
+    /// The same, if a jog is under way.
+    JogOn(f64),
     /// The link was lost and is open again. The rig is only observed until the next start.
     Relink(Box<Link>),
     /// Ends the control thread. Commands stop and the lease lapses, so it must follow a stop.
@@ -279,6 +281,7 @@ impl ControlLoop {
             Request::Tare => self.rig.tare().map(Reply::Tared),
             Request::Zero => accepted(self.rig.zero().inspect(|()| self.recorder = None)),
             Request::Jog(step_mm) => accepted(self.rig.jog(step_mm)),
+            Request::JogOn(step_mm) => accepted(self.rig.jog_on(step_mm)),
             Request::Relink(link) => {
                 self.link = *link;
                 self.pace = self.link.is_stepped().then(|| Pace::new(now_ns));

@@ -92,6 +92,9 @@ pub(crate) enum Refusal {
         /// Upper limit of travel, mm.
         max_mm: f64,
     },
+    /// A step was to go on with a jog that is over.
+    #[error("the jog is over: release the button, check the bench, then begin again")]
+    NoJog,
     /// A motion cannot be played.
     #[error("the motion is not possible: {0}")]
     Motion(String),

@@ -216,7 +216,11 @@ async fn zero(State(state): App) -> Result<Json<Accepted>> {
 #[utoipa::path(post, path = "/api/jog", request_body = JogRequest,
     responses((status = 200, body = Accepted), (status = 409, body = Failure), (status = 422, body = Failure)))]
 async fn jog(State(state): App, JsonBody(request): JsonBody<JogRequest>) -> Result<Json<Accepted>> {
-    run_life::move_slowly(&state, Request::Jog(request.step_mm)).await?;
+    let step = match request.goes_on {
+        true => Request::JogOn(request.step_mm),
+        false => Request::Jog(request.step_mm),
+    };
+    run_life::move_slowly(&state, step).await?;
     let message = match request.step_mm == 0.0 {
         true => "the rig stops and keeps its position".to_owned(),
         false => format!(

@@ -229,6 +229,9 @@ pub(crate) struct StopRequest {
 pub(crate) struct JogRequest {
     /// Step in mm, -2 to 2; positive loads the spring. 0 ends a jog.
     pub step_mm: f64,
+    /// The step goes on with a jog, as while a button is held: it is refused if that jog is over, for example by a stop.
+    #[serde(default)]
+    pub goes_on: bool,
 }
 
 /// A request without content: `{}`.

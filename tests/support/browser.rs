@@ -139,12 +139,12 @@ const MISPLACED: &str = "(() => {
   for (const e of document.querySelectorAll('button, strong, dd, dt, p, figcaption, th, label, li, #state-detail, #notice'))
     if (shown(e) && e.clientWidth && e.scrollWidth > e.clientWidth + 1) found.push(`cut: ${e.id || e.textContent}`);
   if (document.documentElement.scrollWidth > innerWidth) found.push(`the page is ${document.documentElement.scrollWidth} wide`);
-  const main = [...document.querySelectorAll('main button, main input, main select')].filter(shown);
+  const main = [...document.querySelectorAll('main button, main input, main select, main a')].filter(shown);
   const head = [...document.querySelectorAll('header button, header output, header strong')].filter(shown);
   for (const group of [main, head]) for (const a of group) for (const b of group) if (a !== b) {
     const [p, q] = [a.getBoundingClientRect(), b.getBoundingClientRect()];
     if (p.left < q.right - 1 && q.left < p.right - 1 && p.top < q.bottom - 1 && q.top < p.bottom - 1)
-      found.push(`${a.id} lies over ${b.id}`);
+      found.push(`${a.id || a.textContent} lies over ${b.id || b.textContent}`);
   }
   return found.join('; ');
 })()";

@@ -11,9 +11,12 @@ async function jogWhileHeld(direction) {
   if (jogAtWork) return;
   jogAtWork = true;
   jogDirection = direction;
+  let goes_on = false;
   try {
     while (jogDirection === direction && document.hasFocus() && !document.hidden && status) {
-      await ask("api/jog", { step_mm: direction * JOG_STEP_MM }, JOG_ANSWER_MS);
+      await ask("api/jog", { step_mm: direction * JOG_STEP_MM, goes_on }, JOG_ANSWER_MS);
+      // After a stop the button must be pressed again.
+      goes_on = true;
       await pause(JOG_PERIOD_MS);
     }
     await ask("api/jog", { step_mm: 0 }, JOG_ANSWER_MS);
