@@ -1,7 +1,7 @@
 //! Return to zero and jog against the mock rig in virtual time.
 
 use super::support::virtual_rig::{VirtualRig, order, sine, static_ramp};
-use crate::control::{Motion, Phase, Refusal};
+use crate::control::{Phase, Refusal, SlowMotion};
 use crate::protocol::message::RigState;
 
 /// A bench that is ready and has been still for half a second.
@@ -53,7 +53,7 @@ fn after_a_stop_the_bench_says_where_it_stands_and_zero_brings_it_back() {
     let samples = bench.memory.samples.len();
     bench.rig.zero().expect("the bench is ready");
     bench.until(Phase::Running, 1_000);
-    assert_eq!(bench.rig.status().motion, Some(Motion::Zero));
+    assert_eq!(bench.rig.status().motion, Some(SlowMotion::Zero));
     assert_eq!(bench.rig.status().run_id, None);
     let fastest = fastest_until(&mut bench, Phase::Ready);
     // 2 mm/s of the return, 5 mm/s of the unload at its end, which lasts some milliseconds.

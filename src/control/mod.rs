@@ -55,7 +55,7 @@ use detectors::{DetectorLimits, Detectors};
 use physical_limits::PhysicalLimits;
 pub(crate) use requests::{Refusal, TareReport};
 use rig_clock::RigClock;
-pub(crate) use run::Motion;
+pub(crate) use run::SlowMotion;
 use run::{Run, RunOrder};
 use session::Session;
 pub(crate) use status::{Counters, Phase, RigStatus};
@@ -104,7 +104,7 @@ enum Activity {
     Arming {
         order: Box<RunOrder>,
         /// What the motion is for, if it is not recorded.
-        motion: Option<Motion>,
+        motion: Option<SlowMotion>,
         since_ns: u64,
     },
     Running(Box<Run>),

@@ -1,7 +1,8 @@
 //! Slow motions without a recording: the return to the tared zero, and jogs. Each is a run of one ramp in displacement
 //! control, so that lease, limits and detectors are the same as in a test.
 
-use super::{Activity, Motion, Refusal, Rig, RunOrder};
+use super::run::JOG_KEEP_S;
+use super::{Activity, Refusal, Rig, RunOrder, SlowMotion};
 use crate::profile::{Block, Level, Profile, Segment};
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::recording::{FirmwareIdentity, Header};
@@ -13,8 +14,6 @@ const ZERO_MM_S: f64 = 2.0;
 const JOG_MM_S: f64 = 0.5;
 /// Longest step of one jog, mm: 4 s of motion.
 const JOG_STEP_MAX_MM: f64 = 2.0;
-/// After a jog the rig keeps its position so long for the next one, s. Then it unloads.
-pub(super) const JOG_KEEP_S: f64 = 10.0;
 /// Shortest ramp, s.
 const RAMP_LEAST_S: f64 = 0.1;
 
@@ -24,7 +23,10 @@ impl Rig {
         let reading = self.may_move()?;
         let speed_mm_s = ZERO_MM_S.min(self.config.limits.unload_velocity_mm_s);
         let ramp = ramp(Level::Absolute(0.0), reading.displacement_mm, speed_mm_s);
-        self.arm(self.unrecorded("return to zero", vec![ramp]), Some(Motion::Zero));
+        self.arm(
+            self.unrecorded("return to zero", vec![ramp]),
+            Some(SlowMotion::Zero),
+        );
         Ok(())
     }
 
@@ -38,9 +40,11 @@ impl Rig {
             });
         }
         let from_mm = match &self.activity {
-            Activity::Running(run) if run.motion == Some(Motion::Jog) && !run.is_held() => run.newest_level(),
+            Activity::Running(run) if run.motion == Some(SlowMotion::Jog) && !run.is_held() => {
+                run.newest_level()
+            }
             Activity::Arming {
-                motion: Some(Motion::Jog),
+                motion: Some(SlowMotion::Jog),
                 ..
             } => {
                 if step_mm == 0.0 {
@@ -68,7 +72,7 @@ impl Rig {
                 Ok(())
             }
             _ => {
-                self.arm(order, Some(Motion::Jog));
+                self.arm(order, Some(SlowMotion::Jog));
                 Ok(())
             }
         }
@@ -77,8 +81,8 @@ impl Rig {
     /// [`Rig::jog`], but only if a jog is under way: a button that is still held after a stop moves nothing again.
     pub(crate) fn jog_on(&mut self, step_mm: f64) -> Result<(), Refusal> {
         let under_way = match &self.activity {
-            Activity::Running(run) => run.motion == Some(Motion::Jog),
-            Activity::Arming { motion, .. } => *motion == Some(Motion::Jog),
+            Activity::Running(run) => run.motion == Some(SlowMotion::Jog),
+            Activity::Arming { motion, .. } => *motion == Some(SlowMotion::Jog),
             _ => false,
         };
         match under_way || step_mm == 0.0 {

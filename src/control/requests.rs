@@ -1,7 +1,7 @@
 //! What people ask of control: start, stop, hold, resume, reset, tare.
 
 use super::physical_limits::channel_beyond_its_counts;
-use super::{Activity, Channels, Motion, Phase, Reading, Rig, RunOrder};
+use super::{Activity, Channels, Phase, Reading, Rig, RunOrder, SlowMotion};
 use crate::link::Link;
 use crate::protocol::message::{RequestCode, RigState};
 use crate::recording::{Ending, Flags};
@@ -150,7 +150,7 @@ impl Rig {
     }
 
     /// Asks the rig to arm; the order begins once it is armed.
-    pub(super) fn arm(&mut self, order: RunOrder, motion: Option<Motion>) {
+    pub(super) fn arm(&mut self, order: RunOrder, motion: Option<SlowMotion>) {
         self.notice.clear();
         self.next_request = Some(RequestCode::Arm);
         self.activity = Activity::Arming {

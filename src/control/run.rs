@@ -13,6 +13,9 @@ use crate::units::{Command, Mode};
 /// Slots that the host keeps: the commands ahead of the rig and the newest that were due.
 const KEPT_SLOTS: usize = 1024;
 
+/// After a jog the rig keeps its position so long for the next one, s. Then it unloads.
+pub(super) const JOG_KEEP_S: f64 = 10.0;
+
 /// The order to start a run.
 #[derive(Debug, Clone)]
 pub(crate) struct RunOrder {
@@ -27,19 +30,19 @@ pub(crate) struct RunOrder {
 /// What a motion without a recording is for. It is a run of one slow ramp, with all detectors and limits on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Motion {
+pub(crate) enum SlowMotion {
     /// The return to the tared zero of the LVDT.
     Zero,
     /// A small step that a person asked for.
     Jog,
 }
 
-impl Motion {
+impl SlowMotion {
     /// The motion in words, as the subject of a sentence.
     pub(crate) fn words(self) -> &'static str {
         match self {
-            Motion::Zero => "a return to zero",
-            Motion::Jog => "a jog",
+            SlowMotion::Zero => "a return to zero",
+            SlowMotion::Jog => "a jog",
         }
     }
 }
@@ -63,7 +66,7 @@ pub(crate) struct Run {
     /// Header of the recording.
     pub header: Header,
     /// What the run is for, if it is not recorded.
-    pub motion: Option<Motion>,
+    pub motion: Option<SlowMotion>,
     profile: Profile,
     player: Player,
     /// Commands that a hold dropped; they are played before the player goes on.

@@ -2,8 +2,8 @@
 
 use std::fmt::Write as _;
 
-use super::motion::JOG_KEEP_S;
-use super::{Activity, Motion, Rig};
+use super::run::JOG_KEEP_S;
+use super::{Activity, Rig, SlowMotion};
 use crate::protocol::message::{Cause, NmtState, RigState};
 use crate::protocol::wire_enum::as_words;
 use crate::recording::{FirmwareIdentity, Flags};
@@ -100,7 +100,7 @@ pub(crate) struct RigStatus {
     pub tare_displacement_mm: f64,
     /// What moves the rig without a recording, if anything does.
     #[serde(default)]
-    pub motion: Option<Motion>,
+    pub motion: Option<SlowMotion>,
     /// Seconds until the rig unloads by itself, while it keeps its position with the pressure on.
     #[serde(default)]
     pub hold_left_s: Option<f64>,
@@ -255,7 +255,7 @@ impl Rig {
         let left_s = match run.held_s(newest) {
             Some(held_s) => f64::from(self.config.limits.hold_timeout_ms) / 1000.0 - held_s,
             None => Some(run.remaining_s(newest))
-                .filter(|left| run.motion == Some(Motion::Jog) && *left <= JOG_KEEP_S)?,
+                .filter(|left| run.motion == Some(SlowMotion::Jog) && *left <= JOG_KEEP_S)?,
         };
         Some(left_s.max(0.0))
     }

@@ -21,9 +21,6 @@ const RING_BATCHES: usize = 64;
 /// Batches that a new viewer gets: the last 20 s.
 const RECENT_BATCHES: usize = 500;
 
-/// Lowest and highest value.
-type Range = Option<[f64; 2]>;
-
 /// Thinned samples of one run, as columns of equal length.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
 pub(super) struct LiveBatch {
@@ -36,9 +33,9 @@ pub(super) struct LiveBatch {
     /// Force in N; `null` without a valid reading.
     pub force_n: Vec<Option<f64>>,
     /// Lowest and highest displacement in mm of all samples of this batch, also of those that were thinned out.
-    pub displacement_range_mm: Range,
+    pub displacement_range_mm: Option<[f64; 2]>,
     /// Lowest and highest force in N, in the same way.
-    pub force_range_n: Range,
+    pub force_range_n: Option<[f64; 2]>,
     /// Command in mm or N, see `control`; `null` while there is none.
     pub command: Vec<Option<f64>>,
     /// Quantity that the newest command controls.
@@ -124,7 +121,7 @@ impl Recorder for Watcher {
     }
 }
 
-fn widen(range: &mut Range, value: Option<f64>) {
+fn widen(range: &mut Option<[f64; 2]>, value: Option<f64>) {
     let Some(value) = value else { return };
     let [low, high] = range.unwrap_or([value, value]);
     *range = Some([low.min(value), high.max(value)]);
