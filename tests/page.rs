@@ -25,6 +25,15 @@ fn run(daemon: &Daemon, page: &mut Page) {
     page.until_state("Running");
 }
 
+/// Why the recorded runs ended.
+fn causes(folder: &std::path::Path) -> Vec<String> {
+    let (runs, _) = json(folder, &["runs"]);
+    let runs = runs.as_array().expect("a list");
+    runs.iter()
+        .map(|run| run["cause"].as_str().expect("a cause").to_owned())
+        .collect()
+}
+
 /// The element is whole within the window.
 fn on_screen(page: &mut Page, id: &str) -> bool {
     let seen = format!(
@@ -71,16 +80,16 @@ fn escape_stops_from_everywhere_and_space_where_nobody_types() {
     assert_eq!(page.text("state"), "Running");
     page.key("Escape", "");
     page.until_state("Ready");
-    let (runs, _) = json(folder.path(), &["runs"]);
-    assert_eq!(runs[0]["cause"], "key Esc on the page");
+    assert_eq!(causes(folder.path()), ["key Esc on the page"]);
 
     // A button that was clicked keeps the focus: Space stops all the same, and does not press it again.
     run(&daemon, &mut page);
     page.value("document.getElementById('hold').focus()");
     page.key(" ", " ");
     page.until_state("Ready");
-    let (runs, _) = json(folder.path(), &["runs"]);
-    assert_eq!(runs[0]["cause"], "key Space on the page");
+    let mut told = causes(folder.path());
+    told.sort();
+    assert_eq!(told, ["key Esc on the page", "key Space on the page"]);
 }
 
 #[test]
@@ -171,4 +180,90 @@ fn a_daemon_that_is_gone_leaves_no_number_that_looks_live() {
         page.text("clear").eq_ignore_ascii_case("keep clear"),
         "nobody knows whether it moves"
     );
+}
+
+/// What the page shows of a rig in this state; `of` is an expression over the page.
+fn shown(page: &mut Page, rig: &serde_json::Value, of: &str) -> String {
+    let answer = page.value(&format!(
+        "(() => {{ const kept = status; status = {{ ...kept, rig: {{ ...kept.rig, ...{rig} }} }}; show(); \
+         const seen = String({of}); status = kept; show(); return seen; }})()"
+    ));
+    answer.as_str().expect("a text").to_owned()
+}
+
+#[test]
+fn a_trip_is_told_in_one_place_and_no_state_moves_the_page() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let Some((_daemon, mut page)) = open(folder.path()) else {
+        return;
+    };
+    let tripped = serde_json::json!({
+        "phase": "interlocked", "rig_state": "tripped", "cause": "force_limit",
+        "notice": "the rig ended the run: force limit", "off_zero": "The rig stands at 18.0 N and 0.300 mm.",
+    });
+    let told = shown(
+        &mut page,
+        &tripped,
+        "document.getElementById('state-detail').innerText",
+    );
+    assert!(
+        told.contains("What happened: The force passed its limit."),
+        "{told}"
+    );
+    assert!(told.contains("What to do: Check profile, specimen"), "{told}");
+    assert!(
+        told.contains("press Reset") && told.contains("return to zero"),
+        "{told}"
+    );
+    let allowed = shown(&mut page, &tripped, "document.getElementById('reset').disabled");
+    assert_eq!(allowed, "false", "the reset is beside it");
+
+    let held = serde_json::json!({ "phase": "held", "hold_left_s": 26.4 });
+    assert_eq!(
+        shown(&mut page, &held, "document.getElementById('hold-left').innerText"),
+        "unloads in 27 s"
+    );
+
+    for (width, height) in SIZES {
+        page.size(width, height);
+        let of = "[document.querySelector('header').offsetHeight, document.getElementById('stop').offsetLeft, \
+                  document.getElementById('run').offsetTop]";
+        let still = shown(&mut page, &serde_json::json!({}), of);
+        for phase in [
+            "connecting",
+            "arming",
+            "running",
+            "held",
+            "unloading",
+            "interlocked",
+        ] {
+            let mut rig = tripped.clone();
+            rig["phase"] = phase.into();
+            rig["force_n"] = (-13_107.1).into();
+            assert_eq!(shown(&mut page, &rig, of), still, "{phase} at {width}x{height}");
+        }
+    }
+}
+
+#[test]
+fn everything_that_moves_the_rig_says_keep_clear() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let Some((_daemon, mut page)) = open(folder.path()) else {
+        return;
+    };
+    let clear = "!document.getElementById('clear').hidden";
+    for (phase, motion, expected) in [
+        ("ready", None, "false"),
+        ("arming", None, "true"),
+        ("running", None, "true"),
+        ("running", Some("zero"), "true"),
+        ("running", Some("jog"), "true"),
+        ("held", None, "true"),
+        ("unloading", None, "true"),
+        ("connecting", None, "true"),
+        ("interlocked", None, "false"),
+    ] {
+        let rig = serde_json::json!({ "phase": phase, "motion": motion, "notice": "stopped by an operator" });
+        assert_eq!(shown(&mut page, &rig, clear), expected, "{phase} {motion:?}");
+    }
 }
