@@ -13,6 +13,7 @@ mod export;
 mod hold;
 mod identify;
 mod import;
+mod jog;
 mod man;
 mod mock_rig;
 mod new;
@@ -29,6 +30,7 @@ mod status;
 mod stop;
 mod tare;
 mod watch;
+mod zero;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -93,6 +95,8 @@ static COMMANDS: &[CommandEntry] = &[
     CommandEntry::of::<resume::ResumeArgs>(),
     CommandEntry::of::<reset::ResetArgs>(),
     CommandEntry::of::<tare::TareArgs>(),
+    CommandEntry::of::<zero::ZeroArgs>(),
+    CommandEntry::of::<jog::JogArgs>(),
     CommandEntry::of::<status::StatusArgs>(),
     CommandEntry::of::<runs::RunsArgs>(),
     CommandEntry::of::<export::ExportArgs>(),

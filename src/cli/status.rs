@@ -220,6 +220,8 @@ mod tests {
             data_folder: String::new(),
             twin: String::new(),
             degraded: Vec::new(),
+            warnings: Vec::new(),
+            plot: crate::daemon::client_types::PlotScale::default(),
             preparing: false,
             rig: RigStatus::unknown(),
             control_loop: LoopHealth::default(),

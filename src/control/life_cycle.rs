@@ -8,7 +8,8 @@ impl Rig {
     /// Begins the ordered run. Its time starts when the first command is due. It starts from the mean of the window if the rig
     /// is still, else from the newest reading.
     pub(super) fn begin_run(&mut self, tick: u64, turn: &mut Turn) {
-        let Activity::Arming { order, .. } = std::mem::replace(&mut self.activity, Activity::Idle) else {
+        let Activity::Arming { order, motion, .. } = std::mem::replace(&mut self.activity, Activity::Idle)
+        else {
             return;
         };
         let mut order = *order;
@@ -17,8 +18,11 @@ impl Rig {
         order.header.displacement_channel = self.channels.displacement;
         let level = self.start_level(order.profile.mode);
         match Run::new(order, level, tick + self.lead_ticks) {
-            Ok(run) => {
-                turn.recorder.begin(&run.header);
+            Ok(mut run) => {
+                run.motion = motion;
+                if motion.is_none() {
+                    turn.recorder.begin(&run.header);
+                }
                 let text = format!(
                     "run {} of profile {} starts",
                     run.header.run_id, run.header.profile_name
@@ -93,7 +97,9 @@ impl Rig {
     pub(super) fn close_run(&mut self, ending: Ending, cause: &str, turn: &mut Turn) {
         let text = if cause.is_empty() { "run completed" } else { cause };
         self.event(turn, EventKind::End, text.to_owned());
-        if let Activity::Running(run) | Activity::Stopping { run, .. } = &self.activity {
+        if let Activity::Running(run) | Activity::Stopping { run, .. } = &self.activity
+            && run.motion.is_none()
+        {
             turn.recorder.end(&run.outcome(ending, cause));
         }
         if !cause.is_empty() {

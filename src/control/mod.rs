@@ -14,6 +14,7 @@
 //! | `abort` | the abort, until the rig confirms it |
 //! | `physical_limits` | the limits in N and mm, and in the counts of the firmware |
 //! | `requests` | start, stop, hold, resume, reset and tare, as people ask for them |
+//! | `motion` | return to zero and jog: slow motions without a recording |
 //! | `sending` | requests, lease and commands to the rig |
 //! | `session` | hello, configuration and acknowledgements |
 //! | `realtime`, `pace` | the control thread, the time of a rig in memory |
@@ -22,6 +23,7 @@ mod abort;
 pub(crate) mod channel;
 pub(crate) mod detectors;
 mod life_cycle;
+mod motion;
 mod pace;
 pub(crate) mod physical_limits;
 pub(crate) mod realtime;
@@ -53,6 +55,7 @@ use detectors::{DetectorLimits, Detectors};
 use physical_limits::PhysicalLimits;
 pub(crate) use requests::{Refusal, TareReport};
 use rig_clock::RigClock;
+pub(crate) use run::SlowMotion;
 use run::{Run, RunOrder};
 use session::Session;
 pub(crate) use status::{Counters, Phase, RigStatus};
@@ -100,6 +103,8 @@ enum Activity {
     /// The rig is asked to arm; the run begins once it is armed.
     Arming {
         order: Box<RunOrder>,
+        /// What the motion is for, if it is not recorded.
+        motion: Option<SlowMotion>,
         since_ns: u64,
     },
     Running(Box<Run>),
@@ -320,6 +325,9 @@ impl Rig {
         let (Activity::Running(run) | Activity::Stopping { run, .. }) = &self.activity else {
             return;
         };
+        if run.motion.is_some() {
+            return;
+        }
         // After a restart of the rig no tick is known until its first sample.
         let tick = self.ticks.newest().unwrap_or(run.newest_tick());
         turn.recorder.event(&Event {

@@ -47,6 +47,12 @@ pub(crate) enum Request {
     Reset,
     /// Takes the present readings as zero.
     Tare,
+    /// Returns to the tared zero.
+    Zero,
+    /// Moves by this step in mm; 0 ends a jog.
+    Jog(f64),
+    /// The same, if a jog is under way.
+    JogOn(f64),
     /// The link was lost and is open again. The rig is only observed until the next start.
     Relink(Box<Link>),
     /// Ends the control thread. Commands stop and the lease lapses, so it must follow a stop.
@@ -103,9 +109,15 @@ pub(crate) struct ControlHandle {
 }
 
 impl ControlHandle {
-    /// Starts the thread. It ends after [`Request::End`], or when every `ControlHandle` is dropped.
-    pub(crate) fn spawn(rig: Rig, link: Link) -> io::Result<(ControlHandle, JoinHandle<()>)> {
-        let (mut handle, control) = ControlLoop::new(rig, link, monotonic_ns());
+    /// Starts the thread. `watcher` sees the samples that no run records. The thread ends after [`Request::End`], or when every
+    /// `ControlHandle` is dropped.
+    pub(crate) fn spawn(
+        rig: Rig,
+        link: Link,
+        watcher: Box<dyn Recorder + Send>,
+    ) -> io::Result<(ControlHandle, JoinHandle<()>)> {
+        let (mut handle, mut control) = ControlLoop::new(rig, link, monotonic_ns());
+        control.watcher = watcher;
         let (ready, degraded) = mpsc::sync_channel(1);
         let thread = std::thread::Builder::new()
             .name("control".to_owned())
@@ -155,6 +167,8 @@ pub(crate) struct ControlLoop {
     pace: Option<Pace>,
     /// Recorder of the run under way.
     recorder: Option<Box<dyn Recorder + Send>>,
+    /// In its place between two runs.
+    watcher: Box<dyn Recorder + Send>,
     inbox: Receiver<Envelope>,
     published: Arc<Mutex<(RigStatus, LoopHealth)>>,
     health: LoopHealth,
@@ -175,6 +189,7 @@ impl ControlLoop {
             rig,
             link,
             recorder: None,
+            watcher: Box::new(NoRecorder),
             inbox,
             published,
             health: LoopHealth::default(),
@@ -231,7 +246,7 @@ impl ControlLoop {
     fn poll(&mut self, now_ns: u64) {
         match &mut self.recorder {
             Some(recorder) => self.rig.poll(now_ns, &mut self.link, recorder.as_mut()),
-            None => self.rig.poll(now_ns, &mut self.link, &mut NoRecorder),
+            None => self.rig.poll(now_ns, &mut self.link, self.watcher.as_mut()),
         }
     }
 
@@ -264,6 +279,9 @@ impl ControlLoop {
             Request::Resume => accepted(self.rig.resume()),
             Request::Reset => accepted(self.rig.reset()),
             Request::Tare => self.rig.tare().map(Reply::Tared),
+            Request::Zero => accepted(self.rig.zero().inspect(|()| self.recorder = None)),
+            Request::Jog(step_mm) => accepted(self.rig.jog(step_mm)),
+            Request::JogOn(step_mm) => accepted(self.rig.jog_on(step_mm)),
             Request::Relink(link) => {
                 self.link = *link;
                 self.pace = self.link.is_stepped().then(|| Pace::new(now_ns));
@@ -304,7 +322,7 @@ impl ControlLoop {
 }
 
 /// Recorder between runs: nothing is recorded.
-struct NoRecorder;
+pub(crate) struct NoRecorder;
 
 impl Recorder for NoRecorder {
     fn begin(&mut self, _: &Header) {}

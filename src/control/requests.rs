@@ -1,7 +1,7 @@
 //! What people ask of control: start, stop, hold, resume, reset, tare.
 
 use super::physical_limits::channel_beyond_its_counts;
-use super::{Activity, Channels, Phase, Rig, RunOrder};
+use super::{Activity, Channels, Phase, Reading, Rig, RunOrder, SlowMotion};
 use crate::link::Link;
 use crate::protocol::message::{RequestCode, RigState};
 use crate::recording::{Ending, Flags};
@@ -12,8 +12,8 @@ pub(crate) enum Refusal {
     /// No rig is connected. The text says why, if it is known.
     #[error("the rig is not connected{0}: check the link and the rig's power")]
     NotConnected(String),
-    /// A run is under way.
-    #[error("run {0} is under way: stop it or wait for its end")]
+    /// A run or another motion is under way; the text says which.
+    #[error("{0} is under way: stop it or wait for its end")]
     Busy(String),
     /// Rig or host are latched by a fault.
     #[error("the rig is interlocked ({0}): remove the cause, then reset")]
@@ -72,6 +72,32 @@ pub(crate) enum Refusal {
         /// New tare of the LVDT, mm.
         displacement_mm: f64,
     },
+    /// A jog is longer than a single step may be.
+    #[error("a jog of {step_mm:.3} mm is more than one step may be ({limit_mm:.1} mm): jog in smaller steps")]
+    JogTooLong {
+        /// The step that was asked for, mm.
+        step_mm: f64,
+        /// Largest step, mm.
+        limit_mm: f64,
+    },
+    /// A jog would end outside the limits of travel.
+    #[error(
+        "a jog to {target_mm:.3} mm would leave the limits of travel ({min_mm:.1} to {max_mm:.1} mm): jog the other way"
+    )]
+    JogBeyondTravel {
+        /// Where the jog would end, mm.
+        target_mm: f64,
+        /// Lower limit of travel, mm.
+        min_mm: f64,
+        /// Upper limit of travel, mm.
+        max_mm: f64,
+    },
+    /// A step was to go on with a jog that is over.
+    #[error("the jog is over: release the button, check the bench, then begin again")]
+    NoJog,
+    /// A motion cannot be played.
+    #[error("the motion is not possible: {0}")]
+    Motion(String),
     /// The window of samples is not full yet.
     #[error("a tare needs half a second of valid samples without a gap: wait and try again")]
     TooEarly,
@@ -97,11 +123,18 @@ pub(crate) struct TareReport {
 impl Rig {
     /// Starts a run: arms the rig, then plays the profile from the present position.
     pub(crate) fn start(&mut self, order: RunOrder) -> Result<(), Refusal> {
+        self.may_move()?;
+        self.arm(order, None);
+        Ok(())
+    }
+
+    /// The newest reading, if a motion may begin now.
+    pub(super) fn may_move(&self) -> Result<Reading, Refusal> {
         match self.phase() {
             Phase::Ready => {}
             Phase::Connecting => return Err(self.not_connected()),
             Phase::Interlocked => return Err(Refusal::Interlocked(self.status().interlock())),
-            _ => return Err(Refusal::Busy(self.status().run_id.unwrap_or_default())),
+            _ => return Err(Refusal::Busy(self.status().under_way())),
         }
         let reading = self.reading.ok_or_else(|| self.not_connected())?;
         if self.error_passive {
@@ -113,13 +146,18 @@ impl Rig {
         if reading.flags.contains(Flags::DISPLACEMENT_INVALID) {
             return Err(Refusal::Sensor("the LVDT"));
         }
+        Ok(reading)
+    }
+
+    /// Asks the rig to arm; the order begins once it is armed.
+    pub(super) fn arm(&mut self, order: RunOrder, motion: Option<SlowMotion>) {
         self.notice.clear();
         self.next_request = Some(RequestCode::Arm);
         self.activity = Activity::Arming {
             order: Box::new(order),
+            motion,
             since_ns: self.last_poll_ns.unwrap_or(0),
         };
-        Ok(())
     }
 
     fn not_connected(&self) -> Refusal {
@@ -169,6 +207,8 @@ impl Rig {
     pub(crate) fn resume(&mut self) -> Result<(), Refusal> {
         match self.phase() {
             Phase::Held => {
+                // What it said was about the hold.
+                self.notice.clear();
                 self.next_request = Some(RequestCode::Resume);
                 Ok(())
             }

@@ -13,6 +13,9 @@ use crate::units::{Command, Mode};
 /// Slots that the host keeps: the commands ahead of the rig and the newest that were due.
 const KEPT_SLOTS: usize = 1024;
 
+/// After a jog the rig keeps its position so long for the next one, s. Then it unloads.
+pub(super) const JOG_KEEP_S: f64 = 10.0;
+
 /// The order to start a run.
 #[derive(Debug, Clone)]
 pub(crate) struct RunOrder {
@@ -22,6 +25,26 @@ pub(crate) struct RunOrder {
     pub profile: Profile,
     /// Counted cycle to begin with; 1 for a fresh test.
     pub first_cycle: u32,
+}
+
+/// What a motion without a recording is for. It is a run of one slow ramp, with all detectors and limits on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum SlowMotion {
+    /// The return to the tared zero of the LVDT.
+    Zero,
+    /// A small step that a person asked for.
+    Jog,
+}
+
+impl SlowMotion {
+    /// The motion in words, as the subject of a sentence.
+    pub(crate) fn words(self) -> &'static str {
+        match self {
+            SlowMotion::Zero => "a return to zero",
+            SlowMotion::Jog => "a jog",
+        }
+    }
 }
 
 /// A cycle of a periodic segment that is complete.
@@ -42,6 +65,8 @@ pub(crate) struct EndedCycle {
 pub(crate) struct Run {
     /// Header of the recording.
     pub header: Header,
+    /// What the run is for, if it is not recorded.
+    pub motion: Option<SlowMotion>,
     profile: Profile,
     player: Player,
     /// Commands that a hold dropped; they are played before the player goes on.
@@ -64,6 +89,8 @@ pub(crate) struct Run {
     lost: u64,
     late: u64,
     held: bool,
+    /// Tick at which the rig began to hold.
+    held_at: u64,
 }
 
 impl Run {
@@ -84,6 +111,7 @@ impl Run {
         };
         Ok(Run {
             header: order.header,
+            motion: None,
             profile: order.profile,
             player,
             replay: VecDeque::from([start]),
@@ -100,6 +128,7 @@ impl Run {
             lost: 0,
             late: 0,
             held: false,
+            held_at: first_tick,
         })
     }
 
@@ -205,6 +234,7 @@ impl Run {
             return;
         }
         self.held = true;
+        self.held_at = tick;
         let in_cycle = self
             .due(tick)
             .is_some_and(|s| self.player.target_of(s.segment).is_some());
@@ -217,6 +247,32 @@ impl Run {
             interrupted: in_cycle,
             ..CycleTracker::default()
         };
+    }
+
+    /// Seconds from the begin of the hold to `tick`; nothing while the run does not hold.
+    pub(crate) fn held_s(&self, tick: u64) -> Option<f64> {
+        let ticks = tick.saturating_sub(self.held_at);
+        self.held.then(|| ticks as f64 / self.header.sample_rate_hz)
+    }
+
+    /// Plays another profile from the newest command on. What was sent ahead of it is still done.
+    pub(crate) fn turn_to(&mut self, profile: Profile) -> Result<(), ProfileError> {
+        let newest = self.due(self.next_tick.saturating_sub(1));
+        let start = newest.or(self.replay.front().copied());
+        let level = start.map_or(0.0, |slot| slot.command.value());
+        self.player = Player::new(&profile, level, self.header.sample_rate_hz)?;
+        self.profile = profile;
+        if newest.is_some() {
+            self.replay.clear();
+        }
+        self.last_tick = None;
+        Ok(())
+    }
+
+    /// Level of the newest command, from which [`Run::turn_to`] goes on; nothing before the first one.
+    pub(crate) fn newest_level(&self) -> Option<f64> {
+        self.due(self.next_tick.saturating_sub(1))
+            .map(|slot| slot.command.value())
     }
 
     /// True between hold and resume.

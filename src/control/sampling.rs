@@ -5,7 +5,7 @@ use super::run::EndedCycle;
 use super::ticks::TickOrder;
 use super::{Activity, Channels, Reading, Rig, Turn};
 use crate::profile::{Correction, Slot};
-use crate::protocol::message::{RigState, SampleMessage};
+use crate::protocol::message::{RigState, SAMPLE_RATE_HZ, SampleMessage};
 use crate::protocol::protection::Sequence;
 use crate::recording::{Event, EventKind, Flags, Sample};
 
@@ -52,6 +52,11 @@ impl Rig {
             sample.reading.flags.insert(Flags::LATE);
             self.counters.late += 1;
         }
+        let invalid = [Flags::FORCE_INVALID, Flags::DISPLACEMENT_INVALID];
+        let is_invalid = invalid
+            .into_iter()
+            .any(|flag| sample.reading.flags.contains(flag));
+        self.counters.flagged += u64::from(is_invalid);
         self.counters.samples += 1;
         self.counters.lost += sample.lost;
         if sample.reading.flags.is_empty() && sample.lost == 0 {
@@ -69,11 +74,29 @@ impl Rig {
         {
             self.begin_run(sample.tick, turn);
         }
+        self.show(&sample, turn);
         let of_cycle = self.record(&sample, turn);
         if let Some(action) = of_cycle.or(of_stream) {
             self.act(action, turn);
         }
         self.finish_run_at(sample.tick, turn);
+    }
+
+    /// Shows a sample that no run records to those who watch the rig.
+    fn show(&self, sample: &PlacedSample, turn: &mut Turn) {
+        let (run, on_profile) = match &self.activity {
+            Activity::Running(run) => (Some(run), !run.is_held()),
+            Activity::Stopping { run, .. } => (Some(run), false),
+            _ => (None, false),
+        };
+        let recorded = run.is_some_and(|run| run.motion.is_none() && sample.tick >= run.first_tick());
+        if recorded {
+            return;
+        }
+        let slot = run.filter(|_| on_profile).and_then(|run| run.due(sample.tick));
+        let time_s = sample.tick as f64 / f64::from(SAMPLE_RATE_HZ);
+        turn.recorder
+            .watch(&recorded_as(sample, slot.as_ref(), on_profile, time_s));
     }
 
     /// Writes one sample of the run under way. Returns the action of the detectors on a cycle that ended.
@@ -90,10 +113,11 @@ impl Rig {
             return None;
         }
         let slot = if on_profile { run.due(sample.tick) } else { None };
-        let record = recorded(sample, slot.as_ref(), on_profile, run.time_s(sample.tick));
+        let record = recorded_as(sample, slot.as_ref(), on_profile, run.time_s(sample.tick));
+        let is_recorded = run.motion.is_none();
         // Samples missing before the first one are not of this run.
         let lost = if run.samples() > 0 { sample.lost } else { 0 };
-        if lost > 0 {
+        if lost > 0 && is_recorded {
             turn.recorder.event(&gap(&record, lost));
         }
         if record.flags.contains(Flags::LATE) {
@@ -101,7 +125,9 @@ impl Rig {
         }
         let feedback = Channels::feedback(run.mode(), &sample.reading);
         let ended = run.on_sample(sample.tick, slot.as_ref(), feedback, lost);
-        turn.recorder.sample(&record);
+        if is_recorded {
+            turn.recorder.sample(&record);
+        }
         let ended = ended?;
         if let Some(next) = run.correct(&ended) {
             turn.recorder.event(&correction(&record, &ended, next));
@@ -115,7 +141,7 @@ impl Rig {
 }
 
 /// The sample as it is recorded. `on_profile` is false while the rig holds or unloads.
-fn recorded(sample: &PlacedSample, slot: Option<&Slot>, on_profile: bool, time_s: f64) -> Sample {
+fn recorded_as(sample: &PlacedSample, slot: Option<&Slot>, on_profile: bool, time_s: f64) -> Sample {
     let mut flags = sample.reading.flags;
     if sample.lost > 0 {
         flags.insert(Flags::AFTER_GAP);

@@ -1,9 +1,18 @@
 //! The state of the bench as people and scripts see it.
 
-use super::{Activity, Rig};
+use std::fmt::Write as _;
+
+use super::run::JOG_KEEP_S;
+use super::{Activity, Rig, SlowMotion};
 use crate::protocol::message::{Cause, NmtState, RigState};
 use crate::protocol::wire_enum::as_words;
-use crate::recording::FirmwareIdentity;
+use crate::recording::{FirmwareIdentity, Flags};
+
+/// A rig within this distance of the tared zero is at zero, mm: five times the way of an unload that begins there (six ticks
+/// at 5 mm/s). A sine profile of 6 mm is then off by less than 3 % of its amplitude at its start.
+const AT_ZERO_MM: f64 = 0.15;
+/// A force up to this is none, N, on a bench whose unload ends at less.
+const AT_ZERO_N: f64 = 5.0;
 
 /// What the bench is doing, for people and scripts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
@@ -43,6 +52,9 @@ pub(crate) struct Counters {
     /// Samples that the link delivered too late.
     #[serde(default)]
     pub late: u64,
+    /// Samples in which a channel gives no valid reading.
+    #[serde(default)]
+    pub flagged: u64,
     /// Frames with a wrong CRC, shape or meaning.
     pub frames_refused: u64,
     /// Frames repeated, late or out of sequence.
@@ -78,14 +90,23 @@ pub(crate) struct RigStatus {
     pub fault: String,
     /// Newest notice: why something was refused or ended; empty if all is well.
     pub notice: String,
-    /// Newest force in N.
+    /// Newest force in N; `null` while the rig is not heard or the load cell gives no valid reading.
     pub force_n: Option<f64>,
-    /// Newest displacement in mm.
+    /// Newest displacement in mm; `null` while the rig is not heard or the LVDT gives no valid reading.
     pub displacement_mm: Option<f64>,
     /// Tare of the load cell in N.
     pub tare_force_n: f64,
     /// Tare of the LVDT in mm.
     pub tare_displacement_mm: f64,
+    /// What moves the rig without a recording, if anything does.
+    #[serde(default)]
+    pub motion: Option<SlowMotion>,
+    /// Seconds until the rig unloads by itself, while it keeps its position with the pressure on.
+    #[serde(default)]
+    pub hold_left_s: Option<f64>,
+    /// Where the rig is at rest and why not at zero, with what to do; empty at zero and while the pressure is on.
+    #[serde(default)]
+    pub off_zero: String,
     /// Identifier of the run under way.
     pub run_id: Option<String>,
     /// Name of the profile of that run.
@@ -117,6 +138,15 @@ impl RigStatus {
         }
     }
 
+    /// What moves the rig, as the subject of a sentence.
+    pub(crate) fn under_way(&self) -> String {
+        match (&self.run_id, self.motion) {
+            (_, Some(motion)) => motion.words().to_owned(),
+            (Some(run), None) => format!("run {run}"),
+            (None, None) => "an unload of the rig".to_owned(),
+        }
+    }
+
     /// The status before anything is received.
     pub(crate) fn unknown() -> Self {
         RigStatus {
@@ -129,6 +159,9 @@ impl RigStatus {
             displacement_mm: None,
             tare_force_n: 0.0,
             tare_displacement_mm: 0.0,
+            motion: None,
+            hold_left_s: None,
+            off_zero: String::new(),
             run_id: None,
             profile: None,
             elapsed_s: 0.0,
@@ -185,12 +218,23 @@ impl Rig {
             Some(error) => status.notice = error.to_string(),
             None => status.notice.clone_from(&self.notice),
         }
-        status.force_n = self.reading.map(|r| r.force_n);
-        status.displacement_mm = self.reading.map(|r| r.displacement_mm);
+        let valid = |invalid: Flags| self.reading.filter(|r| !r.flags.contains(invalid));
+        status.force_n = valid(Flags::FORCE_INVALID).map(|r| r.force_n);
+        status.displacement_mm = valid(Flags::DISPLACEMENT_INVALID).map(|r| r.displacement_mm);
         status.tare_force_n = self.channels.force.tare;
         status.tare_displacement_mm = self.channels.displacement.tare;
-        assign(&mut status.run_id, run.map(|r| r.header.run_id.as_str()));
-        assign(&mut status.profile, run.map(|r| r.header.profile_name.as_str()));
+        self.off_zero_into(&mut status.off_zero);
+        status.motion = match &self.activity {
+            Activity::Arming { motion, .. } => *motion,
+            _ => run.and_then(|r| r.motion),
+        };
+        status.hold_left_s = self.hold_left_s();
+        let recorded = run.filter(|r| r.motion.is_none());
+        assign(&mut status.run_id, recorded.map(|r| r.header.run_id.as_str()));
+        assign(
+            &mut status.profile,
+            recorded.map(|r| r.header.profile_name.as_str()),
+        );
         status.elapsed_s = run.map_or(0.0, |r| r.time_s(newest).max(0.0));
         status.remaining_s = run.map_or(0.0, |r| r.remaining_s(newest));
         status.cycles_completed = run.map_or(0, |r| r.cycles_completed());
@@ -198,6 +242,46 @@ impl Rig {
         status.queue_ms = self.queue_ms;
         status.firmware = self.session.identity();
         status.counters = self.counters;
+    }
+}
+
+impl Rig {
+    /// Seconds until a hold of the firmware, or the pause after a jog, becomes an unload.
+    fn hold_left_s(&self) -> Option<f64> {
+        let Activity::Running(run) = &self.activity else {
+            return None;
+        };
+        let newest = self.ticks.newest()?;
+        let left_s = match run.held_s(newest) {
+            Some(held_s) => f64::from(self.config.limits.hold_timeout_ms) / 1000.0 - held_s,
+            None => Some(run.remaining_s(newest))
+                .filter(|left| run.motion == Some(SlowMotion::Jog) && *left <= JOG_KEEP_S)?,
+        };
+        Some(left_s.max(0.0))
+    }
+
+    /// Says where the rig stands without pressure, if that is not zero, and what to do.
+    fn off_zero_into(&self, text: &mut String) {
+        text.clear();
+        let (Phase::Ready | Phase::Interlocked, Some(at)) = (self.phase(), &self.reading) else {
+            return;
+        };
+        let far = at.displacement_mm.abs() > AT_ZERO_MM;
+        let loaded = at.force_n.abs() > self.config.limits.unloaded_force_n.abs().max(AT_ZERO_N);
+        if !at.flags.is_empty() || !(far || loaded) {
+            return;
+        }
+        let (force_n, displacement_mm) = (at.force_n, at.displacement_mm);
+        // Writing into a text does not fail.
+        let _ = write!(
+            text,
+            "The rig stands at {force_n:.1} N and {displacement_mm:.3} mm. "
+        );
+        text.push_str(match (far, self.phase()) {
+            (true, Phase::Ready) => "An unload ends as soon as the force is small: return to zero before the next test.",
+            (true, _) => "The pressure is off: remove the cause, reset, then return to zero.",
+            (false, _) => "There is a force at zero displacement: check that nothing presses on the specimen, then tare.",
+        });
     }
 }
 

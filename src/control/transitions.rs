@@ -16,8 +16,10 @@ impl Rig {
             (Activity::Running(run), RigState::Hold) => {
                 run.hold(self.ticks.newest().unwrap_or(0));
                 // A detector that asked for the hold has said why.
-                if cause != Cause::None || self.notice.is_empty() {
+                if cause != Cause::None {
                     self.notice = format!("the rig holds ({cause}): resume or stop");
+                } else if self.notice.is_empty() {
+                    "the rig holds as it was asked to: resume or stop".clone_into(&mut self.notice);
                 }
             }
             (Activity::Running(run), RigState::Armed) if run.is_held() => self.resume_run(turn),
@@ -101,6 +103,8 @@ impl Rig {
         self.sample_counter.reset();
         self.status_counter.reset();
         self.stillness.clear();
+        // A value of a rig that is not heard would look live.
+        self.reading = None;
         self.detectors.forget_stream();
     }
 }

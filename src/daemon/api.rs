@@ -13,8 +13,8 @@ use axum::{Json, Router};
 use utoipa::OpenApi;
 
 use super::client_types::{
-    Accepted, Failure, Nothing, PlanRequest, ProfileSummary, RunDetail, RunSummary, StartRun, Started,
-    Status, StopRequest,
+    Accepted, Failure, JogRequest, Nothing, PlanRequest, ProfileSummary, RunDetail, RunSummary, StartRun,
+    Started, Status, StopRequest,
 };
 use super::download::{self, DownloadFormat, DownloadPart};
 use super::error::ApiError;
@@ -66,6 +66,8 @@ fn routes() -> Vec<Route> {
         post("/api/resume", |m| on(m, resume)),
         post("/api/reset", |m| on(m, reset)),
         post("/api/tare", |m| on(m, tare)),
+        post("/api/zero", |m| on(m, zero)),
+        post("/api/jog", |m| on(m, jog)),
         get("/api/runs", |m| on(m, runs)),
         get("/api/runs/{run_id}", |m| on(m, run_detail)),
         get("/api/runs/{run_id}/csv", |m| on(m, run_csv)),
@@ -92,6 +94,8 @@ fn routes() -> Vec<Route> {
         resume,
         reset,
         tare,
+        zero,
+        jog,
         runs,
         run_detail,
         run_csv,
@@ -200,6 +204,36 @@ async fn tare(State(state): App) -> Result<Json<TareReport>> {
         Reply::Tared(report) => Ok(Json(report)),
         Reply::Accepted => Err(ApiError::internal("control accepted the tare but sent no report")),
     }
+}
+
+/// Returns to the tared zero of the LVDT, slowly and with all limits on. Nothing is recorded.
+#[utoipa::path(post, path = "/api/zero", request_body = Nothing,
+    responses((status = 200, body = Accepted), (status = 409, body = Failure)))]
+async fn zero(State(state): App) -> Result<Json<Accepted>> {
+    run_life::move_slowly(&state, Request::Zero).await?;
+    Ok(Json(Accepted {
+        message: "the rig returns to the tared zero and unloads".to_owned(),
+    }))
+}
+
+/// Moves by a small step, slowly and with all limits on. Nothing is recorded. The rig then keeps its position for 10 s and
+/// unloads, unless another step follows. A step of 0 ends the motion at once.
+#[utoipa::path(post, path = "/api/jog", request_body = JogRequest,
+    responses((status = 200, body = Accepted), (status = 409, body = Failure), (status = 422, body = Failure)))]
+async fn jog(State(state): App, JsonBody(request): JsonBody<JogRequest>) -> Result<Json<Accepted>> {
+    let step = match request.goes_on {
+        true => Request::JogOn(request.step_mm),
+        false => Request::Jog(request.step_mm),
+    };
+    run_life::move_slowly(&state, step).await?;
+    let message = match request.step_mm == 0.0 {
+        true => "the rig stops and keeps its position".to_owned(),
+        false => format!(
+            "the rig moves by {} mm, keeps its position for 10 s, then unloads",
+            request.step_mm
+        ),
+    };
+    Ok(Json(Accepted { message }))
 }
 
 /// Runs `work`, which reads files, on a thread that does not serve the interface.

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::config::Bench;
 use crate::control::RigStatus;
 use crate::control::realtime::LoopHealth;
 use crate::recording::Ending;
@@ -44,6 +45,12 @@ pub(crate) struct Status {
     pub twin: String,
     /// What makes the timing of the control loop worse than specified, one sentence each.
     pub degraded: Vec<String>,
+    /// What a person should know before the next run: overdue calibrations, a disk that is nearly full.
+    #[serde(default)]
+    pub warnings: Vec<String>,
+    /// What the page draws around the measured values.
+    #[serde(default)]
+    pub plot: PlotScale,
     /// A run was asked for and has not begun: its profile is being checked. A stop withdraws it.
     #[serde(default)]
     pub preparing: bool,
@@ -53,6 +60,35 @@ pub(crate) struct Status {
     pub control_loop: LoopHealth,
     /// The run under way, or the newest run of this daemon.
     pub run: Option<RunProgress>,
+}
+
+/// Limits of the bench and noise of its sensors, for the lines around the measured values.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct PlotScale {
+    /// Upper force limit, N.
+    pub force_max_n: f64,
+    /// Lower force limit, N.
+    pub force_min_n: f64,
+    /// Upper displacement limit, mm.
+    pub displacement_max_mm: f64,
+    /// Lower displacement limit, mm.
+    pub displacement_min_mm: f64,
+    /// Standard deviation of the load cell's noise, N.
+    pub noise_n: f64,
+}
+
+impl PlotScale {
+    /// The lines of this bench.
+    pub(super) fn of(bench: &Bench) -> PlotScale {
+        let limits = &bench.limits;
+        PlotScale {
+            force_max_n: limits.force_max_n,
+            force_min_n: limits.force_min_n,
+            displacement_max_mm: limits.displacement_max_mm,
+            displacement_min_mm: limits.displacement_min_mm,
+            noise_n: bench.force_channel.noise_n,
+        }
+    }
 }
 
 /// How far a run is.
@@ -185,6 +221,17 @@ pub(crate) struct StopRequest {
     /// Why the run is stopped: becomes the cause of the run's end.
     #[serde(default)]
     pub reason: Option<String>,
+}
+
+/// How far to jog.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct JogRequest {
+    /// Step in mm, -2 to 2; positive loads the spring. 0 ends a jog.
+    pub step_mm: f64,
+    /// The step goes on with a jog, as while a button is held: it is refused if that jog is over, for example by a stop.
+    #[serde(default)]
+    pub goes_on: bool,
 }
 
 /// A request without content: `{}`.

@@ -1,4 +1,4 @@
-//! The live view of a run: a recorder at the end of the chain thins out the samples and sends them to all viewers. Each
+//! The live view of a run, and of the idle rig: a recorder at the end of the chain thins out the samples and sends them to all viewers. Each
 //! viewer has its own position in one bounded ring: a slow viewer loses its oldest samples and does not affect the others.
 //! A new viewer first gets the samples of the last seconds, so that a page opened during a run shows a loop at once.
 
@@ -7,7 +7,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::sync::broadcast;
 
-use crate::recording::{Event, Header, Outcome, Recorder, Sample};
+use crate::protocol::message::SAMPLE_RATE_HZ;
+use crate::recording::recorder::RecorderInput;
+use crate::recording::{Event, Flags, Header, Outcome, Recorder, Sample};
 use crate::units::Mode;
 
 /// Samples per second that a viewer gets: 80 for each loop at 2.5 Hz.
@@ -22,13 +24,18 @@ const RECENT_BATCHES: usize = 500;
 /// Thinned samples of one run, as columns of equal length.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
 pub(super) struct LiveBatch {
+    /// Id of the run; empty between two runs.
     pub run_id: String,
-    /// Time in s since the start of the run.
+    /// Time in s since the start of the run; between two runs the tick of the rig in s.
     pub time_s: Vec<f64>,
-    /// Displacement in mm.
-    pub displacement_mm: Vec<f64>,
-    /// Force in N.
-    pub force_n: Vec<f64>,
+    /// Displacement in mm; `null` without a valid reading.
+    pub displacement_mm: Vec<Option<f64>>,
+    /// Force in N; `null` without a valid reading.
+    pub force_n: Vec<Option<f64>>,
+    /// Lowest and highest displacement in mm of all samples of this batch, also of those that were thinned out.
+    pub displacement_range_mm: Option<[f64; 2]>,
+    /// Lowest and highest force in N, in the same way.
+    pub force_range_n: Option<[f64; 2]>,
     /// Command in mm or N, see `control`; `null` while there is none.
     pub command: Vec<Option<f64>>,
     /// Quantity that the newest command controls.
@@ -85,6 +92,39 @@ impl Live {
             batch: LiveBatch::default(),
         }
     }
+
+    /// The recorder that sends the samples between two runs to the viewers.
+    pub(super) fn idle_recorder(&self) -> LiveRecorder {
+        LiveRecorder {
+            every: thinning(f64::from(SAMPLE_RATE_HZ)),
+            ..self.recorder()
+        }
+    }
+}
+
+/// One of so many samples is sent.
+fn thinning(sample_rate_hz: f64) -> u64 {
+    ((sample_rate_hz / POINTS_PER_S) as u64).max(1)
+}
+
+/// Passes the samples between two runs on. Control never waits for it.
+pub(super) struct Watcher(pub RecorderInput);
+
+impl Recorder for Watcher {
+    fn begin(&mut self, _: &Header) {}
+    fn sample(&mut self, _: &Sample) {}
+    fn event(&mut self, _: &Event) {}
+    fn end(&mut self, _: &Outcome) {}
+
+    fn watch(&mut self, sample: &Sample) {
+        self.0.sample(sample);
+    }
+}
+
+fn widen(range: &mut Option<[f64; 2]>, value: Option<f64>) {
+    let Some(value) = value else { return };
+    let [low, high] = range.unwrap_or([value, value]);
+    *range = Some([low.min(value), high.max(value)]);
 }
 
 /// Number of samples in `batches` batches.
@@ -117,19 +157,24 @@ impl LiveRecorder {
 
 impl Recorder for LiveRecorder {
     fn begin(&mut self, header: &Header) {
-        self.every = ((header.sample_rate_hz / POINTS_PER_S) as u64).max(1);
+        self.every = thinning(header.sample_rate_hz);
         self.batch.run_id = header.run_id.clone();
     }
 
     fn sample(&mut self, sample: &Sample) {
         self.seen += 1;
+        let valid = |value: f64, invalid| (!sample.flags.contains(invalid)).then_some(value);
+        let force_n = valid(sample.force_n, Flags::FORCE_INVALID);
+        let displacement_mm = valid(sample.displacement_mm, Flags::DISPLACEMENT_INVALID);
+        widen(&mut self.batch.force_range_n, force_n);
+        widen(&mut self.batch.displacement_range_mm, displacement_mm);
         if !(self.seen - 1).is_multiple_of(self.every) {
             return;
         }
         let b = &mut self.batch;
         b.time_s.push(sample.time_s);
-        b.displacement_mm.push(sample.displacement_mm);
-        b.force_n.push(sample.force_n);
+        b.displacement_mm.push(displacement_mm);
+        b.force_n.push(force_n);
         b.command.push(sample.command.map(|c| c.value()));
         b.twin_force_n.push(sample.twin_force_n);
         b.cycle = sample.cycle;
@@ -149,8 +194,6 @@ impl Recorder for LiveRecorder {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::protocol::message::SAMPLE_RATE_HZ;
-    use crate::recording::Flags;
     use tokio::sync::broadcast::error::TryRecvError;
 
     fn sample(tick: u64) -> Sample {
@@ -183,6 +226,32 @@ mod tests {
         (0..40).for_each(|tick| recorder.sample(&sample(tick)));
         let batch = viewer.try_recv().expect("a batch");
         assert_eq!(batch.time_s, [0.0, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03, 0.035]);
+    }
+
+    #[test]
+    fn a_peak_between_two_points_is_in_the_range_and_an_invalid_value_is_in_nothing() {
+        let live = Live::default();
+        let (_, mut viewer) = live.subscribe();
+        let mut recorder = live.idle_recorder();
+        for tick in 0..40 {
+            let mut sample = sample(tick);
+            if tick == 7 {
+                sample.force_n = 900.0;
+            }
+            if tick == 10 {
+                sample.force_n = -13_107.2;
+                sample.flags.insert(Flags::FORCE_INVALID);
+            }
+            recorder.sample(&sample);
+        }
+        let batch = viewer.try_recv().expect("a batch");
+        assert_eq!(batch.run_id, "");
+        assert_eq!(batch.force_range_n, Some([1.0, 900.0]));
+        assert_eq!(batch.force_n[2], None, "tick 10");
+        assert!(
+            batch.force_n.iter().flatten().all(|f| *f == 1.0),
+            "tick 7 is not sent"
+        );
     }
 
     #[test]

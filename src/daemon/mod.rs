@@ -9,14 +9,15 @@
 //! | `client_types` | requests and answers |
 //! | `nearest` | the name that a mistyped one stands for |
 //! | `library`, `store`, `header` | profiles, run files, header of a recording |
-//! | `live`, `backlog`, `disk_watch` | samples for the live view, samples that wait for the recording thread or for the disk |
+//! | `live`, `backlog`, `disk_space`, `disk_watch` | samples for the live view, samples that wait for the recording thread or for the disk, free space |
 //! | `error` | why the daemon or a request fails |
 //! | `lock`, `endpoint` | one daemon per rig, the file by which commands find it |
 //! | `connections`, `server`, `request_body`, `guard` | limits of connections and requests, protection from other web pages |
 //! | `wanted`, `starts`, `orders` | work that may be withdrawn, order of starts and stops, orders that control must get |
 //! | `plan`, `download` | check of a profile, export |
+//! | `permission` | calibrations, specimen, and who answers for a start all the same |
 //! | `newest_run`, `state` | what the handlers and the runs share |
-//! | `permission`, `resume`, `progress`, `prepare` | what a run needs before it can start |
+//! | `resume`, `progress`, `prepare` | what a run needs before it can start |
 //! | `runs`, `socket`, `page` | life of a run, live view, the technician's page |
 //! | `api` | routes and handlers |
 
@@ -24,6 +25,7 @@ mod api;
 mod backlog;
 pub(crate) mod client_types;
 mod connections;
+mod disk_space;
 mod disk_watch;
 mod download;
 mod endpoint;
@@ -62,9 +64,11 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use crate::control::realtime::{ControlHandle, Request};
 use crate::control::{Phase, Rig};
 use crate::link::{self, Link, Side};
+use crate::recording::recorder;
 use client_types::Endpoint;
 use endpoint::EndpointFile;
 use library::Library;
+use live::{Live, Watcher};
 use lock::DaemonLock;
 use server::ServerLimits;
 use state::DaemonState;
@@ -80,6 +84,8 @@ pub(crate) use state::DaemonSettings;
 const UNLOAD_AT_EXIT: Duration = Duration::from_millis(4200);
 /// Time between two attempts to open a lost link.
 const RELINK_PERIOD: Duration = Duration::from_secs(1);
+/// Time between two looks at the free space of the disk.
+const DISK_LOOK_PERIOD: Duration = Duration::from_secs(5);
 /// Longest wait for requests that are still served when the daemon ends.
 const REQUESTS_AT_EXIT: Duration = Duration::from_millis(200);
 /// Longest wait for the control thread after it was asked to end. It looks every millisecond.
@@ -145,13 +151,17 @@ impl Daemon {
         let rig = Rig::new(self.settings.bench.rig_config(session_number()));
         let health = Arc::clone(&link.health);
         // From here nothing fails until the control thread has ended: it holds the rig.
-        let (control, thread) = ControlHandle::spawn(rig, link)?;
+        let live = Live::default();
+        // The thread ends with control, which has the only input.
+        let (watcher, _) = recorder::spawn(live.idle_recorder())?;
+        let (control, thread) = ControlHandle::spawn(rig, link, Box::new(Watcher(watcher)))?;
         let state = Arc::new(DaemonState::new(
             self.settings,
             control,
             self.store,
             self.library,
             health,
+            live,
         ));
         warn_of_limitations(&state);
         let serving = serve_until_signal(Arc::clone(&state), self.listener, signals, || {
@@ -223,6 +233,7 @@ async fn serve_until_signal(
 ) {
     let router = api::router(state.settings.listen, Arc::clone(&state));
     let relink = tokio::spawn(keep_link_open(Arc::clone(&state)));
+    let disk = tokio::spawn(watch_disk_space(Arc::clone(&state)));
     let server = tokio::spawn(server::serve(listener, router, ServerLimits::default()));
     started();
     let name = signals.next().await;
@@ -230,6 +241,7 @@ async fn serve_until_signal(
     unload(&state, name).await;
     server.abort();
     relink.abort();
+    disk.abort();
     // Commands end with the control thread and the lease expires. If the rig is still loaded, the firmware unloads it.
     if let Err(error) = orders::insist(&state.control, || Request::End).await {
         tracing::warn!("the control thread was not asked to end: {error}");
@@ -295,6 +307,16 @@ async fn keep_link_open(state: Arc<DaemonState>) {
             }
             Err(_) => {}
         }
+    }
+}
+
+/// Looks how full the disk is, now and then. A disk that does not answer holds up a thread of its own only.
+async fn watch_disk_space(state: Arc<DaemonState>) {
+    loop {
+        let looking = Arc::clone(&state);
+        // Fails only when the runtime ends.
+        let _ = tokio::task::spawn_blocking(move || looking.disk.look(looking.store.folder())).await;
+        tokio::time::sleep(DISK_LOOK_PERIOD).await;
     }
 }
 

@@ -13,53 +13,140 @@ pub(super) fn router() -> Router<Arc<DaemonState>> {
     let file = |kind: &'static str, text: &'static str| {
         get(move || async move { ([(header::CONTENT_TYPE, kind)], text) })
     };
-    Router::new()
-        .route(
-            "/",
-            file("text/html; charset=utf-8", include_str!("page/index.html")),
-        )
-        .route(
-            "/page.css",
-            file("text/css; charset=utf-8", include_str!("page/page.css")),
-        )
-        .route(
-            "/plot.js",
-            file("text/javascript; charset=utf-8", include_str!("page/plot.js")),
-        )
-        .route(
-            "/page.js",
-            file("text/javascript; charset=utf-8", include_str!("page/page.js")),
-        )
-        .route("/icon.svg", file("image/svg+xml", include_str!("page/icon.svg")))
+    FILES.iter().fold(Router::new(), |router, (path, kind, text)| {
+        router.route(path, file(kind, text))
+    })
 }
+
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+
+/// Path, type and text of each file.
+const FILES: [(&str, &str, &str); 9] = [
+    ("/", "text/html; charset=utf-8", include_str!("page/index.html")),
+    (
+        "/page.css",
+        "text/css; charset=utf-8",
+        include_str!("page/page.css"),
+    ),
+    ("/ask.js", SCRIPT, include_str!("page/ask.js")),
+    ("/words.js", SCRIPT, include_str!("page/words.js")),
+    ("/plot.js", SCRIPT, include_str!("page/plot.js")),
+    ("/scope.js", SCRIPT, include_str!("page/scope.js")),
+    ("/jog.js", SCRIPT, include_str!("page/jog.js")),
+    ("/page.js", SCRIPT, include_str!("page/page.js")),
+    ("/icon.svg", "image/svg+xml", include_str!("page/icon.svg")),
+];
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+    use crate::protocol::message::Cause;
+
+    fn text_of(wanted: &str) -> &'static str {
+        FILES
+            .iter()
+            .find_map(|(path, _, text)| (*path == wanted).then_some(*text))
+            .expect("a file of the page")
+    }
+
     #[test]
     fn the_page_loads_nothing_from_elsewhere() {
-        let files = [
-            include_str!("page/index.html"),
-            include_str!("page/page.css"),
-            include_str!("page/page.js"),
-            include_str!("page/plot.js"),
-        ];
-        for text in files {
+        for (path, _, text) in FILES {
             let foreign = text.replace("http://www.w3.org/", "");
             assert!(
-                !foreign.contains("http://") && !foreign.contains("https://") && !foreign.contains("url(")
+                !foreign.contains("http://") && !foreign.contains("https://") && !foreign.contains("url("),
+                "{path}"
+            );
+        }
+        for (path, kind, _) in FILES {
+            let name = path.trim_start_matches('/');
+            assert!(
+                kind != SCRIPT || text_of("/").contains(&format!("src=\"{name}\"")),
+                "{name} is not loaded"
             );
         }
     }
 
     #[test]
-    fn the_stop_button_is_enabled_in_every_phase() {
-        let script = include_str!("page/page.js");
-        assert!(script.contains("$(\"stop\").disabled = !status;"));
-        assert_eq!(
-            script.matches("\"stop\"").count(),
-            2,
-            "set in one place, pressed in one"
-        );
-        assert!(script.contains("press(\"stop\", () => ask(\"api/stop\""));
+    fn nothing_disables_the_stop_button() {
+        assert!(!text_of("/").contains("id=\"stop\" class=\"stop\" disabled"));
+        for (path, _, text) in FILES {
+            let disabled = ["$(\"stop\").disabled", "allow(\"stop\""];
+            assert!(disabled.iter().all(|way| !text.contains(way)), "{path}");
+        }
+        assert!(text_of("/page.js").contains("$(\"stop\").addEventListener(\"click\""));
+    }
+
+    #[test]
+    fn the_page_says_what_happened_and_what_to_do_for_every_cause() {
+        let words = text_of("/words.js");
+        for code in 1..=19 {
+            let cause = Cause::from_wire(code).expect("a cause of the protocol");
+            let name = serde_json::to_value(cause).expect("written");
+            let name = name.as_str().expect("a word");
+            assert!(words.contains(&format!("\n  {name}: [\"")), "{name}");
+        }
+    }
+
+    /// Relative luminance of `#rrggbb` (WCAG 2.2).
+    fn luminance(colour: &str) -> f64 {
+        let part = |at: usize| {
+            let value = u8::from_str_radix(&colour[at..at + 2], 16).expect("two digits");
+            let c = f64::from(value) / 255.0;
+            if c <= 0.040_45 {
+                c / 12.92
+            } else {
+                ((c + 0.055) / 1.055).powf(2.4)
+            }
+        };
+        0.2126 * part(1) + 0.7152 * part(3) + 0.0722 * part(5)
+    }
+
+    fn contrast(a: &str, b: &str) -> f64 {
+        let (a, b) = (luminance(a), luminance(b));
+        (a.max(b) + 0.05) / (a.min(b) + 0.05)
+    }
+
+    /// Colours by name, of the light page and of the dark one.
+    fn colours(theme: &str) -> std::collections::BTreeMap<&str, &str> {
+        theme
+            .split(';')
+            .filter_map(|entry| entry.rsplit_once("--"))
+            .filter_map(|(_, entry)| entry.split_once(": "))
+            .map(|(name, value)| (name.trim(), value.trim()))
+            .filter(|(_, value)| value.starts_with('#'))
+            .collect()
+    }
+
+    #[test]
+    fn the_colours_keep_the_contrast_of_wcag_aa_in_light_and_dark() {
+        let style = text_of("/page.css");
+        let dark = style
+            .find("@media (prefers-color-scheme: dark)")
+            .expect("a dark page");
+        let end = style.find("* { box-sizing").expect("the end of the colours");
+        for theme in [&style[..dark], &style[dark..end]] {
+            let of = colours(theme);
+            let check = |front: &str, back: &str, least: f64| {
+                let seen = contrast(of[front], of[back]);
+                assert!(seen >= least, "{front} on {back}: {seen:.2} is less than {least}");
+            };
+            // Text: 4.5 to 1.
+            for back in ["ground", "card"] {
+                check("ink", back, 4.5);
+                check("quiet", back, 4.5);
+            }
+            // Lines of a plot and borders of what can be pressed: 3 to 1.
+            for line in ["measured", "twin", "command", "older", "limit"] {
+                check(line, "card", 3.0);
+            }
+            check("edge", "ground", 3.0);
+            check("edge", "card", 3.0);
+            // Text of the head: it is white in both.
+            for back in ["ok", "busy", "wait", "bad", "off"] {
+                let seen = contrast("#ffffff", of[back]);
+                assert!(seen >= 4.5, "white on {back}: {seen:.2}");
+            }
+        }
     }
 }

@@ -96,6 +96,20 @@ pub(super) async fn stop(state: &DaemonState, cause: &str) -> Result<&'static st
     })
 }
 
+/// Starts a motion that nobody records: a return to zero or a jog. Refused while a run is being prepared.
+pub(super) async fn move_slowly(state: &DaemonState, request: Request) -> Result<(), ApiError> {
+    let _turn = state.starts.turn().await;
+    if state.starts.is_pending() {
+        return Err(ApiError::new(
+            StatusCode::CONFLICT,
+            "a run is being prepared".to_owned(),
+            "stop it, or wait for its end".to_owned(),
+        ));
+    }
+    state.control.ask(request).await?;
+    Ok(())
+}
+
 /// The refusal that control would give in this phase, so that no file is created for a run that cannot start.
 fn busy(status: &RigStatus) -> Option<ApiError> {
     let text = match status.phase {
@@ -105,10 +119,7 @@ fn busy(status: &RigStatus) -> Option<ApiError> {
         }
         Phase::Connecting => format!("the rig is not connected: {}", status.notice),
         Phase::Interlocked => Refusal::Interlocked(status.interlock()).to_string(),
-        _ => match &status.run_id {
-            Some(run) => format!("run {run} is under way: stop it or wait for its end"),
-            None => "the rig is busy: wait until it is unloaded".to_owned(),
-        },
+        _ => Refusal::Busy(status.under_way()).to_string(),
     };
     Some(ApiError::new(StatusCode::CONFLICT, text, String::new()))
 }

@@ -4,10 +4,12 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::client_types::Status;
+use super::client_types::{PlotScale, Status};
+use super::disk_space::DiskSpace;
 use super::library::Library;
 use super::live::Live;
 use super::newest_run::NewestRun;
+use super::permission;
 use super::starts::Starts;
 use super::store::Store;
 use crate::config::Bench;
@@ -38,6 +40,8 @@ pub(super) struct DaemonState {
     /// The live view of samples, for the technician's page.
     pub live: Live,
     pub newest_run: NewestRun,
+    /// How full the disk of the run files is.
+    pub disk: DiskSpace,
     /// The run that is being prepared, and the order of starts and stops.
     pub starts: Starts,
     /// Taken while a profile is checked for the page: one at a time.
@@ -56,13 +60,15 @@ impl DaemonState {
         store: Store,
         library: Library,
         link_health: Arc<LinkHealth>,
+        live: Live,
     ) -> Self {
         DaemonState {
             settings,
             control,
             store,
             library,
-            live: Live::default(),
+            live,
+            disk: DiskSpace::default(),
             newest_run: NewestRun::default(),
             starts: Starts::default(),
             planning: Arc::new(tokio::sync::Semaphore::new(1)),
@@ -80,6 +86,14 @@ impl DaemonState {
         *self.link_health.lock().unwrap_or_else(PoisonError::into_inner) = Arc::clone(health);
     }
 
+    /// What a person should know before the next run, one sentence each.
+    fn warnings(&self) -> Vec<String> {
+        let today = jiff::Timestamp::now().to_zoned(jiff::tz::TimeZone::UTC).date();
+        let mut warnings = permission::overdue(&self.settings.bench, today);
+        warnings.extend(self.disk.problem());
+        warnings
+    }
+
     /// Bench, rig and newest run as they are now.
     pub(super) fn status(&self) -> Status {
         let (rig, control_loop) = self.control.status();
@@ -92,6 +106,8 @@ impl DaemonState {
             data_folder: settings.data_folder.display().to_string(),
             twin: settings.bench.model.name.clone(),
             degraded: self.control.degraded().to_vec(),
+            warnings: self.warnings(),
+            plot: PlotScale::of(&settings.bench),
             preparing: self.starts.is_pending(),
             rig,
             control_loop,
@@ -109,7 +125,8 @@ impl DaemonState {
         let health = Arc::clone(&link.health);
         let rig = crate::control::Rig::new(bench.rig_config(1));
         // The thread ends with the last handle.
-        let (control, _) = ControlHandle::spawn(rig, link).expect("a thread");
+        let watcher = Box::new(crate::control::realtime::NoRecorder);
+        let (control, _) = ControlHandle::spawn(rig, link, watcher).expect("a thread");
         let settings = DaemonSettings {
             link_address: "mock:".to_owned(),
             data_folder: folder.to_owned(),
@@ -124,6 +141,7 @@ impl DaemonState {
             Store::new(folder),
             library,
             health,
+            Live::default(),
         ))
     }
 }

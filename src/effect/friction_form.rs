@@ -125,7 +125,7 @@ const ELEMENTS: usize = BANDS * ELEMENTS_PER_BAND;
 #[derive(Clone)]
 struct FrictionForm {
     travel: BandedTravel,
-    elements: Arc<Elements>,
+    elements: Arc<ActiveElements>,
     /// Drag of each element, -1 to 1.
     drags: [f64; ELEMENTS],
     length_exponent: f64,
@@ -134,16 +134,16 @@ struct FrictionForm {
     load_n: Option<f64>,
 }
 
-/// Elements of the bands whose ratio is not zero: most bands of a fitted law are, and their elements need no steps.
+/// ActiveElements of the bands whose ratio is not zero: most bands of a fitted law are, and their elements need no steps.
 #[derive(Default)]
-struct Elements {
+struct ActiveElements {
     per_mm: Vec<f64>,
     ratio: Vec<f64>,
 }
 
 impl FrictionForm {
     fn new(ratios: &[f64]) -> FrictionForm {
-        let mut elements = Elements::default();
+        let mut elements = ActiveElements::default();
         for (ratio, ends) in ratios.iter().zip(BANDS_MM.windows(2)) {
             if *ratio == 0.0 {
                 continue;

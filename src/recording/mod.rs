@@ -291,6 +291,8 @@ pub(crate) trait Recorder {
     fn event(&mut self, event: &Event);
     /// The run is over.
     fn end(&mut self, outcome: &Outcome);
+    /// A sample that no run records: the rig is heard, but idle. A recorder of a run ignores it.
+    fn watch(&mut self, _sample: &Sample) {}
     /// Called about every 10 ms during a live run: what came so far must survive a kill of this process.
     /// A recorder that wraps another one passes the call on.
     fn flush(&mut self) {}
@@ -311,6 +313,10 @@ impl<R: Recorder + ?Sized> Recorder for Box<R> {
 
     fn end(&mut self, outcome: &Outcome) {
         (**self).end(outcome);
+    }
+
+    fn watch(&mut self, sample: &Sample) {
+        (**self).watch(sample);
     }
 
     fn flush(&mut self) {

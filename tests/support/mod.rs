@@ -1,6 +1,7 @@
 //! Daemons, mock rigs and commands as processes: started on free ports, waited for by condition, ended with the test.
 
 pub mod bench;
+pub mod browser;
 pub mod http;
 pub mod virtual_rig;
 pub mod wire;

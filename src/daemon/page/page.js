@@ -2,44 +2,7 @@
 // so the page can be closed and opened at any time.
 "use strict";
 
-const $ = id => document.getElementById(id);
-const PHASES = {
-  connecting: ["No rig", "The rig does not answer. Check its power and the link."],
-  ready: ["Ready", "The rig is unloaded. You can start a run."],
-  arming: ["Arming", "The pressure is being switched on. Keep clear."],
-  running: ["Running", "The rig moves. Keep clear."],
-  held: ["On hold", "The rig keeps its position. The pressure is on. Press Resume or Stop."],
-  unloading: ["Unloading", "The rig unloads by itself. Keep clear."],
-  interlocked: ["Interlocked", "Remove the cause, then press Reset. Reset does not move the rig."],
-};
-const PREPARING = ["Preparing", "The profile is being checked. Then the rig moves. Stop withdraws the run."];
-let status = null;
-
-// ---- requests
-
-async function ask(path, body) {
-  let answer;
-  try {
-    const options = body === undefined ? {} :
-      { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) };
-    answer = await fetch(path, options);
-  } catch {
-    throw new Error("The daemon does not answer. Check that it runs on this computer.");
-  }
-  const reply = await answer.json().catch(() => ({}));
-  if (!answer.ok) throw new Error([reply.error || `HTTP ${answer.status}`, reply.what_to_do].filter(Boolean).join(". "));
-  return reply;
-}
-
-let noticeTimer = 0;
-function say(text, mild) {
-  const notice = $("notice");
-  clearTimeout(noticeTimer);
-  notice.textContent = text;
-  notice.classList.toggle("mild", !!mild);
-  notice.hidden = !text;
-  if (text && mild) noticeTimer = setTimeout(() => { notice.hidden = true; }, 8000);
-}
+// ---- buttons and keys
 
 function press(id, action) {
   $(id).addEventListener("click", async () => {
@@ -48,14 +11,34 @@ function press(id, action) {
   });
 }
 
-press("stop", () => ask("api/stop", { reason: "stopped on the page" }));
+async function stop(reason) {
+  jogEnd();
+  say("");
+  try { await ask("api/stop", { reason }); } catch (error) { say(`Stop was not taken: ${error.message}`); }
+}
+
+$("stop").addEventListener("click", () => stop("Stop button of the page"));
+
+// Escape stops always, Space where nobody types or chooses. A button that has the focus is pressed by Enter.
+const isField = element => !!element && element.matches("input, select, textarea");
+document.addEventListener("keydown", event => {
+  const stops = event.key === "Escape" || (event.key === " " && !isField(event.target));
+  if (!stops) return;
+  event.preventDefault();
+  if (!event.repeat) stop(`key ${event.key === " " ? "Space" : "Esc"} on the page`);
+}, true);
+document.addEventListener("keyup", event => {
+  if (event.key === " " && !isField(event.target)) event.preventDefault();
+}, true);
+
 press("hold", () => ask("api/hold", {}));
 press("resume", () => ask("api/resume", {}));
 press("reset", () => ask("api/reset", {}));
+press("zero", () => ask("api/zero", {}));
 press("tare", async () => {
   const t = await ask("api/tare", {});
-  say(`New tare: force ${t.force_old_n.toFixed(1)} \u2192 ${t.force_new_n.toFixed(1)} N, ` +
-    `displacement ${t.displacement_old_mm.toFixed(3)} \u2192 ${t.displacement_new_mm.toFixed(3)} mm.`, true);
+  say(`New tare: force ${number(t.force_old_n, 1)} N \u2192 ${number(t.force_new_n, 1)} N, ` +
+    `displacement ${number(t.displacement_old_mm, 3)} mm \u2192 ${number(t.displacement_new_mm, 3)} mm.`, true);
 });
 press("run", () => start({ profile: $("profile").value }));
 
@@ -114,63 +97,82 @@ for (const id of ["specimen", "operator"]) {
 
 // ---- status
 
-const number = (value, digits) => value === null || value === undefined ? "\u2013" :
-  value.toFixed(digits).replace(/^-(?=0(\.0*)?$)/, "").replace("-", "\u2212");
-
-function duration(seconds) {
-  const s = Math.max(0, Math.round(seconds)), minutes = Math.floor(s / 60);
-  if (minutes >= 60) return `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
-  return minutes ? `${minutes} min ${String(s % 60).padStart(2, "0")} s` : `${s} s`;
-}
-
-let everConnected = false;
+// Writes a text only if it changes, so that a screen reader says it once.
+function write(id, text) { if ($(id).textContent !== text) $(id).textContent = text; }
 
 function show() {
   const rig = status && status.rig, phase = rig ? rig.phase : "offline";
-  $("lamp").dataset.phase = phase;
+  const [name, detail, clear] = phaseWords(status, everConnected);
+  $("lamp").dataset.phase = name === JOG_KEEPS[0] ? "held" : phase;
+  write("state", name);
+  write("state-detail", detail);
+  $("clear").hidden = !clear;
+  const left = rig ? rig.hold_left_s : null;
+  write("hold-left", left === null || left === undefined ? "" : `unloads in ${Math.ceil(left)} s`);
+  write("force", number(rig && rig.force_n, 1));
+  write("displacement", number(rig && rig.displacement_mm, 3));
+  showPeaks();
+  allowButtons(rig, phase);
+  showRun(rig);
+  showWarnings();
+  if (!status) { write("footer", ""); return; }
+  write("band", `noise, \u00b1${number(3 * status.plot.noise_n, 1)} N`);
+  write("footer", [
+    `leafbench ${status.version}, bench ${status.bench}, link ${status.link}${status.link_open ? "" : " (closed)"}, ` +
+    `runs in ${status.data_folder}`,
+    `largest delay of the control loop ${(status.control_loop.worst_lateness_us / 1000).toFixed(1)} ms`].join(" \u00b7 "));
+}
+
+// Stop is never disabled. A button that is held to move is not taken away while it is held.
+function allowButtons(rig, phase) {
   const preparing = !!(status && status.preparing);
-  const [state, detail] = preparing && phase === "ready" ? PREPARING : PHASES[phase] || (everConnected
-    ? ["No daemon", "The connection to the daemon is lost. If the daemon has ended, the rig unloads by itself."]
-    : ["Connecting", "Waiting for the daemon."]);
-  $("state").textContent = state;
-  $("state-detail").textContent = rig && rig.notice && phase !== "running" ? rig.notice : detail;
-  $("force").textContent = number(rig && rig.force_n, 1);
-  $("displacement").textContent = number(rig && rig.displacement_mm, 3);
   const allow = (id, ...phases) => { $(id).disabled = !phases.includes(phase); };
-  // A stop is taken at any time, also while a run is being prepared.
-  $("stop").disabled = !status;
+  const ready = preparing ? [] : ["ready"];
   allow("hold", "running");
   allow("resume", "held");
   allow("reset", "interlocked");
   allow("tare", "ready", "interlocked");
-  allow("run", ...(preparing ? [] : ["ready"]));
-  showRun(rig);
-  if (status) $("footer").textContent = [
-    `leafbench ${status.version}, bench ${status.bench}, link ${status.link}${status.link_open ? "" : " (closed)"}, ` +
-    `runs in ${status.data_folder}`,
-    `${rig.counters.samples} samples, ${rig.counters.lost} lost, ${rig.counters.late} late, ${rig.counters.frames_refused} frames refused, ` +
-    `largest delay of the control loop ${(status.control_loop.worst_lateness_us / 1000).toFixed(1)} ms`,
-    ...status.degraded].join(" \u00b7 ");
+  allow("zero", ...ready);
+  allow("run", ...ready);
+  const jogs = rig && rig.motion === "jog" ? ["arming", "running"] : [];
+  allow("jog-up", ...ready, ...jogs);
+  allow("jog-down", ...ready, ...jogs);
+  if (!status) jogEnd();
 }
 
 function showRun(rig) {
   const run = status && status.run, live = rig && rig.run_id;
   if (live) {
     const total = rig.elapsed_s + rig.remaining_s;
-    $("run-name").textContent = rig.profile;
-    $("run-cycles").textContent = rig.cycles_total ? `cycle ${rig.cycles_completed} of ${rig.cycles_total}` : "";
-    $("run-remaining").textContent = `${duration(rig.remaining_s)} left`;
+    write("run-name", rig.profile);
+    write("run-cycles", rig.cycles_total ? `cycle ${rig.cycles_completed} of ${rig.cycles_total}` : "");
+    write("run-remaining", `${duration(rig.remaining_s)} left`);
+    write("run-cause", "");
     $("progress").value = total > 0 ? rig.elapsed_s / total : 0;
   } else if (run && run.ending) {
-    $("run-name").textContent = `${run.profile}: ${run.ending}`;
-    $("run-cycles").textContent = `${run.samples} samples, ${run.lost} lost, ${run.late} late`;
-    $("run-remaining").textContent = run.cause;
+    write("run-name", `${run.profile}: ${run.ending}`);
+    write("run-cycles", `${run.samples} samples, ${run.lost} lost, ${run.late} late`);
+    write("run-remaining", "");
+    write("run-cause", sentence(withoutWord(run.cause, run.ending)));
     $("progress").value = run.ending === "completed" ? 1 : $("progress").value;
   }
+  const counters = rig && rig.counters;
+  write("counts", !counters ? "" : `Since the start of the daemon: ${counters.samples} samples, ${counters.lost} lost, ` +
+    `${counters.late} late, ${counters.flagged} without a valid reading, ${counters.frames_refused} frames refused.`);
   const mismatch = (run && run.model_mismatch) || "";
-  $("mismatch").textContent = mismatch;
+  write("mismatch", mismatch);
   $("mismatch").hidden = !mismatch;
-  if (run && run.disk_problem) say(`Disk: ${run.disk_problem}.`);
+}
+
+// What is wrong with this computer or the bench, one line each.
+function showWarnings() {
+  const run = status && status.run;
+  const lines = status ? [
+    ...(run && run.disk_problem ? [`Disk: ${run.disk_problem}`] : []), ...status.warnings, ...status.degraded].map(sentence) : [];
+  const list = $("warnings");
+  if (list.dataset.lines === lines.join("\n")) return;
+  list.dataset.lines = lines.join("\n");
+  list.replaceChildren(...lines.map(line => Object.assign(document.createElement("li"), { textContent: line })));
 }
 
 // ---- recorded runs
@@ -194,7 +196,7 @@ function row(run) {
   cell(run.profile);
   cell(run.specimen);
   const ended = cell(run.ending);
-  const why = [run.problem, run.cause].filter(Boolean).join(" · ");
+  const why = [run.problem, withoutWord(run.cause, run.ending)].filter(Boolean).join(" · ");
   if (why) ended.append(Object.assign(document.createElement("small"), { textContent: why }));
   cell(run.cycles_completed || "", "number");
   cell(run.samples, "number");
@@ -221,66 +223,11 @@ function row(run) {
   return tr;
 }
 
-// ---- live samples
+// ---- connection
 
-const MOST_POINTS = 6000;
-let points = empty(), runOfPoints = null, controlled = null, dirty = true;
-
-function empty() { return { t: [], x: [], f: [], twin: [], command: [] }; }
-
-function take(batch) {
-  if (batch.run_id !== runOfPoints) { runOfPoints = batch.run_id; points = empty(); }
-  points.t.push(...batch.time_s);
-  points.x.push(...batch.displacement_mm);
-  points.f.push(...batch.force_n);
-  points.twin.push(...batch.twin_force_n);
-  points.command.push(...batch.command);
-  controlled = batch.control;
-  // Every second point of the older half is dropped: a whole ramp stays in view and the newest cycles keep all their points.
-  if (points.t.length > MOST_POINTS) {
-    const half = MOST_POINTS / 2;
-    for (const key of Object.keys(points)) points[key] = points[key].filter((_, i) => i >= half || i % 2 === 0);
-  }
-  $("skipped").textContent = batch.skipped ? `This view skipped ${batch.skipped} points. They are in the recording.` : "";
-  dirty = true;
-}
-
-const loopPlot = new Plot($("loop"), "displacement in mm", "force in N", 1, 20);
-const displacementPlot = new Plot($("trace-displacement"), "", "", 0, 1);
-const forcePlot = new Plot($("trace-force"), "time in s", "", 0, 20);
-
-function draw() {
-  if (dirty) {
-    dirty = false;
-    const measured = style("--measured"), twin = style("--twin"), command = style("--command");
-    const { t, x, f } = points, end = t.length ? t[t.length - 1] : 0;
-    const since = seconds => { const i = t.findIndex(v => v >= end - seconds); return i < 0 ? 0 : i; };
-    const part = (column, from) => column.slice(from);
-    const fresh = since(3);
-    loopPlot.draw([
-      { x, y: f, colour: measured, width: 1.2, alpha: .35 },
-      { x: part(x, fresh), y: part(f, fresh), colour: measured, width: 3 },
-      { x: part(x, fresh), y: part(points.twin, fresh), colour: twin, width: 2, dash: [7, 6] },
-    ]);
-    const seconds = Number($("window").value), from = since(seconds), time = part(t, from);
-    const xRange = [Math.max(0, end - seconds), Math.max(end, seconds)];
-    const isForce = controlled === "force";
-    displacementPlot.draw([
-      { x: time, y: isForce ? [] : part(points.command, from), colour: command, width: 3 },
-      { x: time, y: part(x, from), colour: measured },
-    ], xRange);
-    forcePlot.draw([
-      { x: time, y: isForce ? part(points.command, from) : [], colour: command, width: 3 },
-      { x: time, y: part(f, from), colour: measured },
-      { x: time, y: part(points.twin, from), colour: twin, dash: [7, 6] },
-    ], xRange);
-  }
-  requestAnimationFrame(draw);
-}
-
-window.addEventListener("resize", () => { dirty = true; });
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { dirty = true; });
-$("window").addEventListener("change", () => { dirty = true; });
+// Status comes 10 times a second; without it for this long nothing on the page is live, ms.
+const SILENT_MS = 2000;
+let heardAt = 0;
 
 function connect() {
   const socket = new WebSocket(`ws://${location.host}/api/live`);
@@ -292,12 +239,18 @@ function connect() {
   socket.onmessage = event => {
     const message = JSON.parse(event.data);
     if (message.type === "samples") { take(message); return; }
+    heardAt = performance.now();
     const before = status && status.run && status.run.state;
     status = message.status;
     if (before !== (status.run && status.run.state)) loadRuns().catch(error => say(error.message));
     show();
   };
   socket.onclose = () => { status = null; show(); setTimeout(connect, 1000); };
+  // A connection that is open and silent is no connection.
+  const watch = setInterval(() => {
+    if (socket.readyState === WebSocket.CLOSED) clearInterval(watch);
+    else if (status && performance.now() - heardAt > SILENT_MS) { status = null; show(); socket.close(); }
+  }, 500);
 }
 
 show();

@@ -109,8 +109,7 @@ fn diagnosis(
     Diagnosis {
         verdict,
         summary: summary(verdict, &effects, delivered.modelled_by(), &location, &fit)
-            + &shape.map_or(String::new(), rest_in_words)
-            + if search.cut_short { CUT_SHORT } else { "" },
+            + &limits_in_words(shape, search.cut_short),
         alternatives: alternatives(context, search, refitted, judged, unexplained),
         location,
         next_test: None,
@@ -226,6 +225,11 @@ fn shape_shares(context: &FitContext<'_>, node: &Node) -> Option<ShapeShares> {
 /// Said where the budget of the search was spent.
 const CUT_SHORT: &str = " The search ended at its budget: larger sets of effects were not compared. Diagnose fewer recordings, or \
     shorter ones.";
+
+/// What the diagnosis left to the shape of a law, and whether its search was cut short.
+fn limits_in_words(shape: Option<ShapeShares>, cut_short: bool) -> String {
+    shape.map_or(String::new(), rest_in_words) + if cut_short { CUT_SHORT } else { "" }
+}
 
 fn rest_in_words(shares: ShapeShares) -> String {
     let friction = 100.0 * shares.friction;
