@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 import zlib
-from datetime import datetime, timezone
+from datetime import datetime
 
 import duckdb
 import numpy
@@ -249,7 +249,7 @@ def check_mf4(path, run):
 
 def check_properties(mdf, run):
     header = run.header
-    started = datetime.strptime(header["started_utc"], "%Y-%m-%dT%H:%M:%SZ").replace(tzinfo=timezone.utc)
+    started = datetime.fromisoformat(header["started_utc"].replace("Z", "+00:00"))
     assert mdf.header.start_time == started, (mdf.header.start_time, started)
     assert mdf.header.author == plain(header["operator"]) and mdf.header.subject == plain(header["specimen"])
     found = mdf.header._common_properties
