@@ -6,8 +6,8 @@
 //! t = s mu E P_q(E) r_b,   s mu E P_q(E) (1 - d r_b) / 2   and   s mu E P_q(E) (m_b - r_b);   c R (2 / q)^2 P_q(x)
 //! ```
 //! The last kind is the spring's curve, the others are the friction. R: range of the force, N. c: [`CURVE_SHARE`]. P_q(x): of the
-//! displacement, q = 2 to 9.
-//! E: force of the baseline, N. mu: its friction divided by load. s: [`SHARE`]. P_q: Legendre polynomial of order q over the range
+//! displacement, q = 2 to 9. s: [`SHARE`] times the scale, which is a smaller one where that is likelier.
+//! E: force of the baseline, N. mu: its friction divided by load. P_q: Legendre polynomial of order q over the range
 //! of E. r_b: mean drag of elastic-plastic elements with lengths in band b, -1 to 1. d: direction, 1 or -1.
 //! m_b: drag of a contact that forgets earlier reversals, `d - (d - m_0) (1 + x / l)^-2`; x: travel since the last reversal, mm; m_0:
 //! its drag there; l: mean length of the band, mm.
@@ -21,7 +21,7 @@ use crate::diagnose::conditioning::Track;
 use crate::diagnose::course::Split;
 use crate::model::friction::elements::Elements;
 
-/// Standard deviation of a term as a share of the friction.
+/// Largest standard deviation of a term as a share of the friction.
 const SHARE: f64 = 0.1;
 /// Bands of lengths, elements in each, and the range of the lengths in mm, spaced by a constant factor.
 const BANDS: usize = 8;
@@ -57,6 +57,8 @@ pub(in crate::diagnose) struct Discrepancy {
     terms: DMatrix<f64>,
     /// Number of them that are of the friction; they come first.
     of_friction: usize,
+    /// Standard deviation of the friction's terms in units of the largest.
+    scale: f64,
     /// Normal matrix of the fitted points, with the prior.
     factor: Cholesky<f64, Dyn>,
     doubt: Doubt,
@@ -107,6 +109,7 @@ impl Discrepancy {
             factor: factor(&terms, split)?,
             terms,
             of_friction,
+            scale: 1.0,
             doubt,
             friction_n: ratio * (squares / force_n.len() as f64).sqrt(),
             range_n: high - low,
@@ -116,6 +119,17 @@ impl Discrepancy {
     /// Number of terms.
     pub(super) fn count(&self) -> usize {
         self.terms.nrows()
+    }
+
+    /// The same with the standard deviation of the friction's terms times a factor. The curve keeps its own.
+    pub(in crate::diagnose) fn scaled(&self, factor: f64, split: &[Split]) -> Option<Discrepancy> {
+        let mut terms = self.terms.clone();
+        terms.rows_mut(0, self.of_friction).scale_mut(factor);
+        let scaled = self.with(terms, split)?;
+        Some(Discrepancy {
+            scale: self.scale * factor,
+            ..scaled
+        })
     }
 
     /// The same with other points fitted.
@@ -136,13 +150,15 @@ impl Discrepancy {
         })
     }
 
-    /// True if sizes with this sum of squares, in standard deviations, are small enough for an error of shape.
-    pub(in crate::diagnose) fn is_error_of_shape(&self, squares: f64) -> bool {
+    /// True if terms of these sizes, in standard deviations, are small enough for an error of shape: measured at the largest scale.
+    pub(in crate::diagnose) fn is_error_of_shape(&self, sizes: &DVector<f64>) -> bool {
+        let friction = self.scale * self.scale * sizes.rows(0, self.of_friction).norm_squared();
+        let curve = sizes.rows_range(self.of_friction..).norm_squared();
         let terms = match self.doubt {
             Doubt::Friction => FRICTION_TERMS,
             Doubt::FrictionAndCurve => FRICTION_TERMS + CURVE_TERMS,
         };
-        squares <= MOST_SIZE * MOST_SIZE * terms as f64
+        friction + curve <= MOST_SIZE * MOST_SIZE * terms as f64
     }
 
     /// How large the terms are over all points that count.
@@ -413,9 +429,36 @@ mod tests {
     fn a_large_difference_is_no_error_of_shape() {
         let (data, force_n) = baseline();
         let discrepancy = of(&data, &force_n, RATIO, Doubt::Friction).expect("friction");
-        let all = |sigmas: f64| sigmas * sigmas * FRICTION_TERMS as f64;
-        assert!(discrepancy.is_error_of_shape(all(1.9)) && !discrepancy.is_error_of_shape(all(2.1)));
-        assert!(discrepancy.is_error_of_shape(10.0 * 10.0));
+        let sizes = |sigmas: f64| {
+            let mut sizes = DVector::zeros(discrepancy.count());
+            sizes[0] = sigmas * (FRICTION_TERMS as f64).sqrt();
+            sizes
+        };
+        assert!(discrepancy.is_error_of_shape(&sizes(1.9)) && !discrepancy.is_error_of_shape(&sizes(2.1)));
+        let tenth = discrepancy.scaled(0.1, &data.split).expect("regular");
+        assert!(tenth.is_error_of_shape(&sizes(19.0)) && !tenth.is_error_of_shape(&sizes(21.0)));
+    }
+
+    /// An error of a thousandth of the friction is likelier where the terms are small, one of a fifth where they are large.
+    #[test]
+    fn a_smaller_scale_has_less_freedom_and_explains_smaller_errors() {
+        let (data, force_n) = baseline();
+        let whole = of(&data, &force_n, RATIO, Doubt::FrictionAndCurve).expect("friction");
+        let tenth = whole.scaled(0.1, &data.split).expect("regular");
+        let curve = whole.of_friction..whole.count();
+        assert_eq!(
+            whole.terms.rows_range(curve.clone()),
+            tenth.terms.rows_range(curve)
+        );
+        // Cost in log-likelihood of an error of the friction's shape, as a share of the friction.
+        let cost = |discrepancy: &Discrepancy, share: f64| {
+            let error = |i: usize| share * RATIO * force_n[i] * data.tracks[0].direction[i];
+            let mut residuals: Vec<f64> = (0..data.len()).map(|i| data.weight[i] * error(i)).collect();
+            let sizes = discrepancy.remove(&data.split, &mut residuals);
+            0.5 * (data.sum(&residuals, Split::Fit) + sizes.norm_squared()) + discrepancy.freedom(0.5)
+        };
+        assert!(cost(&tenth, 1e-3) < cost(&whole, 1e-3));
+        assert!(cost(&whole, 0.2) < cost(&tenth, 0.2));
     }
 
     #[test]

@@ -4,14 +4,19 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::backward_elimination::penalty;
+use super::backward_elimination::{penalty, without};
 use super::beam_search::{SearchResult, search};
 use super::budget::Budget;
 use super::friction_law::SearchStart;
 use super::lack_of_fit::{LACK_GAIN, LACK_POWER};
 use super::simplest_form;
 use crate::diagnose::course::Split;
-use crate::diagnose::fitting::{Data, Discrepancy, Doubt, FitContext, Node, RunSettings, Setup};
+use crate::diagnose::fitting::{
+    Data, Discrepancy, Doubt, FitContext, LikelihoodScale, Node, RunSettings, Setup,
+};
+
+/// Scales of the friction's terms that are compared, in units of the largest; the largest first.
+const SCALES: [f64; 4] = [1.0, 0.3, 0.1, 0.03];
 
 /// A search with the discrepancy, and the data that it ran on.
 pub(in crate::diagnose) struct DoubtedSearch {
@@ -21,8 +26,8 @@ pub(in crate::diagnose) struct DoubtedSearch {
     freedom: f64,
 }
 
-/// Searches again with the shape of the friction law in doubt, then with the spring's curve in doubt as well: each if what the search
-/// before leaves has that shape, the first also if two or more effects were named. `None` if no result is likelier than the first.
+/// Searches again with the shape of the friction law in doubt, then with the spring's curve in doubt as well: each where
+/// [`is_asked_for`]. `None` if no result is likelier than the first.
 pub(super) fn search_again(
     run: &RunSettings,
     setup: &Setup,
@@ -36,12 +41,16 @@ pub(super) fn search_again(
     }
     let mut best: Option<DoubtedSearch> = None;
     for (doubt, share) in [(Doubt::Friction, 0.7), (Doubt::FrictionAndCurve, 1.0)] {
-        let set = &first.nodes[first.chosen];
-        let mut doubted = data.clone();
-        doubted.discrepancy = Some(Arc::new(of_set(&run.context(setup, data), set, doubt)?));
-        let context = run.context(setup, &doubted);
-        let before = best.as_ref().map_or(first, |b| &b.search);
-        if !is_asked_for(&context, before, doubt) {
+        let (before, known, freedom_before) = best
+            .as_ref()
+            .map_or((first, data, 0.0), |b| (&b.search, &b.data, b.freedom));
+        let whole = of_set(&run.context(setup, data), &first.nodes[first.chosen], doubt)?;
+        let sets = chosen_and_without_one(&run.context(setup, known), before);
+        let Some(doubted) = at_likeliest_scale(run, setup, data, &whole, &sets) else {
+            continue;
+        };
+        let context = run.context(setup, &doubted.data);
+        if !is_asked_for(&context, (before, freedom_before), &doubted, doubt) {
             continue;
         }
         let budget = Budget::up_to(share);
@@ -50,12 +59,11 @@ pub(super) fn search_again(
         };
         let cost = |result: &SearchResult, freedom: f64| {
             let node = &result.nodes[result.chosen];
-            search.likelihood.gain(node.cost()) + penalty(&node.attached[setup.extras.len()..]) + freedom
+            cost(&context, search.likelihood, node, freedom)
         };
-        let freedom_before = best.as_ref().map_or(0.0, |b| b.freedom);
         if cost(&search, freedom) < cost(before, freedom_before) {
             best = Some(DoubtedSearch {
-                data: doubted,
+                data: doubted.data,
                 search,
                 freedom,
             });
@@ -64,16 +72,86 @@ pub(super) fn search_again(
     best
 }
 
-/// True if the discrepancy explains, on cycles that it is not fitted to, what the chosen set leaves: by the same limits as structure
-/// that no candidate explains. The friction law is in doubt also where two or more effects are named.
-fn is_asked_for(context: &FitContext<'_>, before: &SearchResult, doubt: Doubt) -> bool {
+/// What a set leaves, its effects and the freedom of a discrepancy cost in log-likelihood.
+fn cost(context: &FitContext<'_>, likelihood: LikelihoodScale, node: &Node, freedom: f64) -> f64 {
+    likelihood.gain(node.cost()) + penalty(&node.attached[context.setup.extras.len()..]) + freedom
+}
+
+/// The set that a search chose, then that set without each of its effects.
+fn chosen_and_without_one(context: &FitContext<'_>, of: &SearchResult) -> Vec<Node> {
+    let mut nodes = of.nodes.clone();
+    let places = context.setup.extras.len()..nodes[of.chosen].attached.len();
+    let smaller: Vec<usize> = places
+        .map(|place| without(context, &mut nodes, of.chosen, place))
+        .collect();
+    let sets = std::iter::once(of.chosen).chain(smaller);
+    sets.map(|i| nodes[i].clone()).collect()
+}
+
+/// Data with a discrepancy, and what is known of it before a search.
+struct DoubtedData {
+    data: Data,
+    /// The set that the search before chose, refitted.
+    chosen: Node,
+    likelihood: LikelihoodScale,
+    /// Cost of the likeliest set.
+    cost: f64,
+}
+
+/// The discrepancy at the scale at which the likeliest of some sets is likeliest (empirical Bayes). At one fixed scale, a law that is
+/// nearly right pays for freedom that it does not use, and a further name is cheaper than the doubt.
+fn at_likeliest_scale(
+    run: &RunSettings,
+    setup: &Setup,
+    data: &Data,
+    whole: &Discrepancy,
+    sets: &[Node],
+) -> Option<DoubtedData> {
+    let mut likeliest: Option<DoubtedData> = None;
+    for scale in SCALES {
+        let discrepancy = whole.scaled(scale, &data.split)?;
+        let mut doubted = data.clone();
+        doubted.discrepancy = Some(Arc::new(discrepancy));
+        let context = run.context(setup, &doubted);
+        let fitted: Vec<Node> = context
+            .parallel_map(sets, |set| context.converged(set).map(|(node, _)| node))
+            .into_iter()
+            .collect::<Option<_>>()?;
+        // All scales are compared by what the largest, which explains most, leaves.
+        let of_largest = LikelihoodScale::of(&doubted, &fitted[0].residuals);
+        let likelihood = likeliest.as_ref().map_or(of_largest, |l| l.likelihood);
+        let freedom = doubted.discrepancy.as_ref()?.freedom(likelihood.gain(1.0));
+        let costs = fitted
+            .iter()
+            .map(|node| cost(&context, likelihood, node, freedom));
+        let cost = costs.fold(f64::INFINITY, f64::min);
+        if likeliest.as_ref().is_none_or(|known| cost < known.cost) {
+            let chosen = fitted.into_iter().next()?;
+            likeliest = Some(DoubtedData {
+                data: doubted,
+                chosen,
+                likelihood,
+                cost,
+            });
+        }
+    }
+    likeliest
+}
+
+/// True if the discrepancy is likelier than what was found before; or if it explains, on cycles that it is not fitted to, what the
+/// chosen set leaves, by the same limits as structure that no candidate explains; or, of the friction, if two or more effects are
+/// named.
+fn is_asked_for(
+    context: &FitContext<'_>,
+    (before, freedom_before): (&SearchResult, f64),
+    doubted: &DoubtedData,
+    doubt: Doubt,
+) -> bool {
     let chosen = &before.nodes[before.chosen];
-    let Some((with, _)) = context.converged(chosen) else {
-        return false;
-    };
-    let fall = chosen.select - with.select;
+    let fall = chosen.select - doubted.chosen.select;
     let names = chosen.attached.len() - context.setup.extras.len();
-    (names >= 2 && doubt == Doubt::Friction)
+    doubted.cost < cost(context, doubted.likelihood, chosen, freedom_before)
+        || (names >= 2 && doubt == Doubt::Friction)
         || (fall >= LACK_POWER * context.data.count(Split::Select).max(1) as f64
             && before.likelihood.gain(fall) >= LACK_GAIN)
 }
@@ -96,9 +174,7 @@ fn doubted_search(
     let (_, sizes) = structure.compared(&chosen.values)?;
     let discrepancy = context.data.discrepancy.as_ref()?;
     let freedom = discrepancy.freedom(search.likelihood.gain(1.0));
-    discrepancy
-        .is_error_of_shape(sizes.norm_squared())
-        .then_some((search, freedom))
+    discrepancy.is_error_of_shape(&sizes).then_some((search, freedom))
 }
 
 /// The discrepancy of the model in a set.
