@@ -114,7 +114,7 @@ fn the_shape_of_a_friction_law_is_no_coulomb_friction() {
         let case = Case::draw(World::Lugre, 3_789_621_201, number, None);
         let diagnosis = examine(&case, &case.recordings, 0).expect("valid recordings");
         let hidden: Vec<&str> = case.label.hidden.iter().map(|h| h.code).collect();
-        let named: Vec<&str> = diagnosis.effects.iter().map(|e| e.code).collect();
+        let named: Vec<&str> = diagnosis.effects.iter().map(|e| e.code.as_str()).collect();
         assert_eq!(named, hidden, "{number}: {}", diagnosis.summary);
     }
 }
