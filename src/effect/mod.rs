@@ -28,6 +28,7 @@ pub(crate) mod stribeck;
 #[cfg(test)]
 pub(crate) mod testing;
 pub(crate) mod viscous_damping;
+pub(crate) mod warming;
 
 /// Place of an effect between the leaves and the recorded number. Effects are attached in this order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
@@ -192,6 +193,7 @@ pub(crate) static EFFECTS: &[Effect] = &[
     series_compliance::EFFECT,
     stribeck::EFFECT,
     viscous_damping::EFFECT,
+    warming::EFFECT,
 ];
 
 /// General forms of physics that a model already has. They are attached like effects but are never reported as missing.

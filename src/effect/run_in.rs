@@ -108,6 +108,11 @@ pub(crate) const EFFECT: Effect = Effect {
             why: "in one recording, a slow change with cycles is also a slow change with time",
             test: "two blocks of cycles with a pause of some minutes between them: run-in stops in the pause, a change with time continues",
         },
+        LookAlike {
+            code: "warming",
+            why: "in one recording, a friction that changes with the cycles also changes with the heat of the contacts",
+            test: "two blocks of cycles with a pause of some minutes between them: warm contacts cool in the pause, run-in stays",
+        },
     ],
 };
 

@@ -45,14 +45,17 @@ pub(crate) fn drive(plant: &mut Box<dyn Plant>) -> Vec<f64> {
         .collect()
 }
 
-fn forces(effect: &Effect, values: &[f64]) -> Vec<f64> {
-    drive(&mut (effect.attach)(values, spring()))
+/// Makes the plant that an effect is tested on.
+type Inside = fn() -> Box<dyn Plant>;
+
+fn forces(effect: &Effect, values: &[f64], inside: Inside) -> Vec<f64> {
+    drive(&mut (effect.attach)(values, inside()))
 }
 
 /// Asserts that the effect changes no bit of the force at its neutral values.
 pub(crate) fn neutral_changes_nothing(effect: &Effect) {
     assert_eq!(
-        forces(effect, effect.neutral),
+        forces(effect, effect.neutral, spring),
         drive(&mut spring()),
         "{}",
         effect.code
@@ -61,7 +64,12 @@ pub(crate) fn neutral_changes_nothing(effect: &Effect) {
 
 /// Asserts that a fit from one of the starts of the effect ends at `truth`, within a share of 1e-3.
 pub(crate) fn parameters_are_recovered(effect: &Effect, truth: &[f64]) {
-    let wanted = forces(effect, truth);
+    parameters_are_recovered_on(spring, effect, truth);
+}
+
+/// The same on another plant than a spring.
+pub(crate) fn parameters_are_recovered_on(inside: Inside, effect: &Effect, truth: &[f64]) {
+    let wanted = forces(effect, truth, inside);
     let close = |values: &[f64]| {
         values
             .iter()
@@ -70,7 +78,7 @@ pub(crate) fn parameters_are_recovered(effect: &Effect, truth: &[f64]) {
     };
     let mut ends = Vec::new();
     for start in (effect.starts)(&span()) {
-        let values = fitted(effect, start, &wanted);
+        let values = fitted(effect, start, &wanted, inside);
         if close(&values) {
             return;
         }
@@ -80,12 +88,12 @@ pub(crate) fn parameters_are_recovered(effect: &Effect, truth: &[f64]) {
 }
 
 /// Levenberg-Marquardt fit of the forces `wanted`, within the bounds of the parameters.
-fn fitted(effect: &Effect, start: Vec<f64>, wanted: &[f64]) -> Vec<f64> {
+fn fitted(effect: &Effect, start: Vec<f64>, wanted: &[f64], inside: Inside) -> Vec<f64> {
     let mut values = start;
     let mut damping = 1e-3;
     for _ in 0..150 {
-        let residual = misfit(effect, &values, wanted);
-        let jacobian = jacobian(effect, &values, &residual, wanted);
+        let residual = misfit(effect, &values, wanted, inside);
+        let jacobian = jacobian(effect, &values, &residual, wanted, inside);
         let mut normal = jacobian.tr_mul(&jacobian);
         for n in 0..values.len() {
             normal[(n, n)] *= 1.0 + damping;
@@ -100,7 +108,7 @@ fn fitted(effect: &Effect, start: Vec<f64>, wanted: &[f64]) -> Vec<f64> {
             .zip(effect.parameters)
             .map(|((v, s), p)| (v + s).clamp(p.bounds[0], p.bounds[1]))
             .collect();
-        if misfit(effect, &next, wanted).norm_squared() < residual.norm_squared() {
+        if misfit(effect, &next, wanted, inside).norm_squared() < residual.norm_squared() {
             values = next;
             damping *= 0.3;
         } else {
@@ -111,9 +119,9 @@ fn fitted(effect: &Effect, start: Vec<f64>, wanted: &[f64]) -> Vec<f64> {
 }
 
 /// Differences between the forces of the effect and `wanted`, N.
-fn misfit(effect: &Effect, values: &[f64], wanted: &[f64]) -> DVector<f64> {
+fn misfit(effect: &Effect, values: &[f64], wanted: &[f64], inside: Inside) -> DVector<f64> {
     DVector::from_vec(
-        forces(effect, values)
+        forces(effect, values, inside)
             .iter()
             .zip(wanted)
             .map(|(a, b)| a - b)
@@ -122,7 +130,13 @@ fn misfit(effect: &Effect, values: &[f64], wanted: &[f64]) -> DVector<f64> {
 }
 
 /// Derivatives of the misfit by each parameter, as differences with steps that stay within the bounds.
-fn jacobian(effect: &Effect, values: &[f64], residual: &DVector<f64>, wanted: &[f64]) -> DMatrix<f64> {
+fn jacobian(
+    effect: &Effect,
+    values: &[f64],
+    residual: &DVector<f64>,
+    wanted: &[f64],
+    inside: Inside,
+) -> DMatrix<f64> {
     let columns: Vec<DVector<f64>> = (0..values.len())
         .map(|n| {
             let mut moved = values.to_vec();
@@ -131,7 +145,7 @@ fn jacobian(effect: &Effect, values: &[f64], residual: &DVector<f64>, wanted: &[
                 h = -h;
             }
             moved[n] += h;
-            (misfit(effect, &moved, wanted) - residual) / h
+            (misfit(effect, &moved, wanted, inside) - residual) / h
         })
         .collect();
     DMatrix::from_columns(&columns)

@@ -381,7 +381,7 @@ fn why(code: &str) -> &'static str {
         "load_dependent_friction" | "coulomb_friction" => {
             "one amplitude and a dozen points do not separate the height of the loop from its slope"
         }
-        "run_in" | "sensor_drift" => "there is only one loop",
+        "run_in" | "sensor_drift" | "warming" => "there is only one loop",
         "geometric_stiffness" => "a change of stiffness with deflection is within the scatter of the points",
         "presliding" => "a transition is within the scatter of the points",
         _ => "its effect is within the scatter of a dozen points",

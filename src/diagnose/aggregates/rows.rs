@@ -195,7 +195,7 @@ fn why(code: &str) -> &'static str {
         "load_dependent_friction" | "coulomb_friction" => {
             "the tests do not determine the loss over stroke and load well enough, or the model agrees with it"
         }
-        "run_in" | "relaxation" | "sensor_drift" => {
+        "run_in" | "relaxation" | "sensor_drift" | "warming" => {
             "one loop energy per test does not show a change over time"
         }
         "channel_delay" => {

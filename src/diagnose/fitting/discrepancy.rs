@@ -38,8 +38,10 @@ const CURVE_TERMS: usize = 8;
 const CURVE_SHARE: f64 = 0.02;
 /// Sum of squares over all points, in units of the noise, below which one standard deviation of a term moves no point.
 const LEAST_POWER: f64 = 0.01;
-/// Largest RMS of the terms, in their standard deviations: a larger difference is no error of shape.
-const MOST_SIZE: f64 = 2.0;
+/// Largest RMS of the friction's terms as a share of the friction, and of the curve's as a share of the force range: a larger
+/// difference is no error of shape.
+const MOST_FRICTION: f64 = 0.2;
+const MOST_CURVE: f64 = 0.02;
 
 /// What is in doubt.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,8 +59,6 @@ pub(in crate::diagnose) struct Discrepancy {
     terms: DMatrix<f64>,
     /// Number of them that are of the friction; they come first.
     of_friction: usize,
-    /// Standard deviation of the friction's terms in units of the largest.
-    scale: f64,
     /// Normal matrix of the fitted points, with the prior.
     factor: Cholesky<f64, Dyn>,
     doubt: Doubt,
@@ -74,6 +74,13 @@ pub(in crate::diagnose) struct ShapeShares {
     pub friction: f64,
     /// RMS of the curve's terms as a share of the force range, where the curve is in doubt.
     pub curve: Option<f64>,
+}
+
+impl ShapeShares {
+    /// True if they are small enough for an error of shape.
+    pub(in crate::diagnose) fn are_errors_of_shape(self) -> bool {
+        self.friction <= MOST_FRICTION && self.curve.is_none_or(|curve| curve <= MOST_CURVE)
+    }
 }
 
 impl Discrepancy {
@@ -109,7 +116,6 @@ impl Discrepancy {
             factor: factor(&terms, split)?,
             terms,
             of_friction,
-            scale: 1.0,
             doubt,
             friction_n: ratio * (squares / force_n.len() as f64).sqrt(),
             range_n: high - low,
@@ -125,11 +131,7 @@ impl Discrepancy {
     pub(in crate::diagnose) fn scaled(&self, factor: f64, split: &[Split]) -> Option<Discrepancy> {
         let mut terms = self.terms.clone();
         terms.rows_mut(0, self.of_friction).scale_mut(factor);
-        let scaled = self.with(terms, split)?;
-        Some(Discrepancy {
-            scale: self.scale * factor,
-            ..scaled
-        })
+        self.with(terms, split)
     }
 
     /// The same with other points fitted.
@@ -148,17 +150,6 @@ impl Discrepancy {
             terms,
             ..*self
         })
-    }
-
-    /// True if terms of these sizes, in standard deviations, are small enough for an error of shape: measured at the largest scale.
-    pub(in crate::diagnose) fn is_error_of_shape(&self, sizes: &DVector<f64>) -> bool {
-        let friction = self.scale * self.scale * sizes.rows(0, self.of_friction).norm_squared();
-        let curve = sizes.rows_range(self.of_friction..).norm_squared();
-        let terms = match self.doubt {
-            Doubt::Friction => FRICTION_TERMS,
-            Doubt::FrictionAndCurve => FRICTION_TERMS + CURVE_TERMS,
-        };
-        friction + curve <= MOST_SIZE * MOST_SIZE * terms as f64
     }
 
     /// How large the terms are over all points that count.
@@ -424,19 +415,24 @@ mod tests {
         assert!(both.freedom(0.5) > both.freedom(0.05), "less data, less freedom");
     }
 
-    /// All terms at two standard deviations are the limit; one term may be larger.
+    /// A term that moves the friction by 19 % is an error of its shape, one that moves it by 21 % is not, whatever the scale.
     #[test]
     fn a_large_difference_is_no_error_of_shape() {
         let (data, force_n) = baseline();
-        let discrepancy = of(&data, &force_n, RATIO, Doubt::Friction).expect("friction");
-        let sizes = |sigmas: f64| {
-            let mut sizes = DVector::zeros(discrepancy.count());
-            sizes[0] = sigmas * (FRICTION_TERMS as f64).sqrt();
-            sizes
-        };
-        assert!(discrepancy.is_error_of_shape(&sizes(1.9)) && !discrepancy.is_error_of_shape(&sizes(2.1)));
-        let tenth = discrepancy.scaled(0.1, &data.split).expect("regular");
-        assert!(tenth.is_error_of_shape(&sizes(19.0)) && !tenth.is_error_of_shape(&sizes(21.0)));
+        let whole = of(&data, &force_n, RATIO, Doubt::FrictionAndCurve).expect("friction");
+        let tenth = whole.scaled(0.1, &data.split).expect("regular");
+        for discrepancy in [whole, tenth] {
+            let shares = |share: f64, of: &dyn Fn(ShapeShares) -> f64, term: usize| {
+                let mut sizes = DVector::zeros(discrepancy.count());
+                sizes[term] = 1.0;
+                sizes *= share / of(discrepancy.shares(&sizes, &data.weight));
+                discrepancy.shares(&sizes, &data.weight)
+            };
+            let friction = |share: f64| shares(share, &|s| s.friction, 0);
+            assert!(friction(0.19).are_errors_of_shape() && !friction(0.21).are_errors_of_shape());
+            let curve = |share: f64| shares(share, &|s| s.curve.unwrap_or(0.0), discrepancy.of_friction);
+            assert!(curve(0.019).are_errors_of_shape() && !curve(0.021).are_errors_of_shape());
+        }
     }
 
     /// An error of a thousandth of the friction is likelier where the terms are small, one of a fifth where they are large.

@@ -53,21 +53,39 @@ pub(super) fn choose(context: &FitContext<'_>, nodes: &mut Vec<Node>, likelihood
     }
     let extras = context.setup.extras.len();
     // A set that drives a parameter of the baseline to an implausible bound is penalised like one with one more effect.
-    let strained = |node: &Node| {
-        implausible_bounds(context, node).saturating_sub(implausible_bounds(context, &nodes[0]))
-    };
+    let of_baseline = implausible_bounds(context, &nodes[0]);
+    let strained = |node: &Node| implausible_bounds(context, node).saturating_sub(of_baseline);
     let penalty = |node: &Node| penalty(&node.attached[extras..]) + PENALTY * strained(node) as f64;
-    let mut chosen = lowest(nodes, |n| {
-        if kinks_are_recorded(context, n) {
-            likelihood.gain(n.cost()) + penalty(n)
-        } else {
-            f64::INFINITY
+    // Sets with an effect that is too small to be real.
+    let mut barred: Vec<usize> = Vec::new();
+    loop {
+        let mut chosen = lowest(nodes, |k, n| {
+            if !barred.contains(&k) && kinks_are_recorded(context, n) {
+                likelihood.gain(n.cost()) + penalty(n)
+            } else {
+                f64::INFINITY
+            }
+        });
+        loop {
+            match eliminate(context, nodes, likelihood, chosen) {
+                Elimination::Done => return chosen,
+                Elimination::Smaller(smaller) => chosen = smaller,
+                Elimination::Negligible => break,
+            }
         }
-    });
-    while let Some(smaller) = eliminate(context, nodes, likelihood, chosen) {
-        chosen = smaller;
+        barred.push(chosen);
     }
-    chosen
+}
+
+/// What backward elimination finds in a set.
+enum Elimination {
+    /// Every gain is sufficient.
+    Done,
+    /// Index of the set without the effect whose gain is farthest below the required gain.
+    Smaller(usize),
+    /// Such an effect is too small to be real, and yet the set is better with it: it imitates another one, so the other sets are
+    /// compared again without this one.
+    Negligible,
 }
 
 /// Log-likelihood that effects must bring for their number and their parameters.
@@ -91,35 +109,40 @@ pub(in crate::diagnose) fn kinks_are_recorded(context: &FitContext<'_>, node: &N
     })
 }
 
-/// The set without the effect whose gain is farthest below the required gain; `None` if every gain is sufficient.
+/// Looks for the effect whose gain is farthest below the required gain.
 fn eliminate(
     context: &FitContext<'_>,
     nodes: &mut Vec<Node>,
     likelihood: LikelihoodScale,
     chosen: usize,
-) -> Option<usize> {
+) -> Elimination {
     let total = likelihood.gain(nodes[0].cost() - nodes[chosen].cost());
     // An effect that takes less than the set leaves is the error of another effect's form.
     let rest = likelihood.gain(rest(context.data, &nodes[chosen].residuals));
-    let mut removed: Option<(f64, usize)> = None;
+    let mut removed: Option<(f64, usize, bool)> = None;
     for place in context.setup.extras.len()..nodes[chosen].attached.len() {
         let smaller = best_without(context, nodes, chosen, place);
         let loss = likelihood.gain(nodes[smaller].cost() - nodes[chosen].cost());
         let own = penalty(&nodes[chosen].attached[place..=place]);
         let needed = required_gain(context, likelihood, total).max(rest).max(own);
         let held_out = likelihood.gain(nodes[smaller].select - nodes[chosen].select);
-        let excess = if is_negligible(context, &nodes[smaller], &nodes[chosen], place) {
+        let negligible = is_negligible(context, &nodes[smaller], &nodes[chosen], place);
+        let excess = if negligible {
             loss.min(needed) - needed - PENALTY
         } else {
             loss - needed
         };
         if (excess < 0.0 || held_out < LEAST_HELD_OUT * needed.min(PENALTY))
-            && removed.is_none_or(|(least, _)| excess < least)
+            && removed.is_none_or(|(least, ..)| excess < least)
         {
-            removed = Some((excess, smaller));
+            removed = Some((excess, smaller, negligible && loss > needed));
         }
     }
-    removed.map(|(_, smaller)| smaller)
+    match removed {
+        None => Elimination::Done,
+        Some((.., true)) => Elimination::Negligible,
+        Some((_, smaller, _)) => Elimination::Smaller(smaller),
+    }
 }
 
 /// The best smaller set without the effect at `place`. Two effects that cancel each other both look necessary, so other sets
@@ -283,9 +306,9 @@ pub(in crate::diagnose) fn without(
 }
 
 /// Index of the node of lowest cost.
-pub(super) fn lowest(nodes: &[Node], cost: impl Fn(&Node) -> f64) -> usize {
+pub(super) fn lowest(nodes: &[Node], cost: impl Fn(usize, &Node) -> f64) -> usize {
     (0..nodes.len())
-        .min_by(|&a, &b| cost(&nodes[a]).total_cmp(&cost(&nodes[b])))
+        .min_by(|&a, &b| cost(a, &nodes[a]).total_cmp(&cost(b, &nodes[b])))
         .expect("the baseline is the first node")
 }
 

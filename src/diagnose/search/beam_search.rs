@@ -123,7 +123,7 @@ fn add_seeds(
 
 /// Converges the best set, takes the likelihood scale from it and chooses.
 fn chosen(context: &FitContext<'_>, mut nodes: Vec<Node>, cut_short: bool) -> SearchResult {
-    let best = lowest(&nodes, |n| n.cost());
+    let best = lowest(&nodes, |_, n| n.cost());
     if let Some((converged, _)) = context.converged(&nodes[best]) {
         nodes[best] = converged;
     }

@@ -174,7 +174,8 @@ fn doubted_search(
     let (_, sizes) = structure.compared(&chosen.values)?;
     let discrepancy = context.data.discrepancy.as_ref()?;
     let freedom = discrepancy.freedom(search.likelihood.gain(1.0));
-    discrepancy.is_error_of_shape(&sizes).then_some((search, freedom))
+    let shares = discrepancy.shares(&sizes, &context.data.weight);
+    shares.are_errors_of_shape().then_some((search, freedom))
 }
 
 /// The discrepancy of the model in a set.
