@@ -59,13 +59,14 @@ pub(super) fn choose(context: &FitContext<'_>, nodes: &mut Vec<Node>, likelihood
     // Sets with an effect that is too small to be real.
     let mut barred: Vec<usize> = Vec::new();
     loop {
-        let mut chosen = lowest(nodes, |k, n| {
+        let best = lowest(nodes, |k, n| {
             if !barred.contains(&k) && kinks_are_recorded(context, n) {
                 likelihood.gain(n.cost()) + penalty(n)
             } else {
                 f64::INFINITY
             }
         });
+        let mut chosen = best;
         loop {
             match eliminate(context, nodes, likelihood, chosen) {
                 Elimination::Done => return chosen,
@@ -73,7 +74,8 @@ pub(super) fn choose(context: &FitContext<'_>, nodes: &mut Vec<Node>, likelihood
                 Elimination::Negligible => break,
             }
         }
-        barred.push(chosen);
+        // The best set too: without an effect that it does not need it is the set with the negligible one.
+        barred.extend([best, chosen]);
     }
 }
 
