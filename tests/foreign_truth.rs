@@ -472,7 +472,7 @@ fn laws_and_instruments_that_nothing_in_the_library_had() {
             "friction that warms",
             Plays(1.2),
             Warming(0.3),
-            NotSureOfAnythingWrong(&["run_in"]),
+            Exactly(&["warming"]),
             "run_in 0.99",
         ),
         (
