@@ -1,7 +1,7 @@
 //! Return to zero and jog against the mock rig in virtual time.
 
 use super::support::virtual_rig::{VirtualRig, order, sine, static_ramp};
-use crate::control::{Phase, Refusal, SlowMotion};
+use crate::control::{Phase, Refusal, SlowMotion, ZeroRemedy};
 use crate::protocol::message::RigState;
 
 /// A bench that is ready and has been still for half a second.
@@ -50,6 +50,7 @@ fn after_a_stop_the_bench_says_where_it_stands_and_zero_brings_it_back() {
         "an unload of this spring ends above zero: {at_mm} mm"
     );
     assert!(away.off_zero.contains("return to zero"), "{}", away.off_zero);
+    assert_eq!(away.zero_remedy, Some(ZeroRemedy::ReturnToZero));
     let samples = bench.memory.samples.len();
     bench.rig.zero().expect("the bench is ready");
     bench.until(Phase::Running, 1_000);
@@ -59,7 +60,7 @@ fn after_a_stop_the_bench_says_where_it_stands_and_zero_brings_it_back() {
     // 2 mm/s of the return, 5 mm/s of the unload at its end, which lasts some milliseconds.
     assert!(fastest < 3.0, "{fastest} mm/s");
     let back = bench.rig.status();
-    assert_eq!(back.off_zero, "");
+    assert_eq!((back.off_zero.as_str(), back.zero_remedy), ("", None));
     assert!(displacement_mm(&bench).abs() < 0.15, "{back:?}");
     assert_eq!(bench.memory.samples.len(), samples, "nothing is recorded");
     assert_eq!(back.motion, None);

@@ -7,8 +7,8 @@ use clap::{Args, ValueEnum};
 use super::shared::client::DataArg;
 use super::shared::progress::duration;
 use super::{CliCommand, CliError, Done, Output};
-use crate::control::Phase;
 use crate::control::realtime::LoopHealth;
+use crate::control::{Phase, ZeroRemedy};
 use crate::daemon::client_types::Status;
 use crate::protocol::message::Cause;
 
@@ -132,6 +132,16 @@ fn word(cause: &Cause) -> String {
     word.unwrap_or_default().to_owned()
 }
 
+/// The line of a rig at rest away from zero: where it stands, and the command that helps.
+fn zero_line(off_zero: &str, remedy: ZeroRemedy) -> String {
+    let command = match remedy {
+        ZeroRemedy::ReturnToZero => "`leafbench zero`",
+        ZeroRemedy::Reset => "`leafbench reset`, then `leafbench zero`",
+        ZeroRemedy::Tare => "`leafbench tare`",
+    };
+    format!("not at zero   {off_zero} Run {command}")
+}
+
 /// The run under way or the last one, and what is wrong with its disk.
 fn run_lines(s: &Status) -> Vec<String> {
     let mut lines = Vec::new();
@@ -172,7 +182,9 @@ fn control_loop(health: &LoopHealth) -> String {
 
 fn text(s: &Status, page: &str) -> String {
     let reading = |value: Option<f64>, digits: usize, unit: &str| {
-        value.map_or("no reading".to_owned(), |v| format!("{v:.digits$} {unit}"))
+        value.map_or("no reading".to_owned(), |v| {
+            format!("{v:.digits$} {unit} from the tared zero")
+        })
     };
     let mut lines = vec![
         format!("bench         {} at {}, page {page}", s.bench, s.link),
@@ -180,6 +192,7 @@ fn text(s: &Status, page: &str) -> String {
         format!("force         {}", reading(s.rig.force_n, 1, "N")),
         format!("displacement  {}", reading(s.rig.displacement_mm, 3, "mm")),
     ];
+    lines.extend(s.rig.zero_remedy.map(|remedy| zero_line(&s.rig.off_zero, remedy)));
     if s.preparing {
         lines.push(
             "preparing     a run: its profile is being checked; `leafbench stop` withdraws it".to_owned(),
@@ -237,6 +250,36 @@ mod tests {
         tripped.rig.cause = Cause::LeaseLapsed;
         let said = text(&tripped, "");
         assert!(said.contains("\ncause         lease_lapsed\n"), "{said}");
+    }
+
+    #[test]
+    fn a_rig_away_from_zero_is_said_with_the_command_that_helps() {
+        let mut bench = status();
+        bench.rig.phase = Phase::Ready;
+        (bench.rig.force_n, bench.rig.displacement_mm) = (Some(18.0), Some(0.3));
+        let said = text(&bench, "");
+        assert!(
+            said.contains("\nforce         18.0 N from the tared zero\n"),
+            "{said}"
+        );
+        assert!(
+            said.contains("\ndisplacement  0.300 mm from the tared zero\n"),
+            "{said}"
+        );
+        assert!(!said.contains("not at zero"), "{said}");
+        bench.rig.off_zero = "The rig stands at 18.0 N and 0.300 mm.".to_owned();
+        let mut line = |remedy| {
+            bench.rig.zero_remedy = Some(remedy);
+            let said = text(&bench, "");
+            let line = said.lines().find(|l| l.starts_with("not at zero"));
+            line.map(str::to_owned).unwrap_or_default()
+        };
+        assert_eq!(
+            line(ZeroRemedy::ReturnToZero),
+            "not at zero   The rig stands at 18.0 N and 0.300 mm. Run `leafbench zero`"
+        );
+        assert!(line(ZeroRemedy::Tare).ends_with("Run `leafbench tare`"));
+        assert!(line(ZeroRemedy::Reset).ends_with("Run `leafbench reset`, then `leafbench zero`"));
     }
 
     #[test]

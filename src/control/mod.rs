@@ -58,7 +58,7 @@ use rig_clock::RigClock;
 pub(crate) use run::SlowMotion;
 use run::{Run, RunOrder};
 use session::Session;
-pub(crate) use status::{Counters, Phase, RigStatus};
+pub(crate) use status::{Counters, Phase, RigStatus, ZeroRemedy};
 use ticks::Ticks;
 
 /// A poll later than this after the one before is counted as late, ms.

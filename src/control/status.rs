@@ -40,6 +40,33 @@ impl std::fmt::Display for Phase {
     }
 }
 
+/// What brings a rig at rest to zero.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum ZeroRemedy {
+    /// A slow return to the tared zero.
+    ReturnToZero,
+    /// A reset of the interlock, then the return.
+    Reset,
+    /// A tare: there is a force at zero displacement.
+    Tare,
+}
+
+impl ZeroRemedy {
+    /// The second sentence of [`RigStatus::off_zero`].
+    fn words(self) -> &'static str {
+        match self {
+            ZeroRemedy::ReturnToZero => {
+                "An unload ends as soon as the force is small: return to zero before the next test."
+            }
+            ZeroRemedy::Reset => "The pressure is off: remove the cause, reset, then return to zero.",
+            ZeroRemedy::Tare => {
+                "There is a force at zero displacement: check that nothing presses on the specimen, then tare."
+            }
+        }
+    }
+}
+
 /// Counts since the program started.
 #[derive(
     Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema,
@@ -107,6 +134,9 @@ pub(crate) struct RigStatus {
     /// Where the rig is at rest and why not at zero, with what to do; empty at zero and while the pressure is on.
     #[serde(default)]
     pub off_zero: String,
+    /// What brings the rig to zero; `null` where `off_zero` is empty.
+    #[serde(default)]
+    pub zero_remedy: Option<ZeroRemedy>,
     /// Identifier of the run under way.
     pub run_id: Option<String>,
     /// Name of the profile of that run.
@@ -162,6 +192,7 @@ impl RigStatus {
             motion: None,
             hold_left_s: None,
             off_zero: String::new(),
+            zero_remedy: None,
             run_id: None,
             profile: None,
             elapsed_s: 0.0,
@@ -223,7 +254,8 @@ impl Rig {
         status.displacement_mm = valid(Flags::DISPLACEMENT_INVALID).map(|r| r.displacement_mm);
         status.tare_force_n = self.channels.force.tare;
         status.tare_displacement_mm = self.channels.displacement.tare;
-        self.off_zero_into(&mut status.off_zero);
+        status.zero_remedy = self.zero_remedy();
+        self.off_zero_into(status.zero_remedy, &mut status.off_zero);
         status.motion = match &self.activity {
             Activity::Arming { motion, .. } => *motion,
             _ => run.and_then(|r| r.motion),
@@ -260,28 +292,36 @@ impl Rig {
         Some(left_s.max(0.0))
     }
 
-    /// Says where the rig stands without pressure, if that is not zero, and what to do.
-    fn off_zero_into(&self, text: &mut String) {
-        text.clear();
-        let (Phase::Ready | Phase::Interlocked, Some(at)) = (self.phase(), &self.reading) else {
-            return;
+    /// What brings the rig to zero, if it stands elsewhere without pressure.
+    fn zero_remedy(&self) -> Option<ZeroRemedy> {
+        let (phase @ (Phase::Ready | Phase::Interlocked), Some(at)) = (self.phase(), &self.reading) else {
+            return None;
         };
         let far = at.displacement_mm.abs() > AT_ZERO_MM;
         let loaded = at.force_n.abs() > self.config.limits.unloaded_force_n.abs().max(AT_ZERO_N);
         if !at.flags.is_empty() || !(far || loaded) {
-            return;
+            return None;
         }
+        Some(match (far, phase) {
+            (true, Phase::Ready) => ZeroRemedy::ReturnToZero,
+            (true, _) => ZeroRemedy::Reset,
+            (false, _) => ZeroRemedy::Tare,
+        })
+    }
+
+    /// Says where the rig stands, if there is something that brings it to zero.
+    fn off_zero_into(&self, remedy: Option<ZeroRemedy>, text: &mut String) {
+        text.clear();
+        let (Some(remedy), Some(at)) = (remedy, &self.reading) else {
+            return;
+        };
         let (force_n, displacement_mm) = (at.force_n, at.displacement_mm);
         // Writing into a text does not fail.
         let _ = write!(
             text,
             "The rig stands at {force_n:.1} N and {displacement_mm:.3} mm. "
         );
-        text.push_str(match (far, self.phase()) {
-            (true, Phase::Ready) => "An unload ends as soon as the force is small: return to zero before the next test.",
-            (true, _) => "The pressure is off: remove the cause, reset, then return to zero.",
-            (false, _) => "There is a force at zero displacement: check that nothing presses on the specimen, then tare.",
-        });
+        text.push_str(remedy.words());
     }
 }
 
