@@ -33,6 +33,7 @@ mod mock_in_memory;
 mod model_mismatch;
 mod motion;
 mod one_sine;
+mod operations;
 mod page;
 mod paper_benches;
 mod profiles;

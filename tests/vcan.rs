@@ -4,6 +4,7 @@
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+use super::support::json;
 use crate::link::{self, Link, Side};
 use crate::protocol::frame::Frame;
 use crate::protocol::message::{FromRig, LeaseMessage, NmtCommand, SampleMessage, ToRig, next_counter};
@@ -75,6 +76,44 @@ fn two_links_on_vcan0() {
     a_stalled_reader_loses_nothing_in_two_seconds();
     a_missing_interface_is_named();
     a_vanished_interface_closes_the_link();
+}
+
+/// An interface of its own, because it is down at first.
+#[test]
+fn doctor_sees_a_can_interface_that_is_down_and_one_that_is_up_on_vcan() {
+    if !vcan0("doctor_sees_a_can_interface_that_is_down_and_one_that_is_up_on_vcan") {
+        return;
+    }
+    let name = "vcandoctor";
+    let ip = |arguments: &[&str]| {
+        let status = std::process::Command::new("ip").args(arguments).status();
+        assert!(status.expect("ip runs").success(), "{arguments:?}");
+    };
+    let folder = tempfile::tempdir().expect("a folder");
+    let of = |subject: &str| {
+        let (report, code) = json(folder.path(), &["doctor", "--link", &format!("can:{name}")]);
+        assert_eq!(code, i32::from(report["problems"] != 0), "{report}");
+        let findings = report["findings"].as_array().expect("a list").clone();
+        let found = findings.into_iter().find(|f| f["subject"] == subject);
+        found.unwrap_or_else(|| panic!("{subject}: {report}"))
+    };
+    assert_eq!(of("CAN interface")["grade"], "problem", "there is none");
+    ip(&["link", "add", "dev", name, "type", "vcan"]);
+    assert!(
+        of("CAN interface")["what"]
+            .as_str()
+            .expect("a text")
+            .ends_with("is down")
+    );
+    ip(&["link", "set", name, "up"]);
+    assert_eq!(of("CAN interface")["grade"], "ok");
+    assert!(
+        of("CAN bit rate")["what"]
+            .as_str()
+            .expect("a text")
+            .contains("virtual (vcan)")
+    );
+    ip(&["link", "delete", name]);
 }
 
 fn ten_thousand_samples_arrive_in_order() {

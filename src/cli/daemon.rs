@@ -11,6 +11,7 @@ use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 
 use super::shared::client::DATA_VARIABLE;
+use super::shared::journal::{JournalWriter, is_journal};
 use super::shared::local::{self, BenchArg, ProfilesArg};
 use super::{CliCommand, CliError, Done, Output};
 use crate::config::Bench;
@@ -21,7 +22,8 @@ use crate::link::{self, Link, Side, loopback};
 /// Control the rig: connect, serve the technician's page and the other commands, record runs
 #[derive(Debug, Args)]
 #[command(
-    after_help = "SIGTERM or Ctrl-C ends the daemon: within 5 s it unloads the rig and closes the run's file."
+    after_help = "SIGTERM or Ctrl-C ends the daemon: within 5 s it unloads the rig and closes the run's file.\n\
+                  Under systemd (Type=notify) it says when it is ready, and each second that the control loop turns."
 )]
 pub(super) struct DaemonArgs {
     #[command(flatten)]
@@ -92,16 +94,25 @@ fn open_link(address: &str, bench: &Bench) -> Result<Link, CliError> {
     Ok(loopback::stepped(move |rig_end| rig.tick(rig_end)))
 }
 
-/// Logs to stderr. The environment variable LEAFBENCH_LOG sets the level, for all or by module: `debug`,
-/// `warn,leafbench::link=trace`.
+/// Logs to stderr, for the journal with priorities. The environment variable LEAFBENCH_LOG sets the level, for all or by module:
+/// `debug`, `warn,leafbench::link=trace`.
 fn log_to_stderr() {
     let wanted = std::env::var("LEAFBENCH_LOG").ok();
     let levels: Targets = wanted
         .and_then(|text| text.parse().ok())
         .unwrap_or_else(|| Targets::new().with_default(LevelFilter::INFO));
-    let lines = tracing_subscriber::fmt::layer()
-        .with_writer(std::io::stderr)
-        .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()));
+    let stderr = std::io::stderr();
+    let layer = tracing_subscriber::fmt::layer();
+    let lines = match is_journal(&stderr) {
+        true => {
+            let plain = layer.with_ansi(false).without_time().with_level(false);
+            plain.with_writer(JournalWriter).boxed()
+        }
+        false => {
+            let colours = std::io::IsTerminal::is_terminal(&stderr);
+            layer.with_ansi(colours).with_writer(std::io::stderr).boxed()
+        }
+    };
     // Fails only if a log was set up before.
     let _ = tracing_subscriber::registry()
         .with(lines.with_filter(levels))

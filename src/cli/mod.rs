@@ -9,6 +9,7 @@ mod completions;
 mod daemon;
 mod demo;
 pub(crate) mod diagnose;
+mod doctor;
 mod export;
 mod hold;
 mod identify;
@@ -108,6 +109,7 @@ static COMMANDS: &[CommandEntry] = &[
     CommandEntry::of::<papers::PapersArgs>(),
     CommandEntry::of::<mock_rig::MockRigArgs>(),
     CommandEntry::of::<rig_check::RigCheckArgs>(),
+    CommandEntry::of::<doctor::DoctorArgs>(),
     CommandEntry::of::<diagnose::DiagnoseArgs>(),
     CommandEntry::of::<blind::BlindArgs>(),
     CommandEntry::of::<demo::DemoArgs>(),
@@ -120,7 +122,8 @@ static COMMANDS: &[CommandEntry] = &[
 pub(crate) enum Done {
     /// The result is as wanted: exit code 0.
     Success,
-    /// The run did not complete, a trip is predicted, a fit did not converge, or data are damaged: exit code 1.
+    /// The run did not complete, a trip is predicted, a fit did not converge, data are damaged, or the computer has a problem: exit
+    /// code 1.
     Negative,
 }
 
@@ -131,7 +134,7 @@ impl Done {
 }
 
 const EXIT_CODES: &str = "Exit codes: 0 done; 1 the run ended without completing, a trip is predicted, a \
-                          fit did not converge or data are damaged; \
+                          fit did not converge, data are damaged or `doctor` found a problem; \
                           2 unusable input or usage; 3 no daemon; 4 the daemon refused";
 
 /// Where results go: text for people, one JSON value for scripts. Progress and errors go to stderr.

@@ -82,6 +82,19 @@ pub(crate) enum RequestError {
     Ended,
 }
 
+/// Upper ends of the classes of delays, us. A longer delay is in none of them.
+pub(crate) const LATENESS_BOUNDS_US: [u64; 10] =
+    [50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000];
+
+/// How many turns had which delay.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct LatenessCounts {
+    /// Turns in each class of [`LATENESS_BOUNDS_US`].
+    pub counts: [u64; LATENESS_BOUNDS_US.len()],
+    /// Sum of all delays, us.
+    pub sum_us: u64,
+}
+
 /// Punctuality of the control loop.
 #[derive(
     Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema,
@@ -96,6 +109,25 @@ pub(crate) struct LoopHealth {
     /// Time in ms that a mock rig in memory stood still because this computer was too slow for it.
     #[serde(default)]
     pub skipped_ms: u64,
+    /// Delays by class, for `/metrics` only.
+    #[serde(skip)]
+    #[schema(ignore)]
+    pub lateness: LatenessCounts,
+}
+
+impl LoopHealth {
+    /// Counts a turn that began this long after its deadline.
+    pub(crate) fn note(&mut self, late_ns: u64) {
+        let late_us = late_ns / 1000;
+        self.turns += 1;
+        self.late_turns += u64::from(late_ns > LATE_NS);
+        self.worst_lateness_us = self.worst_lateness_us.max(late_us);
+        self.lateness.sum_us += late_us;
+        let class = LATENESS_BOUNDS_US.iter().position(|bound| late_us <= *bound);
+        if let Some(count) = class.and_then(|class| self.lateness.counts.get_mut(class)) {
+            *count += 1;
+        }
+    }
 }
 
 type Envelope = (Request, oneshot::Sender<Result<Reply, Refusal>>);
@@ -201,7 +233,7 @@ impl ControlLoop {
         let mut deadline_ns = monotonic_ns();
         loop {
             let now_ns = monotonic_ns();
-            self.note_lateness(now_ns.saturating_sub(deadline_ns));
+            self.health.note(now_ns.saturating_sub(deadline_ns));
             if !self.turn(now_ns) {
                 return;
             }
@@ -248,12 +280,6 @@ impl ControlLoop {
             Some(recorder) => self.rig.poll(now_ns, &mut self.link, recorder.as_mut()),
             None => self.rig.poll(now_ns, &mut self.link, self.watcher.as_mut()),
         }
-    }
-
-    fn note_lateness(&mut self, late_ns: u64) {
-        self.health.turns += 1;
-        self.health.late_turns += u64::from(late_ns > LATE_NS);
-        self.health.worst_lateness_us = self.health.worst_lateness_us.max(late_ns / 1000);
     }
 
     /// Takes at most one request. Returns false if the thread must end.

@@ -24,7 +24,7 @@ use super::request_body::JsonBody;
 use super::server::STOP_PATH;
 use super::state::{App, DaemonState};
 use super::wanted::Wanted;
-use super::{page, runs as run_life, socket};
+use super::{metrics, page, runs as run_life, socket};
 use crate::control::TareReport;
 use crate::control::realtime::{Reply, Request};
 use crate::recording::export::TableFormat;
@@ -77,6 +77,7 @@ fn routes() -> Vec<Route> {
         post("/api/plan", |m| on(m, plan_profile)),
         get("/api/openapi.json", |m| on(m, openapi)),
         get("/api/live", |m| on(m, socket::live)),
+        get("/metrics", |m| on(m, metrics_text)),
     ]
 }
 
@@ -104,7 +105,8 @@ fn routes() -> Vec<Route> {
         profiles,
         plan_profile,
         openapi,
-        socket::live
+        socket::live,
+        metrics_text
     )
 )]
 struct Description;
@@ -134,6 +136,15 @@ pub(super) fn router(address: SocketAddr, state: Arc<DaemonState>) -> Router {
 #[utoipa::path(get, path = "/api/status", responses((status = 200, body = Status)))]
 async fn status(State(state): App) -> Json<Status> {
     Json(state.status())
+}
+
+/// Figures for Prometheus, in its text format.
+#[utoipa::path(get, path = "/metrics", responses((status = 200, content_type = "text/plain", body = String)))]
+async fn metrics_text(State(state): App) -> impl IntoResponse {
+    (
+        [(header::CONTENT_TYPE, metrics::CONTENT_TYPE)],
+        metrics::text(&state),
+    )
 }
 
 /// Starts a run. The profile is first simulated on the model and compared with the limits; a predicted trip is refused. If the

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use crate::protocol::message::SAMPLE_RATE_HZ;
-use crate::recording::run_file::{RunFileError, check_space};
+use crate::recording::run_file::{RunFileError, check_space, free_bytes};
 
 /// A disk with less room than for a run of this length is reported, s. The longest shipped profile takes 2 minutes; half an
 /// hour leaves time to make room before a start is refused.
@@ -12,13 +12,20 @@ const ROOM_FOR_S: f64 = 1800.0;
 
 /// The newest look at the disk.
 #[derive(Debug, Default)]
-pub(super) struct DiskSpace(Mutex<Option<String>>);
+pub(super) struct DiskSpace(Mutex<DiskLook>);
+
+/// What one look found.
+#[derive(Debug, Default)]
+struct DiskLook {
+    problem: Option<String>,
+    free_bytes: Option<u64>,
+}
 
 impl DiskSpace {
     /// Looks at the disk of `folder`. May wait for the disk.
     pub(super) fn look(&self, folder: &Path) {
         let checked = check_space(folder, ROOM_FOR_S, f64::from(SAMPLE_RATE_HZ));
-        self.note(checked.err().map(|error| match error {
+        let problem = checked.err().map(|error| match error {
             RunFileError::NoSpace {
                 folder,
                 free_mb,
@@ -28,17 +35,20 @@ impl DiskSpace {
                 folder.display()
             ),
             other => super::error::chain(&other),
-        }));
-    }
-
-    fn note(&self, problem: Option<String>) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = problem;
+        });
+        let free_bytes = free_bytes(folder).ok();
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = DiskLook { problem, free_bytes };
     }
 
     /// What was wrong at the newest look, in one sentence.
     pub(super) fn problem(&self) -> Option<String> {
         let newest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        newest.clone()
+        newest.problem.clone()
+    }
+
+    /// Free space at the newest look; `None` before the first one and where the disk did not answer.
+    pub(super) fn free_bytes(&self) -> Option<u64> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).free_bytes
     }
 }
 
@@ -53,7 +63,9 @@ mod tests {
         space.look(&folder.path().join("gone"));
         let said = space.problem().expect("a problem");
         assert!(said.contains("gone"), "{said}");
+        assert_eq!(space.free_bytes(), None);
         space.look(folder.path());
         assert_eq!(space.problem(), None, "{:?}", folder.path());
+        assert!(space.free_bytes().is_some_and(|bytes| bytes > 0));
     }
 }

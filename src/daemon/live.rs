@@ -69,6 +69,11 @@ impl Live {
         (recent.iter().cloned().collect(), self.batches.subscribe())
     }
 
+    /// Number of viewers.
+    pub(super) fn viewers(&self) -> usize {
+        self.batches.receiver_count()
+    }
+
     /// Called by the recording thread. The lock is held only while pointers are copied.
     fn send(&self, batch: Arc<LiveBatch>) {
         let mut recent = self.recent.lock().unwrap_or_else(PoisonError::into_inner);

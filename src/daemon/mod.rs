@@ -16,7 +16,8 @@
 //! | `wanted`, `starts`, `orders` | work that may be withdrawn, order of starts and stops, orders that control must get |
 //! | `plan`, `download` | check of a profile, export |
 //! | `permission` | calibrations, specimen, and who answers for a start all the same |
-//! | `newest_run`, `state` | what the handlers and the runs share |
+//! | `newest_run`, `tally`, `state` | what the handlers and the runs share |
+//! | `metrics`, `notify` | figures for Prometheus; signs of life for systemd |
 //! | `resume`, `progress`, `prepare` | what a run needs before it can start |
 //! | `runs`, `socket`, `page` | life of a run, live view, the technician's page |
 //! | `api` | routes and handlers |
@@ -35,8 +36,10 @@ pub(crate) mod header;
 pub(crate) mod library;
 mod live;
 mod lock;
+mod metrics;
 pub(crate) mod nearest;
 mod newest_run;
+mod notify;
 mod orders;
 mod page;
 mod permission;
@@ -51,6 +54,7 @@ mod socket;
 mod starts;
 mod state;
 pub(crate) mod store;
+mod tally;
 mod wanted;
 
 use std::sync::Arc;
@@ -70,6 +74,7 @@ use endpoint::EndpointFile;
 use library::Library;
 use live::{Live, Watcher};
 use lock::DaemonLock;
+use notify::ServiceManager;
 use server::ServerLimits;
 use state::DaemonState;
 use store::Store;
@@ -235,10 +240,16 @@ async fn serve_until_signal(
     let relink = tokio::spawn(keep_link_open(Arc::clone(&state)));
     let disk = tokio::spawn(watch_disk_space(Arc::clone(&state)));
     let server = tokio::spawn(server::serve(listener, router, ServerLimits::default()));
+    let manager = Arc::new(ServiceManager::of_this_process());
+    let (watching, control) = (Arc::clone(&manager), state.control.clone());
+    let watchdog = tokio::spawn(async move { watching.watch(control).await });
     started();
+    manager.tell(&format!("READY=1\nSTATUS=page http://{}/", state.settings.listen));
     let name = signals.next().await;
+    manager.tell("STOPPING=1");
     tracing::info!("{name}: unloading the rig, then ending");
     unload(&state, name).await;
+    watchdog.abort();
     server.abort();
     relink.abort();
     disk.abort();

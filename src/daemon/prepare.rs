@@ -140,6 +140,7 @@ fn recording_chain(
     let fan_out = FanOut(vec![
         Box::new(writer),
         Box::new(state.live.recorder()),
+        Box::new(state.tally.recorder()),
         Box::new(ProgressRecorder::new(state)),
     ]);
     let plant = bench.model.plant().map_err(|e| ApiError::invalid(&e))?;

@@ -12,6 +12,7 @@ use super::newest_run::NewestRun;
 use super::permission;
 use super::starts::Starts;
 use super::store::Store;
+use super::tally::Tally;
 use crate::config::Bench;
 use crate::control::realtime::ControlHandle;
 use crate::link::LinkHealth;
@@ -40,6 +41,8 @@ pub(super) struct DaemonState {
     /// The live view of samples, for the technician's page.
     pub live: Live,
     pub newest_run: NewestRun,
+    /// What the runs of this daemon came to.
+    pub tally: Tally,
     /// How full the disk of the run files is.
     pub disk: DiskSpace,
     /// The run that is being prepared, and the order of starts and stops.
@@ -70,6 +73,7 @@ impl DaemonState {
             live,
             disk: DiskSpace::default(),
             newest_run: NewestRun::default(),
+            tally: Tally::default(),
             starts: Starts::default(),
             planning: Arc::new(tokio::sync::Semaphore::new(1)),
             link_health: Mutex::new(link_health),

@@ -27,7 +27,7 @@ pub(super) const BACKEND: Backend = Backend {
 };
 
 /// Requested receive buffer in bytes: some 20 000 frames. The kernel's usual 208 KiB hold 278.
-const RECEIVE_BUFFER_BYTES: usize = 8 << 20;
+pub(crate) const RECEIVE_BUFFER_BYTES: usize = 8 << 20;
 /// `struct can_frame`: identifier word, length, three bytes of padding, data.
 const CAN_FRAME_BYTES: usize = 16;
 /// Identifier word of an error frame.

@@ -16,6 +16,8 @@ use crate::protocol::cob;
 use crate::protocol::frame::Frame;
 use crate::units::NS_PER_S;
 
+pub(crate) use can::RECEIVE_BUFFER_BYTES as CAN_RECEIVE_BUFFER_BYTES;
+
 /// All links, in the order in which help texts name them.
 static BACKENDS: &[Backend] = &[loopback::BACKEND, can::BACKEND, serial::BACKEND];
 

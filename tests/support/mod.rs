@@ -6,6 +6,7 @@ pub mod http;
 pub mod virtual_rig;
 pub mod wire;
 
+use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Output, Stdio};
@@ -112,10 +113,19 @@ impl Daemon {
 
     /// Starts one with a command line of the test and waits until it listens. `data` gives the data folder as this process
     /// sees it, from the process id.
-    pub fn start_command(mut command: Command, data: impl FnOnce(u32) -> PathBuf) -> Daemon {
+    pub fn start_command(command: Command, data: impl FnOnce(u32) -> PathBuf) -> Daemon {
+        Daemon::spawn(command, Stdio::inherit(), data)
+    }
+
+    /// The same, with a file for its log.
+    pub fn start_with_log(command: Command, data: &Path, log: File) -> Daemon {
+        Daemon::spawn(command, log.into(), |_| data.to_owned())
+    }
+
+    fn spawn(mut command: Command, log: Stdio, data: impl FnOnce(u32) -> PathBuf) -> Daemon {
         let mut child = command
             .stdout(Stdio::piped())
-            .stderr(Stdio::inherit())
+            .stderr(log)
             .spawn()
             .expect("leafbench starts");
         let mut stdout = BufReader::new(child.stdout.take().expect("piped"));

@@ -131,14 +131,19 @@ fn chain(error: &dyn std::error::Error) -> String {
     }
 }
 
-/// Check before a run: refuses if `folder` has less free space than twice the size of the run.
-pub(crate) fn check_space(folder: &Path, duration_s: f64, sample_rate_hz: f64) -> Result<(), RunFileError> {
+/// Free space on the disk of `folder`, for a user who is not root.
+pub(crate) fn free_bytes(folder: &Path) -> Result<u64, RunFileError> {
     let space = nix::sys::statvfs::statvfs(folder).map_err(|errno| RunFileError::Io {
         path: folder.to_owned(),
         doing: "reading the free space of",
         source: errno.into(),
     })?;
-    let free_mb = space.blocks_available() as f64 * space.fragment_size() as f64 / 1e6;
+    Ok(space.blocks_available().saturating_mul(space.fragment_size()))
+}
+
+/// Check before a run: refuses if `folder` has less free space than twice the size of the run.
+pub(crate) fn check_space(folder: &Path, duration_s: f64, sample_rate_hz: f64) -> Result<(), RunFileError> {
+    let free_mb = free_bytes(folder)? as f64 / 1e6;
     let samples = duration_s * sample_rate_hz;
     let needed_mb = 2.0 * (samples * BYTES_PER_SAMPLE_AT_MOST + BYTES_OF_A_RUN_AT_MOST) / 1e6;
     if free_mb < needed_mb {
