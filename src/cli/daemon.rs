@@ -23,7 +23,7 @@ use crate::link::{self, Link, Side, loopback};
 #[derive(Debug, Args)]
 #[command(
     after_help = "SIGTERM or Ctrl-C ends the daemon: within 5 s it unloads the rig and closes the run's file.\n\
-                  Under systemd (Type=notify) it says when it is ready, and each second that the control loop turns."
+                  Under systemd (Type=notify) it reports when it is ready, and twice a second that the control loop turns."
 )]
 pub(super) struct DaemonArgs {
     #[command(flatten)]

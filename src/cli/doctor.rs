@@ -102,8 +102,18 @@ fn text(report: &DoctorReport) -> String {
             let _ = writeln!(text, "{:<26}-> {}", "", finding.what_to_do);
         }
     }
-    let _ = write!(text, "{} problems, {} warnings", report.problems, report.warnings);
+    let (problems, warnings) = (
+        counted(report.problems, "problem"),
+        counted(report.warnings, "warning"),
+    );
+    let _ = write!(text, "{problems}, {warnings}");
     text
+}
+
+/// A number and its noun.
+fn counted(number: usize, noun: &str) -> String {
+    let plural = if number == 1 { "" } else { "s" };
+    format!("{number} {noun}{plural}")
 }
 
 #[cfg(test)]
@@ -128,7 +138,7 @@ mod tests {
             "{said}"
         );
         assert!(said.contains("-> restart it\n"), "{said}");
-        assert!(said.ends_with("1 problems, 0 warnings"), "{said}");
+        assert!(said.ends_with("1 problem, 0 warnings"), "{said}");
     }
 
     /// With the mock rig in memory nothing of the link can be wrong, and every subject has at least one finding.

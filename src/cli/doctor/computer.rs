@@ -10,8 +10,8 @@ use crate::recording::run_file::{RunFileError, check_space};
 const SLOW_CLOCKS: [&str; 4] = ["hpet", "acpi_pm", "jiffies", "refined-jiffies"];
 /// Bit of the capability CAP_SYS_NICE in `CapEff`.
 const CAP_SYS_NICE: u32 = 23;
-/// Bit of the capability CAP_IPC_LOCK in `CapEff`.
-const CAP_IPC_LOCK: u32 = 14;
+/// Bit of the capability CAP_SYS_RESOURCE in `CapEff`: it raises a limit above its hard value.
+const CAP_SYS_RESOURCE: u32 = 24;
 /// Real-time priority that the daemon takes.
 const WANTED_PRIORITY: u64 = 40;
 /// Length of the run that the disk should take at least, s.
@@ -24,7 +24,7 @@ pub(super) fn monotonic_clock(root: &SystemRoot) -> DoctorFinding {
         Some(name) if SLOW_CLOCKS.contains(&name.as_str()) => DoctorFinding::warning(
             "clock",
             format!("the kernel counts time with {name}, which is slow to read"),
-            "look for the reason with `dmesg | grep -i clocksource`; on a computer of its own choose tsc in the firmware \
+            "look for the reason with `sudo dmesg | grep -i clocksource`; on a computer of its own choose tsc in the firmware \
              settings or with the kernel argument tsc=reliable",
         )
         .at(file),
@@ -57,7 +57,7 @@ pub(super) fn time_of_day(root: &SystemRoot) -> DoctorFinding {
         None => DoctorFinding::warning(
             "time of day",
             "no sign that anything synchronises it: dates and run ids of recordings may be wrong (control does not use it)",
-            "run `timedatectl set-ntp true`, or install chrony; without a network set the clock by hand",
+            "run `sudo timedatectl set-ntp true`, or install chrony; without a network set the clock by hand",
         ),
     }
 }
@@ -90,7 +90,7 @@ fn real_time(status: &str, limits: &str, share_us: Option<i64>) -> DoctorFinding
         return DoctorFinding::problem(
             "real-time",
             "the kernel gives real-time programs no time at all",
-            "run `sysctl -w kernel.sched_rt_runtime_us=950000`",
+            "run `sudo sysctl -w kernel.sched_rt_runtime_us=950000`",
         )
         .at("/proc/sys/kernel/sched_rt_runtime_us");
     }
@@ -104,7 +104,7 @@ fn real_time(status: &str, limits: &str, share_us: Option<i64>) -> DoctorFinding
         _ => DoctorFinding::warning(
             "real-time",
             format!(
-                "this user may take no real-time priority of {WANTED_PRIORITY} (limit {}): commands may be late under load",
+                "priority {WANTED_PRIORITY} is not allowed to this user (limit {}): commands may be late under load",
                 granted.unwrap_or(0)
             ),
             "start the daemon by its systemd unit, which sets LimitRTPRIO=50; or write `USER - rtprio 50` to \
@@ -115,9 +115,9 @@ fn real_time(status: &str, limits: &str, share_us: Option<i64>) -> DoctorFinding
 }
 
 fn locked_memory(status: &str, limits: &str) -> DoctorFinding {
-    // A soft limit below the hard one does not help: the daemon raises it only to no limit at all.
+    // As the daemon does it: it locks its memory only after it has taken the limit away.
     let unlimited = matches!(limit(limits, "Max locked memory"), Some((_, None)));
-    if unlimited || has_capability(status, CAP_IPC_LOCK) {
+    if unlimited || has_capability(status, CAP_SYS_RESOURCE) {
         return DoctorFinding::ok("locked memory", "not limited").at("/proc/self/limits");
     }
     DoctorFinding::warning(
@@ -175,7 +175,7 @@ fn governor(root: &SystemRoot) -> Option<DoctorFinding> {
         (Some((file, name)), _) => DoctorFinding::warning(
             "governor",
             format!("the frequency of the processors follows their load ({name}): a turn of control may be some 0.1 ms later"),
-            "run `cpupower frequency-set -g performance`",
+            "run `sudo cpupower frequency-set -g performance`",
         )
         .at(file),
         (None, Some((file, _))) => DoctorFinding::ok("governor", "performance").at(file),
@@ -273,6 +273,9 @@ mod tests {
             .replace("priority     0 ", "priority     50");
         assert_eq!(grades(nobody, &raised, "950000\n"), (Grade::Ok, Grade::Ok));
         let root = "CapEff:\t000001ffffffffff\n";
+        // Root in a container: it may lock memory, but not raise the limit.
+        let contained = "CapEff:\t000001fffeffffff\n";
+        assert_eq!(grades(contained, LIMITS, "950000\n"), (Grade::Ok, Grade::Warning));
         assert_eq!(grades(root, LIMITS, "-1\n"), (Grade::Ok, Grade::Ok));
         assert_eq!(grades(root, LIMITS, "0\n"), (Grade::Problem, Grade::Ok));
     }

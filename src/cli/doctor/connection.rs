@@ -65,7 +65,7 @@ fn can(root: &SystemRoot, name: &str, ip: Option<&str>) -> Vec<DoctorFinding> {
         let to_do = match loaded {
             true => "plug the adapter in and look for its name with `ip link`",
             false => {
-                "this kernel has no CAN yet: run `modprobe can-raw`, plug the adapter in, and look for its name with `ip link`"
+                "this kernel has no CAN yet: run `sudo modprobe can-raw`, plug the adapter in, and look for its name with `ip link`"
             }
         };
         return vec![
@@ -86,7 +86,9 @@ fn can(root: &SystemRoot, name: &str, ip: Option<&str>) -> Vec<DoctorFinding> {
         _ => DoctorFinding::problem(
             SUBJECT,
             format!("{name} is down"),
-            format!("run `ip link set {name} up type can bitrate {BIT_RATE} sample-point 0.8 restart-ms 0`"),
+            format!(
+                "run `sudo ip link set {name} up type can bitrate {BIT_RATE} sample-point 0.8 restart-ms 0`"
+            ),
         ),
     };
     let mut findings = vec![up.at(folder)];
@@ -110,7 +112,7 @@ fn buffer(root: &SystemRoot) -> DoctorFinding {
     DoctorFinding::warning(
         SUBJECT,
         format!("at most {granted} bytes: a stall of this computer of some 0.1 s loses samples"),
-        format!("run `sysctl -w net.core.rmem_max={CAN_RECEIVE_BUFFER_BYTES}`, or install packaging/60-leafbench.conf in /etc/sysctl.d"),
+        format!("run `sudo sysctl -w net.core.rmem_max={CAN_RECEIVE_BUFFER_BYTES}`, or install packaging/60-leafbench.conf in /etc/sysctl.d"),
     )
     .at(FILE)
 }
@@ -145,7 +147,7 @@ fn bit_rate(name: &str, data: &Value) -> DoctorFinding {
                 None => "not set".to_owned(),
             },
             format!(
-                "run `ip link set {name} down`, then `ip link set {name} up type can bitrate {BIT_RATE} sample-point 0.8 \
+                "run `sudo ip link set {name} down`, then `sudo ip link set {name} up type can bitrate {BIT_RATE} sample-point 0.8 \
                  restart-ms 0`"
             ),
         ),
@@ -163,12 +165,12 @@ fn bus_state(name: &str, data: &Value) -> DoctorFinding {
         "BUS-OFF" => DoctorFinding::problem(
             SUBJECT,
             format!("bus-off: the adapter has given up; {counters}"),
-            format!("{wiring}; then run `ip link set {name} down` and `ip link set {name} up`"),
+            format!("{wiring}; then run `sudo ip link set {name} down` and `sudo ip link set {name} up`"),
         ),
         "STOPPED" => DoctorFinding::problem(
             SUBJECT,
             "stopped: the interface is down",
-            format!("run `ip link set {name} up`"),
+            format!("run `sudo ip link set {name} up`"),
         ),
         state @ ("ERROR-WARNING" | "ERROR-PASSIVE") => DoctorFinding::problem(
             SUBJECT,
@@ -185,7 +187,9 @@ fn restart(name: &str, data: &Value) -> DoctorFinding {
         ms => DoctorFinding::warning(
             "CAN restart",
             format!("the adapter restarts {ms} ms after a bus-off by itself, which hides the fault"),
-            format!("run `ip link set {name} down`, then `ip link set {name} up type can restart-ms 0`"),
+            format!(
+                "run `sudo ip link set {name} down`, then `sudo ip link set {name} up type can restart-ms 0`"
+            ),
         ),
     }
 }
@@ -235,7 +239,7 @@ fn latency(ms: i64, file: &str) -> DoctorFinding {
     DoctorFinding::warning(
         "serial latency",
         format!("the adapter keeps data back for up to {ms} ms: samples come in lumps and faults are seen later"),
-        format!("run `echo 1 > {file}`, or install the udev rule packaging/99-leafbench.rules, which the Debian package has"),
+        format!("run `echo 1 | sudo tee {file}`, or install the udev rule packaging/99-leafbench.rules, which the Debian package has"),
     )
     .at(file)
 }
