@@ -141,14 +141,15 @@ pub(crate) fn wrapped<S: AsRef<str>>(words: &[S]) -> String {
     lines.join("\n")
 }
 
-/// The folder `bench-configs`: in the working folder or beside the binary, or in a folder above one of them.
+/// The folder `bench-configs`: in the working folder or beside the binary, or in a folder above one of them, or in
+/// `share/leafbench` of one of them, where a package puts it.
 pub(crate) fn configs() -> Result<PathBuf, CliError> {
     let starts = [std::env::current_dir().ok(), std::env::current_exe().ok()];
     starts
         .iter()
         .flatten()
         .flat_map(|start| start.ancestors())
-        .map(|folder| folder.join("bench-configs"))
+        .flat_map(|folder| ["bench-configs", "share/leafbench/bench-configs"].map(|below| folder.join(below)))
         .find(|folder| folder.join(DEFAULT_BENCH).is_file())
         .ok_or_else(|| {
             CliError::Input(
