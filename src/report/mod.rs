@@ -2,6 +2,7 @@
 //! CI servers. What they say is decided by the callers.
 
 pub(crate) mod aggregates;
+pub(crate) mod certificate;
 pub(crate) mod diagnosis;
 mod diagnosis_plots;
 mod figures;
