@@ -114,7 +114,12 @@ fn trend(value: CycleValue, limit: &AcceptLimit, result: &RunResult) -> Found {
     let points = points(&loops, value);
     let measured = slope(&points);
     if missing.is_empty() && (measured.is_none() || points.len() < loops.len()) {
-        missing = format!("{} of {} cycles have a {}", points.len(), loops.len(), value.words());
+        missing = format!(
+            "{} of {} cycles have a {}",
+            points.len(),
+            loops.len(),
+            value.words()
+        );
     }
     Found {
         measured,
@@ -159,10 +164,7 @@ pub(super) fn verdict(result: &RunResult) -> (RunVerdict, String) {
         limits.first().map_or(String::new(), |l| tell(l)) + &more
     };
     if all == 0 {
-        return (
-            RunVerdict::NoLimits,
-            "the profile has no accept block".to_owned(),
-        );
+        return (RunVerdict::NoLimits, "the profile has no accept block".to_owned());
     }
     if !broken.is_empty() {
         let told = first(&broken, |l| {
@@ -182,15 +184,18 @@ pub(super) fn verdict(result: &RunResult) -> (RunVerdict, String) {
     match (not_whole, open.is_empty()) {
         ("", true) => (
             RunVerdict::Pass,
-            format!(
-                "{all} limit{} kept",
-                if all == 1 { " is" } else { "s are" }
-            ),
+            format!("{all} limit{} kept", if all == 1 { " is" } else { "s are" }),
         ),
         ("", false) => {
             let told = first(&open, |l| format!("{} ({})", l.what, l.why));
-            (RunVerdict::NotJudged, format!("{} of {all} limits could not be judged: {told}", open.len()))
+            (
+                RunVerdict::NotJudged,
+                format!("{} of {all} limits could not be judged: {told}", open.len()),
+            )
         }
-        (why, _) => (RunVerdict::NotJudged, format!("{why}, and no limit is broken so far")),
+        (why, _) => (
+            RunVerdict::NotJudged,
+            format!("{why}, and no limit is broken so far"),
+        ),
     }
 }

@@ -286,7 +286,11 @@ impl LimitResult {
             Some([first, last]) if first == last => format!(", cycle {first}"),
             Some([first, last]) => format!(", cycles {first} to {last}"),
         };
-        format!("{} {side} {}{cycles}", self.what, with_unit(self.limit, &self.unit))
+        format!(
+            "{} {side} {}{cycles}",
+            self.what,
+            with_unit(self.limit, &self.unit)
+        )
     }
 
     /// The measured value with its unit and its cycle; a dash if there is none.

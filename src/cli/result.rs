@@ -13,7 +13,9 @@ use crate::recording::run_file::{EXTENSION, RunFile};
 
 /// Show what a run measured and whether it kept the limits of its profile; needs no daemon
 #[derive(Debug, Args)]
-#[command(after_help = "Exit code 1 if the run did not complete, or a limit is broken or could not be judged.")]
+#[command(
+    after_help = "Exit code 1 if the run did not complete, or a limit is broken or could not be judged."
+)]
 pub(super) struct ResultArgs {
     /// Run id, whole or short, `latest`, or a .leafrun file
     #[arg(value_name = "RUN")]
@@ -99,7 +101,10 @@ fn values(result: &RunResult) -> Vec<String> {
     lines.extend(result.values.iter().map(|v| match counted {
         true => {
             let [first, last, min, max, mean] = [v.first, v.last, v.min, v.max, v.mean].map(digits);
-            let row = format!("{:<24}{:<6}{first:>10}{last:>10}{min:>10}{max:>10}{mean:>10}", v.what, v.unit);
+            let row = format!(
+                "{:<24}{:<6}{first:>10}{last:>10}{min:>10}{max:>10}{mean:>10}",
+                v.what, v.unit
+            );
             format!("{row}  {}", trend(v)).trim_end().to_owned()
         }
         false => format!("{:<24}{:<6}{:>10}", v.what, v.unit, digits(v.mean)),

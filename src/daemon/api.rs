@@ -71,7 +71,9 @@ fn routes() -> Vec<Route> {
         get("/api/runs", |m| on(m, runs)),
         get("/api/runs/{run_id}", |m| on(m, run_detail)),
         get("/api/runs/{run_id}/result", |m| on(m, result::run_result)),
-        get("/api/runs/{run_id}/certificate", |m| on(m, result::run_certificate)),
+        get("/api/runs/{run_id}/certificate", |m| {
+            on(m, result::run_certificate)
+        }),
         get("/api/runs/{run_id}/csv", |m| on(m, run_csv)),
         get("/api/runs/{run_id}/mf4", |m| on(m, run_mf4)),
         get("/api/runs/{run_id}/parquet", |m| on(m, run_parquet)),

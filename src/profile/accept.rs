@@ -273,7 +273,8 @@ pub(super) fn read(
         };
         let limits = raw.limits();
         if limits.is_empty() {
-            let reason = "the accept block has no limit: add one, such as force_peak_max_n, or remove the block";
+            let reason =
+                "the accept block has no limit: add one, such as force_peak_max_n, or remove the block";
             return Err(reader.refuse(span, reason));
         }
         for (limit, place) in &limits {
@@ -297,11 +298,7 @@ pub(super) fn read(
 }
 
 /// How many cycles `cycles = [first, last]` names.
-fn cycles_within(
-    reader: &Reader<'_>,
-    cycles: &Spanned<[u32; 2]>,
-    counted: u64,
-) -> Result<u64, ProfileError> {
+fn cycles_within(reader: &Reader<'_>, cycles: &Spanned<[u32; 2]>, counted: u64) -> Result<u64, ProfileError> {
     let [first, last] = *cycles.get_ref();
     let refuse = |reason: String| Err(reader.refuse(cycles.span(), reason));
     if counted == 0 {
@@ -325,7 +322,9 @@ fn cycles_within(
 
 /// Why a limit over so many cycles cannot be used.
 fn objection(limit: &AcceptLimit, cycles: u64) -> Option<String> {
-    let AcceptLimit { key, limit: value, .. } = limit;
+    let AcceptLimit {
+        key, limit: value, ..
+    } = limit;
     if !value.is_finite() {
         return Some(format!("{key} = {value} is not finite: enter a finite number"));
     }
@@ -410,15 +409,35 @@ mod tests {
     fn a_limit_that_cannot_be_judged_is_refused_at_its_line_and_column() {
         let first_line = SINE.lines().count();
         for (accept, line, column, said) in [
-            ("[[accept]]\nforce_peak_max = 3.0\n", 2, 1, "unknown field `force_peak_max`"),
+            (
+                "[[accept]]\nforce_peak_max = 3.0\n",
+                2,
+                1,
+                "unknown field `force_peak_max`",
+            ),
             ("[[accept]]\n", 1, 1, "has no limit"),
             ("[[accept]]\ntravel_max_mm = nan\n", 2, 17, "is not finite"),
             ("[[accept]]\ntravel_max_mm = -1\n", 2, 17, "no run can keep it"),
             ("[[accept]]\nlost_max_samples = -1\n", 2, 20, "invalid value"),
             ("[[accept]]\nlost_max_samples = 1.5\n", 2, 20, "invalid type"),
-            ("[[accept]]\ncycles = [3, 2]\nlost_max_samples = 0\n", 2, 10, "is no range"),
-            ("[[accept]]\ncycles = [0, 2]\nlost_max_samples = 0\n", 2, 10, "is no range"),
-            ("[[accept]]\ncycles = [1, 11]\nlost_max_samples = 0\n", 2, 10, "enter at most 10"),
+            (
+                "[[accept]]\ncycles = [3, 2]\nlost_max_samples = 0\n",
+                2,
+                10,
+                "is no range",
+            ),
+            (
+                "[[accept]]\ncycles = [0, 2]\nlost_max_samples = 0\n",
+                2,
+                10,
+                "is no range",
+            ),
+            (
+                "[[accept]]\ncycles = [1, 11]\nlost_max_samples = 0\n",
+                2,
+                10,
+                "enter at most 10",
+            ),
             (
                 "[[accept]]\ncycles = [4, 4]\ntravel_trend_max_mm_per_cycle = 1.0\n",
                 3,
@@ -434,11 +453,17 @@ mod tests {
         ] {
             let refused = read(SINE, accept).expect_err(accept);
             let place = format!("line {}, column {column}: ", first_line + line);
-            assert!(refused.contains(&place) && refused.contains(said), "{accept}: {refused}");
+            assert!(
+                refused.contains(&place) && refused.contains(said),
+                "{accept}: {refused}"
+            );
         }
         let ramp = |accept: &str| read(RAMP, accept).expect_err(accept);
         assert!(ramp("[[accept]]\ncycles = [1, 1]\nlost_max_samples = 0\n").contains("counts no cycles"));
         assert!(ramp("[[accept]]\ntravel_trend_max_mm_per_cycle = 1.0\n").contains("there are none"));
-        assert_eq!(read(RAMP, "[[accept]]\nforce_peak_max_n = 9.5\n").map(|l| l.len()), Ok(1));
+        assert_eq!(
+            read(RAMP, "[[accept]]\nforce_peak_max_n = 9.5\n").map(|l| l.len()),
+            Ok(1)
+        );
     }
 }

@@ -8,7 +8,9 @@ use sha2::{Digest, Sha256};
 
 use super::html::{document, legend};
 use super::svg::{HALF, Ink, Plot, PlotCurve};
-use crate::acceptance::{LimitResult, LimitVerdict, LoopTrace, RunResult, RunVerdict, ValueSummary, digits, traces};
+use crate::acceptance::{
+    LimitResult, LimitVerdict, LoopTrace, RunResult, RunVerdict, ValueSummary, digits, traces,
+};
 use crate::recording::export::run_file_sha256;
 use crate::recording::run_file::RunFile;
 use crate::recording::{ChannelScale, Ending, Event, EventKind, FirmwareIdentity, Header};
@@ -177,8 +179,9 @@ fn values(result: &RunResult) -> Markup {
     let counted = result.cycles_planned > 0;
     let (loops, many) = (result.loops().len(), result.loops().len() > 1);
     let trend = |v: &ValueSummary| {
-        v.trend
-            .map_or("\u{2013}".to_owned(), |t| format!("{} {}", digits(t), v.trend_unit))
+        v.trend.map_or("\u{2013}".to_owned(), |t| {
+            format!("{} {}", digits(t), v.trend_unit)
+        })
     };
     html! {
         @if !result.values.is_empty() {
@@ -319,7 +322,12 @@ fn notes(result: &RunResult, header: &Header, events: &[Event]) -> Markup {
         chosen.map(|e| format!("{:.3} s: {}", e.time_s, e.text))
     };
     notes.extend(told(&[EventKind::Limit, EventKind::Link]));
-    notes.extend(told(&[EventKind::Gap, EventKind::Host, EventKind::ModelMismatch, EventKind::Operator]));
+    notes.extend(told(&[
+        EventKind::Gap,
+        EventKind::Host,
+        EventKind::ModelMismatch,
+        EventKind::Operator,
+    ]));
     let more = notes.len().saturating_sub(MOST_NOTES);
     html! {
         @if !notes.is_empty() {

@@ -4,6 +4,7 @@
 pub(crate) mod aggregates;
 pub(crate) mod certificate;
 pub(crate) mod diagnosis;
+pub(crate) mod diagnosis_files;
 mod diagnosis_plots;
 mod figures;
 mod html;

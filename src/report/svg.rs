@@ -336,7 +336,8 @@ mod tests {
         let lines = |points: &[(f64, f64)]| {
             let svg = xy_plot("x", "y", &[PlotCurve::measured("", points.to_vec())]);
             (
-                svg.matches("<polyline fill=\"none\" opacity=\"1\" stroke=\"#1C71C4\"").count(),
+                svg.matches("<polyline fill=\"none\" opacity=\"1\" stroke=\"#1C71C4\"")
+                    .count(),
                 svg.matches("<circle").count(),
             )
         };
@@ -344,7 +345,11 @@ mod tests {
         let [a, b, c, d] = [(0.0, 1.0), (1.0, 2.0), (2.0, 3.0), (3.0, 1.0)];
         assert_eq!(lines(&[a, b, c, d]), (1, 0));
         assert_eq!(lines(&[a, b, gap, c, d]), (2, 0));
-        assert_eq!(lines(&[gap, a, b, gap, gap, c, gap]), (1, 1), "a point alone is a dot");
+        assert_eq!(
+            lines(&[gap, a, b, gap, gap, c, gap]),
+            (1, 1),
+            "a point alone is a dot"
+        );
     }
 
     #[test]

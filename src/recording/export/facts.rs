@@ -53,6 +53,7 @@ pub(crate) fn run_file_sha256(run: &RunFile) -> io::Result<Option<String>> {
     }
 }
 
+/// SHA-256 of a file in hex.
 pub(crate) fn sha256_of(path: &Path) -> io::Result<String> {
     let mut hash = Sha256::new();
     io::copy(&mut File::open(path)?, &mut HashSink(&mut hash))?;
