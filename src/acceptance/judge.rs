@@ -2,7 +2,7 @@
 
 use super::measure::{points, slope};
 use super::{CycleRow, LimitResult, LimitVerdict, RunResult, RunVerdict, with_unit};
-use crate::profile::accept::{AcceptLimit, CycleValue, Judged, LimitSide, SampleCount};
+use crate::profile::accept::{AcceptLimit, CycleValue, JudgedValue, LimitSide, SampleCount};
 use crate::recording::Ending;
 
 /// What was measured for one limit.
@@ -17,16 +17,16 @@ struct Found {
 /// recorded.
 pub(super) fn judge(limit: &AcceptLimit, result: &RunResult) -> LimitResult {
     let found = match limit.judged {
-        Judged::Cycle(value) => worst_cycle(value, limit, result),
-        Judged::Trend(value) => trend(value, limit, result),
-        Judged::Samples(count) => number_of_samples(count, result),
+        JudgedValue::Cycle(value) => worst_cycle(value, limit, result),
+        JudgedValue::Trend(value) => trend(value, limit, result),
+        JudgedValue::Samples(count) => number_of_samples(count, result),
     };
     let broken = found.measured.is_some_and(|measured| match limit.side {
         LimitSide::Min => measured < limit.limit,
         LimitSide::Max => measured > limit.limit,
     });
     // The slope through some of the cycles is not that through all of them.
-    let counts = found.missing.is_empty() || !matches!(limit.judged, Judged::Trend(_));
+    let counts = found.missing.is_empty() || !matches!(limit.judged, JudgedValue::Trend(_));
     let verdict = match (broken && counts, found.missing.is_empty()) {
         (true, _) => LimitVerdict::Fail,
         (false, true) => LimitVerdict::Pass,
@@ -39,7 +39,7 @@ pub(super) fn judge(limit: &AcceptLimit, result: &RunResult) -> LimitResult {
         limit: limit.limit,
         unit: limit.judged.unit().to_owned(),
         cycles: match limit.judged {
-            Judged::Samples(_) => None,
+            JudgedValue::Samples(_) => None,
             _ => limit
                 .cycles
                 .or((result.cycles_planned > 0).then_some([1, result.cycles_planned])),

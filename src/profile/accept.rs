@@ -115,7 +115,7 @@ impl SampleCount {
 
 /// What a limit is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Judged {
+pub(crate) enum JudgedValue {
     /// A value of each cycle: the worst cycle counts.
     Cycle(CycleValue),
     /// Slope of the line of least squares through a value over the number of its cycle.
@@ -124,22 +124,22 @@ pub(crate) enum Judged {
     Samples(SampleCount),
 }
 
-impl Judged {
+impl JudgedValue {
     /// What people call it.
     pub(crate) fn words(self) -> String {
         match self {
-            Judged::Cycle(value) => value.words().to_owned(),
-            Judged::Trend(value) => format!("trend of the {}", value.words()),
-            Judged::Samples(count) => count.words().to_owned(),
+            JudgedValue::Cycle(value) => value.words().to_owned(),
+            JudgedValue::Trend(value) => format!("trend of the {}", value.words()),
+            JudgedValue::Samples(count) => count.words().to_owned(),
         }
     }
 
     /// Unit as text; empty for a pure number.
     pub(crate) fn unit(self) -> &'static str {
         match self {
-            Judged::Cycle(value) => value.unit(),
-            Judged::Trend(value) => value.trend_unit(),
-            Judged::Samples(_) => "samples",
+            JudgedValue::Cycle(value) => value.unit(),
+            JudgedValue::Trend(value) => value.trend_unit(),
+            JudgedValue::Samples(_) => "samples",
         }
     }
 
@@ -147,11 +147,11 @@ impl Judged {
     fn is_a_size(self) -> bool {
         use CycleValue::{DisplacementAmplitude, ForceAmplitude, Travel, TwinNrmse};
         match self {
-            Judged::Cycle(value) => {
+            JudgedValue::Cycle(value) => {
                 matches!(value, DisplacementAmplitude | ForceAmplitude | Travel | TwinNrmse)
             }
-            Judged::Trend(_) => false,
-            Judged::Samples(_) => true,
+            JudgedValue::Trend(_) => false,
+            JudgedValue::Samples(_) => true,
         }
     }
 }
@@ -171,7 +171,7 @@ pub(crate) enum LimitSide {
 pub(crate) struct AcceptLimit {
     /// Key in the profile, with its unit.
     pub key: &'static str,
-    pub judged: Judged,
+    pub judged: JudgedValue,
     pub side: LimitSide,
     /// The limit, in the unit of the key.
     pub limit: f64,
@@ -210,38 +210,38 @@ macro_rules! accept_keys {
 }
 
 accept_keys! {
-    force_peak_min_n: f64 = Judged::Cycle(CycleValue::ForcePeak), Min;
-    force_peak_max_n: f64 = Judged::Cycle(CycleValue::ForcePeak), Max;
-    force_valley_min_n: f64 = Judged::Cycle(CycleValue::ForceValley), Min;
-    force_valley_max_n: f64 = Judged::Cycle(CycleValue::ForceValley), Max;
-    force_amplitude_min_n: f64 = Judged::Cycle(CycleValue::ForceAmplitude), Min;
-    force_amplitude_max_n: f64 = Judged::Cycle(CycleValue::ForceAmplitude), Max;
-    displacement_peak_min_mm: f64 = Judged::Cycle(CycleValue::DisplacementPeak), Min;
-    displacement_peak_max_mm: f64 = Judged::Cycle(CycleValue::DisplacementPeak), Max;
-    displacement_valley_min_mm: f64 = Judged::Cycle(CycleValue::DisplacementValley), Min;
-    displacement_valley_max_mm: f64 = Judged::Cycle(CycleValue::DisplacementValley), Max;
-    displacement_amplitude_min_mm: f64 = Judged::Cycle(CycleValue::DisplacementAmplitude), Min;
-    displacement_amplitude_max_mm: f64 = Judged::Cycle(CycleValue::DisplacementAmplitude), Max;
-    travel_min_mm: f64 = Judged::Cycle(CycleValue::Travel), Min;
-    travel_max_mm: f64 = Judged::Cycle(CycleValue::Travel), Max;
-    loop_energy_min_j: f64 = Judged::Cycle(CycleValue::LoopEnergy), Min;
-    loop_energy_max_j: f64 = Judged::Cycle(CycleValue::LoopEnergy), Max;
-    secant_rate_min_n_per_mm: f64 = Judged::Cycle(CycleValue::SecantRate), Min;
-    secant_rate_max_n_per_mm: f64 = Judged::Cycle(CycleValue::SecantRate), Max;
-    twin_nrmse_max: f64 = Judged::Cycle(CycleValue::TwinNrmse), Max;
-    force_peak_trend_min_n_per_cycle: f64 = Judged::Trend(CycleValue::ForcePeak), Min;
-    force_peak_trend_max_n_per_cycle: f64 = Judged::Trend(CycleValue::ForcePeak), Max;
-    force_valley_trend_min_n_per_cycle: f64 = Judged::Trend(CycleValue::ForceValley), Min;
-    force_valley_trend_max_n_per_cycle: f64 = Judged::Trend(CycleValue::ForceValley), Max;
-    travel_trend_min_mm_per_cycle: f64 = Judged::Trend(CycleValue::Travel), Min;
-    travel_trend_max_mm_per_cycle: f64 = Judged::Trend(CycleValue::Travel), Max;
-    loop_energy_trend_min_j_per_cycle: f64 = Judged::Trend(CycleValue::LoopEnergy), Min;
-    loop_energy_trend_max_j_per_cycle: f64 = Judged::Trend(CycleValue::LoopEnergy), Max;
-    secant_rate_trend_min_n_per_mm_per_cycle: f64 = Judged::Trend(CycleValue::SecantRate), Min;
-    secant_rate_trend_max_n_per_mm_per_cycle: f64 = Judged::Trend(CycleValue::SecantRate), Max;
-    lost_max_samples: u32 = Judged::Samples(SampleCount::Lost), Max;
-    late_max_samples: u32 = Judged::Samples(SampleCount::Late), Max;
-    flagged_max_samples: u32 = Judged::Samples(SampleCount::Flagged), Max;
+    force_peak_min_n: f64 = JudgedValue::Cycle(CycleValue::ForcePeak), Min;
+    force_peak_max_n: f64 = JudgedValue::Cycle(CycleValue::ForcePeak), Max;
+    force_valley_min_n: f64 = JudgedValue::Cycle(CycleValue::ForceValley), Min;
+    force_valley_max_n: f64 = JudgedValue::Cycle(CycleValue::ForceValley), Max;
+    force_amplitude_min_n: f64 = JudgedValue::Cycle(CycleValue::ForceAmplitude), Min;
+    force_amplitude_max_n: f64 = JudgedValue::Cycle(CycleValue::ForceAmplitude), Max;
+    displacement_peak_min_mm: f64 = JudgedValue::Cycle(CycleValue::DisplacementPeak), Min;
+    displacement_peak_max_mm: f64 = JudgedValue::Cycle(CycleValue::DisplacementPeak), Max;
+    displacement_valley_min_mm: f64 = JudgedValue::Cycle(CycleValue::DisplacementValley), Min;
+    displacement_valley_max_mm: f64 = JudgedValue::Cycle(CycleValue::DisplacementValley), Max;
+    displacement_amplitude_min_mm: f64 = JudgedValue::Cycle(CycleValue::DisplacementAmplitude), Min;
+    displacement_amplitude_max_mm: f64 = JudgedValue::Cycle(CycleValue::DisplacementAmplitude), Max;
+    travel_min_mm: f64 = JudgedValue::Cycle(CycleValue::Travel), Min;
+    travel_max_mm: f64 = JudgedValue::Cycle(CycleValue::Travel), Max;
+    loop_energy_min_j: f64 = JudgedValue::Cycle(CycleValue::LoopEnergy), Min;
+    loop_energy_max_j: f64 = JudgedValue::Cycle(CycleValue::LoopEnergy), Max;
+    secant_rate_min_n_per_mm: f64 = JudgedValue::Cycle(CycleValue::SecantRate), Min;
+    secant_rate_max_n_per_mm: f64 = JudgedValue::Cycle(CycleValue::SecantRate), Max;
+    twin_nrmse_max: f64 = JudgedValue::Cycle(CycleValue::TwinNrmse), Max;
+    force_peak_trend_min_n_per_cycle: f64 = JudgedValue::Trend(CycleValue::ForcePeak), Min;
+    force_peak_trend_max_n_per_cycle: f64 = JudgedValue::Trend(CycleValue::ForcePeak), Max;
+    force_valley_trend_min_n_per_cycle: f64 = JudgedValue::Trend(CycleValue::ForceValley), Min;
+    force_valley_trend_max_n_per_cycle: f64 = JudgedValue::Trend(CycleValue::ForceValley), Max;
+    travel_trend_min_mm_per_cycle: f64 = JudgedValue::Trend(CycleValue::Travel), Min;
+    travel_trend_max_mm_per_cycle: f64 = JudgedValue::Trend(CycleValue::Travel), Max;
+    loop_energy_trend_min_j_per_cycle: f64 = JudgedValue::Trend(CycleValue::LoopEnergy), Min;
+    loop_energy_trend_max_j_per_cycle: f64 = JudgedValue::Trend(CycleValue::LoopEnergy), Max;
+    secant_rate_trend_min_n_per_mm_per_cycle: f64 = JudgedValue::Trend(CycleValue::SecantRate), Min;
+    secant_rate_trend_max_n_per_mm_per_cycle: f64 = JudgedValue::Trend(CycleValue::SecantRate), Max;
+    lost_max_samples: u32 = JudgedValue::Samples(SampleCount::Lost), Max;
+    late_max_samples: u32 = JudgedValue::Samples(SampleCount::Late), Max;
+    flagged_max_samples: u32 = JudgedValue::Samples(SampleCount::Flagged), Max;
 }
 
 /// Counted cycles of a profile.
@@ -333,7 +333,7 @@ fn objection(limit: &AcceptLimit, cycles: u64) -> Option<String> {
             "{key} = {value} is below 0, so that no run can keep it: enter 0 or more"
         ));
     }
-    if matches!(limit.judged, Judged::Trend(_)) && cycles < 2 {
+    if matches!(limit.judged, JudgedValue::Trend(_)) && cycles < 2 {
         return Some(format!(
             "{key} needs two cycles or more, and there {}: remove it",
             match cycles {
@@ -375,13 +375,13 @@ mod tests {
             limit,
             cycles,
         };
-        let rate = Judged::Trend(CycleValue::SecantRate);
+        let rate = JudgedValue::Trend(CycleValue::SecantRate);
         assert_eq!(
             limits,
             [
                 of(
                     "force_peak_max_n",
-                    Judged::Cycle(CycleValue::ForcePeak),
+                    JudgedValue::Cycle(CycleValue::ForcePeak),
                     LimitSide::Max,
                     1900.0,
                     Some([2, 10])
@@ -395,7 +395,7 @@ mod tests {
                 ),
                 of(
                     "lost_max_samples",
-                    Judged::Samples(SampleCount::Lost),
+                    JudgedValue::Samples(SampleCount::Lost),
                     LimitSide::Max,
                     0.0,
                     None
