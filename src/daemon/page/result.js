@@ -49,7 +49,9 @@ function showResult(r) {
   $("result-ending").textContent = `${r.profile} on ${r.specimen}: ${ending}${cause}`;
   $("result-why").textContent = [r.why, r.problem].filter(Boolean).map(sentence).join(" ");
   $("result-certificate").href = `api/runs/${encodeURIComponent(r.run_id)}/certificate`;
-  $("result-limits").replaceChildren(...r.limits.map(limitRow));
+  const first = { fail: 0, not_judged: 1, pass: 2 };
+  const limits = [...r.limits].sort((a, b) => first[a.verdict] - first[b.verdict]);
+  $("result-limits").replaceChildren(...limits.map(limitRow));
   $("result-no-limits").hidden = r.limits.length > 0;
   $("result-limits-table").hidden = r.limits.length === 0;
   const counted = r.cycles_planned > 0;
@@ -65,7 +67,7 @@ function limitRow(l) {
   const tr = document.createElement("tr");
   const cycles = l.cycles ? `, cycles ${l.cycles[0]} to ${l.cycles[1]}` : "";
   const what = el("td", `${l.what} ${l.side === "min" ? "at least" : "at most"} ${withUnit(l.limit, l.unit)}${cycles}`);
-  if (l.why) what.append(el("small", sentence(l.why)));
+  if (l.why) what.append(el("small", ` (${l.why})`));
   const verdict = el("td", "");
   const chip = el("span", VERDICTS[l.verdict], "verdict");
   chip.dataset.verdict = l.verdict;
@@ -77,7 +79,8 @@ function limitRow(l) {
 function valueRow(v, counted) {
   const tr = document.createElement("tr");
   const name = el("td", v.unit ? `${v.what}, ${v.unit}` : v.what);
-  const cells = counted ? [digits(v.first), digits(v.last), digits(v.mean), withUnit(v.trend, v.trend_unit)] : [digits(v.mean)];
+  const cells = counted ? [digits(v.first), digits(v.last), digits(v.mean),
+    v.trend === null ? "\u2013" : `${digits(Number(v.trend.toPrecision(3)))} ${v.trend_unit}`] : [digits(v.mean)];
   tr.append(name, ...cells.map(text => el("td", text, "number")));
   return tr;
 }
