@@ -75,12 +75,12 @@
 //! |---|---|
 //! | 0 | units, regular_file |
 //! | 1 | recording, profile, protocol |
-//! | 2 | model, link, truth |
+//! | 2 | acceptance, model, link, truth |
 //! | 3 | effect, control, conformance |
 //! | 4 | identify, mockrig, twin |
 //! | 5 | config, diagnose, papers |
-//! | 6 | daemon |
-//! | 7 | report, blind |
+//! | 6 | report |
+//! | 7 | daemon, blind |
 //! | 8 | cli |
 //! | 9 | library |
 //!
@@ -89,6 +89,7 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs, unreachable_pub)]
 
+mod acceptance;
 mod blind;
 mod cli;
 mod config;

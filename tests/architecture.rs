@@ -484,6 +484,7 @@ fn physics_knows_no_clock_no_tokio_no_files() {
         "units",
         "recording",
         "profile",
+        "acceptance",
         "model",
         "effect",
         "identify",

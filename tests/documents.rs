@@ -123,6 +123,8 @@ fn add_profile(tables: &mut BTreeMap<String, ParsedTable>) {
     let segment = table_of(BTreeMap::from([("correct", cycles.correct)]));
     let error = refused(&format!("{PROFILE_HEAD}[[block.segment]]\n{UNKNOWN} = 0\n"));
     add(tables, "profile [[block.segment]]", &error, segment);
+    let error = refused(&format!("{PROFILE_HEAD}[[accept]]\n{UNKNOWN} = 0\n"));
+    add(tables, "profile [[accept]]", &error, toml::Table::new());
 }
 
 fn add_bench(tables: &mut BTreeMap<String, ParsedTable>) {

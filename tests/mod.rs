@@ -38,6 +38,7 @@ mod page;
 mod paper_benches;
 mod profiles;
 mod protocol;
+mod results;
 mod rig_check;
 mod run_files;
 mod run_next;

@@ -5,6 +5,7 @@
 //! progress, Ctrl-C, the client of the daemon, the files of this computer, the virtual bench) is in `shared`.
 
 mod blind;
+mod certificate;
 mod completions;
 mod daemon;
 mod demo;
@@ -21,6 +22,7 @@ mod new;
 mod papers;
 mod plan;
 mod reset;
+mod result;
 mod resume;
 mod rig_check;
 mod run;
@@ -100,6 +102,8 @@ static COMMANDS: &[CommandEntry] = &[
     CommandEntry::of::<jog::JogArgs>(),
     CommandEntry::of::<status::StatusArgs>(),
     CommandEntry::of::<runs::RunsArgs>(),
+    CommandEntry::of::<result::ResultArgs>(),
+    CommandEntry::of::<certificate::CertificateArgs>(),
     CommandEntry::of::<export::ExportArgs>(),
     CommandEntry::of::<import::ImportArgs>(),
     CommandEntry::of::<new::NewArgs>(),
@@ -122,7 +126,7 @@ static COMMANDS: &[CommandEntry] = &[
 pub(crate) enum Done {
     /// The result is as wanted: exit code 0.
     Success,
-    /// The run did not complete, a trip is predicted, a fit did not converge, data are damaged, or the computer has a problem: exit
+    /// The run did not complete or did not keep its limits, a trip is predicted, a fit did not converge, data are damaged, or the computer has a problem: exit
     /// code 1.
     Negative,
 }
@@ -133,8 +137,8 @@ impl Done {
     }
 }
 
-const EXIT_CODES: &str = "Exit codes: 0 done; 1 the run ended without completing, a trip is predicted, a \
-                          fit did not converge, data are damaged or `doctor` found a problem; \
+const EXIT_CODES: &str = "Exit codes: 0 done; 1 the run ended without completing or did not keep its limits, a trip is \
+                          predicted, a fit did not converge, data are damaged or `doctor` found a problem; \
                           2 unusable input or usage; 3 no daemon; 4 the daemon refused";
 
 /// Where results go: text for people, one JSON value for scripts. Progress and errors go to stderr.

@@ -12,7 +12,8 @@ use super::shared::client::{Client, DataArg};
 use super::shared::ctrl_c::ctrl_c_count;
 use super::shared::local::{self, WrittenKind, profile_help};
 use super::shared::progress::Progress;
-use super::{CliCommand, CliError, Done, Output};
+use super::{CliCommand, CliError, Done, Output, result};
+use crate::acceptance::{LimitResult, LimitVerdict, RunResult};
 use crate::daemon::client_types::{RunProgress, RunState, StartRun, Started, Status};
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::recording::atomic_file;
@@ -41,7 +42,7 @@ pub(super) struct RunArgs {
     /// Start despite an overdue calibration or another specimen; NAME answers for it and is recorded
     #[arg(long = "override", value_name = "NAME")]
     override_by: Option<String>,
-    /// Write the outcome as JUnit XML for a CI server: one test case, also if the run cannot start
+    /// Write the outcome as JUnit XML for a CI server: a test case for the run, also if it cannot start, and one for each limit
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
     #[command(flatten)]
@@ -63,15 +64,15 @@ impl CliCommand for RunArgs {
         // A report that cannot be written must not hide why the run failed.
         let reported = junit.map_or(Ok(()), |path| write_junit(&path, asked, &ended));
         let ended = ended?;
-        output.result(&ended, || text(&ended))?;
+        output.result(&ended, || ended.text())?;
         reported?;
-        Ok(Done::success_if(ended.is_whole()))
+        Ok(ended.done())
     }
 }
 
 impl RunArgs {
     /// Starts the run and follows it to its end.
-    fn follow(self, output: &Output) -> Result<RunProgress, CliError> {
+    fn follow(self, output: &Output) -> Result<EndedRun, CliError> {
         let client = self.data.client()?;
         let order = self.order()?;
         let interrupts = ctrl_c_count();
@@ -79,7 +80,8 @@ impl RunArgs {
         if !output.json {
             eprintln!("run {} started; page: {}", started.run_id, client.page());
         }
-        wait(&client, &started.run_id, &interrupts, output)
+        let progress = wait(&client, &started.run_id, &interrupts, output)?;
+        EndedRun::of(&client, progress)
     }
 
     fn order(self) -> Result<StartRun, CliError> {
@@ -100,6 +102,41 @@ impl RunArgs {
             resume_run: self.resume,
             override_by: self.override_by,
         })
+    }
+}
+
+/// A run that is over, with its result.
+#[derive(Debug, serde::Serialize)]
+pub(super) struct EndedRun {
+    #[serde(flatten)]
+    progress: RunProgress,
+    /// What it measured, and the verdict on each limit; `null` if nothing was recorded.
+    result: Option<RunResult>,
+}
+
+impl EndedRun {
+    /// Asks the daemon for the result of a run that is over.
+    pub(super) fn of(client: &Client, progress: RunProgress) -> Result<EndedRun, CliError> {
+        let result = match progress.state {
+            RunState::NeverStarted => None,
+            _ => Some(client.get(&format!("/api/runs/{}/result", progress.run_id))?),
+        };
+        Ok(EndedRun { progress, result })
+    }
+
+    /// Success if the run completed, all its samples are on the disk, and it kept its limits.
+    pub(super) fn done(&self) -> Done {
+        let accepted = self.result.as_ref().is_none_or(RunResult::is_accepted);
+        Done::success_if(self.progress.is_whole() && accepted)
+    }
+
+    /// The end of the run as the terminal shows it.
+    pub(super) fn text(&self) -> String {
+        let result = self
+            .result
+            .as_ref()
+            .map_or(String::new(), |r| format!("\n\n{}", result::text(r)));
+        text(&self.progress) + &result
     }
 }
 
@@ -215,20 +252,26 @@ fn disk_alarm(problem: &str) -> String {
 fn write_junit(
     path: &Path,
     asked: Option<String>,
-    ended: &Result<RunProgress, CliError>,
+    ended: &Result<EndedRun, CliError>,
 ) -> Result<(), CliError> {
-    let case = match ended {
-        Ok(run) => case_of(run),
-        Err(error) => TestCase {
+    let cases = match ended {
+        Ok(run) => {
+            let limits = run.result.iter().flat_map(|result| &result.limits);
+            let of_limit = |limit| limit_case(&run.progress.profile, limit);
+            std::iter::once(case_of(&run.progress))
+                .chain(limits.map(of_limit))
+                .collect()
+        }
+        Err(error) => vec![TestCase {
             name: asked.unwrap_or_default(),
             time_s: 0.0,
             properties: Vec::new(),
             ending: CaseEnding::Error {
                 reason: crate::daemon::chain(error),
             },
-        },
+        }],
     };
-    let written = atomic_file::write(path, |file| file.write_all(junit::xml(&case).as_bytes()));
+    let written = atomic_file::write(path, |file| file.write_all(junit::xml(&cases).as_bytes()));
     written.map_err(CliError::file(path, "writing"))
 }
 
@@ -255,6 +298,36 @@ fn case_of(run: &RunProgress) -> TestCase {
     }
 }
 
+/// One limit of the profile as a test case.
+fn limit_case(profile: &str, limit: &LimitResult) -> TestCase {
+    let ending = match limit.verdict {
+        LimitVerdict::Pass => CaseEnding::Passed,
+        LimitVerdict::NotJudged => CaseEnding::Skipped {
+            reason: limit.why.clone(),
+        },
+        LimitVerdict::Fail => {
+            let reason = format!("{}: measured {}", limit.words(), limit.measured_words());
+            CaseEnding::Failed {
+                kind: "limit".to_owned(),
+                text: reason.clone(),
+                reason,
+            }
+        }
+    };
+    let measured = limit.measured.map_or(String::new(), |m| m.to_string());
+    TestCase {
+        name: format!("{profile}: {}", limit.words()),
+        time_s: 0.0,
+        properties: vec![
+            ("key", limit.key.clone()),
+            ("limit", limit.limit.to_string()),
+            ("measured", measured),
+            ("unit", limit.unit.clone()),
+        ],
+        ending,
+    }
+}
+
 fn failed(kind: &str, reason: &str, run: &RunProgress) -> CaseEnding {
     CaseEnding::Failed {
         kind: kind.to_owned(),
@@ -264,7 +337,7 @@ fn failed(kind: &str, reason: &str, run: &RunProgress) -> CaseEnding {
 }
 
 /// The end of a run as the terminal shows it.
-pub(super) fn text(run: &RunProgress) -> String {
+fn text(run: &RunProgress) -> String {
     if run.state == RunState::NeverStarted {
         return format!("run {} did not start: {}", run.run_id, run.cause);
     }
@@ -284,5 +357,6 @@ pub(super) fn text(run: &RunProgress) -> String {
         lines.push(format!("disk     {}", run.disk_problem));
     }
     lines.push(format!("CSV      leafbench export {}", run.run_id));
+    lines.push(format!("sheet    leafbench certificate {}", run.run_id));
     lines.join("\n")
 }

@@ -5,8 +5,9 @@ use std::time::Duration;
 
 use clap::Args;
 
+use super::run::{self, EndedRun};
 use super::shared::client::{Client, DataArg};
-use super::{CliCommand, CliError, Done, Output, run};
+use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::client_types::{RunProgress, Status};
 
 /// Pause between two looks at a run that is being prepared.
@@ -39,8 +40,9 @@ impl CliCommand for WatchArgs {
         }
         // Nobody counts up: Ctrl-C ends this process, and the daemon goes on.
         let ended = run::wait(&client, &run.run_id, &AtomicU32::new(0), output)?;
-        output.result(&ended, || run::text(&ended))?;
-        Ok(Done::success_if(ended.is_whole()))
+        let ended = EndedRun::of(&client, ended)?;
+        output.result(&ended, || ended.text())?;
+        Ok(ended.done())
     }
 }
 

@@ -136,6 +136,7 @@ impl Rig {
                 description: String::new(),
                 mode: Mode::Displacement,
                 blocks: vec![Block { repeat: 1, segments }],
+                accept: Vec::new(),
             },
             first_cycle: 1,
         }

@@ -24,7 +24,7 @@ use super::request_body::JsonBody;
 use super::server::STOP_PATH;
 use super::state::{App, DaemonState};
 use super::wanted::Wanted;
-use super::{metrics, page, runs as run_life, socket};
+use super::{metrics, page, result, runs as run_life, socket};
 use crate::control::TareReport;
 use crate::control::realtime::{Reply, Request};
 use crate::recording::export::TableFormat;
@@ -70,6 +70,10 @@ fn routes() -> Vec<Route> {
         post("/api/jog", |m| on(m, jog)),
         get("/api/runs", |m| on(m, runs)),
         get("/api/runs/{run_id}", |m| on(m, run_detail)),
+        get("/api/runs/{run_id}/result", |m| on(m, result::run_result)),
+        get("/api/runs/{run_id}/certificate", |m| {
+            on(m, result::run_certificate)
+        }),
         get("/api/runs/{run_id}/csv", |m| on(m, run_csv)),
         get("/api/runs/{run_id}/mf4", |m| on(m, run_mf4)),
         get("/api/runs/{run_id}/parquet", |m| on(m, run_parquet)),
@@ -99,6 +103,8 @@ fn routes() -> Vec<Route> {
         jog,
         runs,
         run_detail,
+        result::run_result,
+        result::run_certificate,
         run_csv,
         run_mf4,
         run_parquet,

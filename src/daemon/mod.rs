@@ -47,6 +47,7 @@ pub(crate) mod plan;
 mod prepare;
 mod progress;
 mod request_body;
+mod result;
 mod resume;
 mod runs;
 mod server;

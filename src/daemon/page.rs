@@ -21,7 +21,7 @@ pub(super) fn router() -> Router<Arc<DaemonState>> {
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Path, type and text of each file.
-const FILES: [(&str, &str, &str); 9] = [
+const FILES: [(&str, &str, &str); 11] = [
     ("/", "text/html; charset=utf-8", include_str!("page/index.html")),
     (
         "/page.css",
@@ -33,6 +33,12 @@ const FILES: [(&str, &str, &str); 9] = [
     ("/plot.js", SCRIPT, include_str!("page/plot.js")),
     ("/scope.js", SCRIPT, include_str!("page/scope.js")),
     ("/jog.js", SCRIPT, include_str!("page/jog.js")),
+    (
+        "/result.css",
+        "text/css; charset=utf-8",
+        include_str!("page/result.css"),
+    ),
+    ("/result.js", SCRIPT, include_str!("page/result.js")),
     ("/page.js", SCRIPT, include_str!("page/page.js")),
     ("/icon.svg", "image/svg+xml", include_str!("page/icon.svg")),
 ];

@@ -175,6 +175,8 @@ pub struct Curve {
     pub baseline_n: Vec<f64>,
     /// Force of the improved model in N.
     pub improved_n: Vec<f64>,
+    /// Indices of points before which points are missing or masked: no line leads to them. Rising.
+    pub breaks: Vec<usize>,
     /// What was masked or noticed in the recording.
     pub remarks: Vec<String>,
     /// NRMSE of the refitted baseline on all compared points of this recording.

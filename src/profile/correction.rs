@@ -204,6 +204,7 @@ mod tests {
             description: String::new(),
             mode: Mode::Displacement,
             blocks,
+            accept: Vec::new(),
         };
         let mut player = Player::new(&profile, 20.0, RATE_HZ).unwrap();
         let mut controller = CycleController::new(player.target_of(1).unwrap());

@@ -17,6 +17,7 @@ use std::ops::Range;
 use serde::Deserialize;
 use toml::Spanned;
 
+use super::accept::{self, RawAccept};
 use super::keys::{Keys, RawSegment, misplaced};
 use super::reader::Reader;
 use super::{Block, Profile, ProfileError, Segment, Wave, pieces};
@@ -35,6 +36,8 @@ struct RawProfile {
     control: Mode,
     #[serde(default)]
     block: Vec<RawBlock>,
+    #[serde(default)]
+    accept: Vec<Spanned<RawAccept>>,
 }
 
 #[derive(Deserialize)]
@@ -95,12 +98,14 @@ impl Reader<'_> {
                 segments: segments.collect::<Result<_, _>>()?,
             });
         }
+        let accept = accept::read(self, raw.accept, &blocks)?;
         let (name, description) = (raw.name.into_inner(), raw.description);
         let profile = Profile {
             name,
             description,
             mode: raw.control,
             blocks,
+            accept,
         };
         match pieces::resolve(&profile, 0.0, CHECK_RATE_HZ) {
             Ok(_) => Ok(profile),

@@ -1,9 +1,10 @@
 //! Profiles: what the rig is commanded to do over time. A profile is a list of blocks, a block is a list of segments that repeat.
 //!
-//! `file` and `keys` read the TOML form, `pieces` resolves levels and repeats, `player` gives one command per tick,
+//! `file` and `keys` read the TOML form, `accept` the limits that a run is judged by, `pieces` resolves levels and repeats, `player` gives one command per tick,
 //! `correction` keeps amplitude and mean of a sine at their targets, `check` holds a profile against limits. Measuring the
 //! rig and stopping it is left to `control`, the force of the spring to the models.
 
+pub(crate) mod accept;
 pub(crate) mod check;
 pub(crate) mod correction;
 pub(crate) mod file;
@@ -18,6 +19,8 @@ pub(crate) use check::violations;
 pub(crate) use check::{Extreme, LimitWatch, ProfileLimits, Violation};
 pub(crate) use correction::{Correction, CycleController, CycleMeasurement, CycleTarget};
 pub(crate) use player::{Player, Slot};
+
+use accept::AcceptLimit;
 
 use crate::units::Mode;
 
@@ -84,6 +87,8 @@ pub struct Profile {
     pub(crate) mode: Mode,
     /// Blocks in the order in which they are played.
     pub(crate) blocks: Vec<Block>,
+    /// Limits that a run is judged by after its end, in the order of the file.
+    pub(crate) accept: Vec<AcceptLimit>,
 }
 
 /// Segments that are played several times.

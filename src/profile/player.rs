@@ -265,6 +265,7 @@ mod tests {
             description: String::new(),
             mode,
             blocks,
+            accept: Vec::new(),
         }
     }
 

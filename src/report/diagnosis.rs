@@ -16,15 +16,45 @@ const SMALLEST_FLOOR: f64 = 1e-12;
 
 pub(super) const STYLE: &str = include_str!("diagnosis.css");
 
+/// A file that the diagnosis read.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct InputFile {
+    /// Path or run id.
+    pub name: String,
+    /// Hex SHA-256 of the file; `None` for a run that is still being written.
+    pub sha256: Option<String>,
+    /// Specimen that the run file or the data package names.
+    pub specimen: Option<String>,
+}
+
 /// What the report says about the input of the diagnosis.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Context<'a> {
-    /// Name of the specimen.
-    pub specimen: &'a str,
+    /// Specimen of the bench, for recordings that name none.
+    pub bench_specimen: &'a str,
     /// Name of the baseline's model.
     pub baseline: &'a str,
-    /// Names of the recordings.
-    pub recordings: Vec<String>,
+    /// Number of recordings that were diagnosed.
+    pub recordings: usize,
+    /// The files that were read.
+    pub inputs: &'a [InputFile],
+    /// Version of leafbench.
+    pub version: &'a str,
+    /// Day and time of the diagnosis, UTC.
+    pub date: &'a str,
+}
+
+impl Context<'_> {
+    /// The specimens that the recordings name, or that of the bench.
+    fn specimen(&self) -> String {
+        let mut named: Vec<&str> = self.inputs.iter().filter_map(|i| i.specimen.as_deref()).collect();
+        named.sort_unstable();
+        named.dedup();
+        match named.is_empty() {
+            true => self.bench_specimen.to_owned(),
+            false => named.join(", "),
+        }
+    }
 }
 
 /// The report as HTML text.
@@ -34,8 +64,9 @@ pub(crate) fn page(diagnosis: &Diagnosis, context: &Context<'_>) -> String {
         div class={ "verdict " (verdict_word(d.verdict)) } {
             h1 { (unbroken(&d.summary)) }
             p.quiet {
-                "Specimen " (context.specimen) ", baseline model " (context.baseline) ", "
-                (counted(context.recordings.len(), "recording")) "."
+                "Specimen " (context.specimen()) ", baseline model " (context.baseline) ", "
+                (counted(context.recordings, "recording")) ". Diagnosed on " (context.date) " (UTC) by leafbench "
+                (context.version) "."
             }
         }
         (notes(d))
@@ -55,8 +86,13 @@ pub(crate) fn page(diagnosis: &Diagnosis, context: &Context<'_>) -> String {
         (alarms(d))
         (not_testable(d))
         (next_test(d))
+        (inputs(context.inputs))
+        p.quiet {
+            "Every plot is also in the folder figures: as SVG, and its numbers as CSV of the same name. A line is broken where \
+             points are missing or masked."
+        }
     };
-    document(&format!("Diagnosis of {}", context.specimen), STYLE, &body)
+    document(&format!("Diagnosis of {}", context.specimen()), STYLE, &body)
 }
 
 /// The verdict as in `diagnosis.json`. The style has a class of the same name.
@@ -65,6 +101,25 @@ pub(super) fn verdict_word(verdict: Verdict) -> &'static str {
         Verdict::Adequate => "adequate",
         Verdict::MissingPhysics => "missing_physics",
         Verdict::Unexplained => "unexplained",
+    }
+}
+
+/// The files that were read, with their hashes.
+fn inputs(inputs: &[InputFile]) -> Markup {
+    html! {
+        @if !inputs.is_empty() {
+            h2 { "Inputs" }
+            table {
+                tr { th { "File" } th { "Specimen" } th { "SHA-256" } }
+                @for i in inputs {
+                    tr {
+                        td { (i.name) }
+                        td { (i.specimen.as_deref().unwrap_or("not named")) }
+                        td.hash { (i.sha256.as_deref().unwrap_or("none: the file is still being written")) }
+                    }
+                }
+            }
+        }
     }
 }
 
@@ -409,10 +464,18 @@ mod tests {
             &mut |_, _| {},
         )
         .expect("sound data");
+        let inputs = [InputFile {
+            name: "x".to_owned(),
+            sha256: Some("0123abcd".to_owned()),
+            specimen: Some("a <b>".to_owned()),
+        }];
         let context = Context {
-            specimen: "a <b>",
+            bench_specimen: "another",
             baseline: "equivalent",
-            recordings: vec!["x".to_owned()],
+            recordings: 1,
+            inputs: &inputs,
+            version: "9.8.7",
+            date: "2026-11-24 10:00",
         };
         let page = page(&d, &context);
         for wanted in [
@@ -423,6 +486,8 @@ mod tests {
             "Parameters",
             "rate_n_per_mm",
             "1 recording.",
+            "2026-11-24 10:00 (UTC) by leafbench 9.8.7",
+            "0123abcd",
         ] {
             assert!(page.contains(wanted), "{wanted}");
         }

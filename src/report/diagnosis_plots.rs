@@ -7,6 +7,10 @@ use super::figures::percent;
 use super::html::legend;
 use super::svg::{HALF, Ink, Plot, PlotCurve};
 use crate::diagnose::diagnosis::{Axis, Curve, Diagnosis, DiscoveredLaw, Map};
+use crate::effect::law::ForceLaw;
+
+/// A point that breaks a line.
+const BREAK: (f64, f64) = (f64::NAN, f64::NAN);
 
 /// The first screen: the loop with the largest baseline error, and the residuals over the first axis with a located region.
 pub(super) fn at_a_glance(d: &Diagnosis) -> Markup {
@@ -99,72 +103,94 @@ pub(super) fn maps(d: &Diagnosis) -> Markup {
 
 /// A law over its axis, with two standard deviations on both sides.
 pub(super) fn law_plot(found: &DiscoveredLaw) -> Markup {
+    html! {
+        (plot(axis_label(found.law.axis), law_label(&found.law), &law_curves(found), &[]))
+        (legend(&[("the law", Ink::Improved), ("two standard deviations", Ink::Twin)], ""))
+    }
+}
+
+/// The law, then two standard deviations above and below it.
+pub(super) fn law_curves(found: &DiscoveredLaw) -> [PlotCurve; 3] {
     let law = &found.law;
     let values = |deviations: f64| {
         let value = move |(force, band): (&f64, &f64)| force + deviations * band;
         let values = law.force.iter().zip(&found.band).map(value);
         law.at.iter().copied().zip(values).collect()
     };
-    let curves = [
+    [
         line(values(0.0), Ink::Improved),
         line(values(2.0), Ink::Twin),
         line(values(-2.0), Ink::Twin),
-    ];
-    let label = match (law.per_load, law.opposes_motion) {
+    ]
+}
+
+pub(super) fn law_label(law: &ForceLaw) -> &'static str {
+    match (law.per_load, law.opposes_motion) {
         (false, false) => "force in N",
         (false, true) => "force against the motion in N",
         (true, false) => "force divided by load",
         (true, true) => "force against the motion divided by load",
-    };
-    html! {
-        (plot(axis_label(law.axis), label, &curves, &[]))
-        (legend(&[("the law", Ink::Improved), ("two standard deviations", Ink::Twin)], ""))
     }
 }
 
 /// The last part of a path.
-fn file_name(name: &str) -> &str {
+pub(super) fn file_name(name: &str) -> &str {
     name.rsplit(['/', '\\']).next().unwrap_or(name)
 }
 
 fn loop_plot(curve: &Curve, model_n: &[f64], ink: Ink) -> Markup {
-    let points = |force: &[f64]| -> Vec<(f64, f64)> {
-        curve
-            .displacement_mm
-            .iter()
-            .copied()
-            .zip(force.iter().copied())
-            .collect()
-    };
     let curves = [
-        line(points(&curve.measured_n), Ink::Measured),
-        line(points(model_n), ink),
+        line(loop_points(curve, &curve.measured_n), Ink::Measured),
+        line(loop_points(curve, model_n), ink),
     ];
     plot("displacement in mm", "force in N", &curves, &[])
 }
 
+/// True if points between this one and the one before are not there, or are masked.
+pub(super) fn broken_at(curve: &Curve, index: usize) -> bool {
+    curve.breaks.binary_search(&index).is_ok()
+}
+
+/// Force over displacement, broken where points are missing: no chord is drawn that was not measured.
+pub(super) fn loop_points(curve: &Curve, force_n: &[f64]) -> Vec<(f64, f64)> {
+    let points = curve.displacement_mm.iter().zip(force_n).enumerate();
+    points
+        .flat_map(|(i, (x, force))| {
+            let gap = broken_at(curve, i).then_some(BREAK);
+            gap.into_iter().chain([(*x, *force)])
+        })
+        .collect()
+}
+
 /// Mean residuals over the axis of `map`, before and after, with the located regions marked.
 pub(super) fn map_plot(map: &Map, d: &Diagnosis) -> Markup {
+    plot(
+        axis_label(map.axis),
+        "residual in N",
+        &map_curves(map),
+        &marked(map, d),
+    )
+}
+
+/// Baseline loading and unloading, then improved loading and unloading, broken at bins without a point.
+pub(super) fn map_curves(map: &Map) -> [PlotCurve; 4] {
     let points = |values: &[Option<f64>]| -> Vec<(f64, f64)> {
-        map.edges
-            .windows(2)
-            .zip(values)
-            .filter_map(|(e, v)| v.map(|v| (0.5 * (e[0] + e[1]), v)))
+        let bins = map.edges.windows(2).zip(values);
+        bins.map(|(e, v)| v.map_or(BREAK, |v| (0.5 * (e[0] + e[1]), v)))
             .collect()
     };
-    let curves = [
+    [
         line(points(&map.loading_n), Ink::Loading),
         line(points(&map.unloading_n), Ink::Unloading),
         line(points(&map.improved_loading_n), Ink::Improved),
         line(points(&map.improved_unloading_n), Ink::Improved),
-    ];
-    let bands: Vec<(f64, f64)> = d
-        .location
-        .iter()
-        .filter(|l| l.axis == map.axis)
-        .map(|l| (l.from, l.to))
-        .collect();
-    plot(axis_label(map.axis), "residual in N", &curves, &bands)
+    ]
+}
+
+/// The located regions on the axis of a map.
+pub(super) fn marked(map: &Map, d: &Diagnosis) -> Vec<(f64, f64)> {
+    let located = d.location.iter().filter(|l| l.axis == map.axis);
+    located.map(|l| (l.from, l.to)).collect()
 }
 
 /// One of two plots side by side. The page has the legend, so the plot has none.
@@ -191,7 +217,7 @@ pub(super) fn line(points: Vec<(f64, f64)>, ink: Ink) -> PlotCurve {
     }
 }
 
-fn axis_label(axis: Axis) -> &'static str {
+pub(super) fn axis_label(axis: Axis) -> &'static str {
     match axis {
         Axis::DisplacementMm => "displacement in mm",
         Axis::ForceN => "force in N",

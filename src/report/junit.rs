@@ -1,4 +1,4 @@
-//! A run as a test case in JUnit XML, which CI servers read.
+//! A run and its limits as test cases in JUnit XML, which CI servers read.
 
 use crate::recording::xml::escaped;
 
@@ -16,6 +16,11 @@ pub(crate) enum CaseEnding {
         /// Everything that is known about the end; several lines.
         text: String,
     },
+    /// It could not be judged.
+    Skipped {
+        /// What is missing for a verdict.
+        reason: String,
+    },
     /// The run could not be started or followed.
     Error {
         /// Why, and what to do.
@@ -23,10 +28,10 @@ pub(crate) enum CaseEnding {
     },
 }
 
-/// One run, as a CI server shows it.
+/// A run or one of its limits, as a CI server shows it.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct TestCase {
-    /// Name of the profile.
+    /// Name of the profile; for a limit with the limit in words.
     pub name: String,
     /// Recorded time in s; 0 if nothing was recorded.
     pub time_s: f64,
@@ -35,27 +40,37 @@ pub(crate) struct TestCase {
     pub ending: CaseEnding,
 }
 
-/// The report: one suite with one test case.
-pub(crate) fn xml(case: &TestCase) -> String {
-    let (failures, errors, outcome) = match &case.ending {
-        CaseEnding::Passed => (0, 0, String::new()),
+/// The report: one suite with these test cases.
+pub(crate) fn xml(cases: &[TestCase]) -> String {
+    let count = |is: fn(&CaseEnding) -> bool| cases.iter().filter(|case| is(&case.ending)).count();
+    let counts = format!(
+        "tests=\"{}\" failures=\"{}\" errors=\"{}\" skipped=\"{}\" time=\"{:.3}\"",
+        cases.len(),
+        count(|e| matches!(e, CaseEnding::Failed { .. })),
+        count(|e| matches!(e, CaseEnding::Error { .. })),
+        count(|e| matches!(e, CaseEnding::Skipped { .. })),
+        cases.iter().map(|case| case.time_s).sum::<f64>()
+    );
+    let cases: String = cases.iter().map(case_xml).collect();
+    format!(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n\
+         <testsuites name=\"leafbench\" {counts}>\n  <testsuite name=\"leafbench\" {counts}>\n{cases}  \
+         </testsuite>\n</testsuites>\n"
+    )
+}
+
+fn case_xml(case: &TestCase) -> String {
+    let outcome = match &case.ending {
+        CaseEnding::Passed => String::new(),
         CaseEnding::Failed { kind, reason, text } => {
             let head = format!("type=\"{}\" message=\"{}\"", escaped(kind), escaped(reason));
-            (
-                1,
-                0,
-                format!("      <failure {head}>{}</failure>\n", escaped(text)),
-            )
+            format!("      <failure {head}>{}</failure>\n", escaped(text))
         }
+        CaseEnding::Skipped { reason } => format!("      <skipped message=\"{}\"/>\n", escaped(reason)),
         CaseEnding::Error { reason } => {
-            let head = format!("type=\"error\" message=\"{}\"", escaped(reason));
-            (0, 1, format!("      <error {head}/>\n"))
+            format!("      <error type=\"error\" message=\"{}\"/>\n", escaped(reason))
         }
     };
-    let counts = format!(
-        "tests=\"1\" failures=\"{failures}\" errors=\"{errors}\" skipped=\"0\" time=\"{:.3}\"",
-        case.time_s
-    );
     let properties: String = case
         .properties
         .iter()
@@ -67,10 +82,8 @@ pub(crate) fn xml(case: &TestCase) -> String {
         })
         .collect();
     format!(
-        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n\
-         <testsuites name=\"leafbench\" {counts}>\n  <testsuite name=\"leafbench\" {counts}>\n    \
-         <testcase classname=\"leafbench\" name=\"{}\" time=\"{:.3}\">\n      \
-         <properties>\n{properties}      </properties>\n{outcome}    </testcase>\n  </testsuite>\n</testsuites>\n",
+        "    <testcase classname=\"leafbench\" name=\"{}\" time=\"{:.3}\">\n      \
+         <properties>\n{properties}      </properties>\n{outcome}    </testcase>\n",
         escaped(&case.name),
         case.time_s
     )
@@ -81,12 +94,12 @@ mod tests {
     use super::*;
 
     fn case(ending: CaseEnding) -> String {
-        xml(&TestCase {
+        xml(&[TestCase {
             name: "sine".to_owned(),
             time_s: 1.5,
             properties: vec![("samples", "1500".to_owned())],
             ending,
-        })
+        }])
     }
 
     #[test]
@@ -103,6 +116,29 @@ mod tests {
 </testsuites>
 ";
         assert_eq!(case(CaseEnding::Passed), wanted);
+    }
+
+    #[test]
+    fn each_case_is_counted_by_its_ending() {
+        let limit = |ending| TestCase {
+            name: "sine: peak force at most 9 N".to_owned(),
+            time_s: 0.0,
+            properties: Vec::new(),
+            ending,
+        };
+        let broken = CaseEnding::Failed {
+            kind: "limit".to_owned(),
+            reason: "12 N".to_owned(),
+            text: String::new(),
+        };
+        let open = CaseEnding::Skipped {
+            reason: "no twin".to_owned(),
+        };
+        let report = xml(&[limit(CaseEnding::Passed), limit(broken), limit(open)]);
+        let counts = "tests=\"3\" failures=\"1\" errors=\"0\" skipped=\"1\" time=\"0.000\"";
+        assert_eq!(report.matches(counts).count(), 2, "{report}");
+        assert_eq!(report.matches("<testcase ").count(), 3, "{report}");
+        assert!(report.contains("<skipped message=\"no twin\"/>"), "{report}");
     }
 
     #[test]

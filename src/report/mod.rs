@@ -2,7 +2,9 @@
 //! CI servers. What they say is decided by the callers.
 
 pub(crate) mod aggregates;
+pub(crate) mod certificate;
 pub(crate) mod diagnosis;
+pub(crate) mod diagnosis_files;
 mod diagnosis_plots;
 mod figures;
 mod html;

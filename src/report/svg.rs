@@ -12,7 +12,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 pub(crate) struct PlotCurve {
     /// Name in the legend; empty for none.
     pub name: String,
-    /// Points in the order in which the line connects them.
+    /// Points in the order in which the line connects them. The line is broken at a point that is not finite.
     pub points: Vec<(f64, f64)>,
     pub ink: Ink,
 }
@@ -24,6 +24,8 @@ pub(crate) enum Ink {
     Twin,
     /// The model with the diagnosed effects added.
     Improved,
+    /// An earlier cycle.
+    Earlier,
     /// The branch with rising displacement.
     Loading,
     /// The branch with falling displacement.
@@ -36,6 +38,7 @@ impl Ink {
             Ink::Measured | Ink::Loading => RGBColor(28, 113, 196),
             Ink::Twin | Ink::Unloading => RGBColor(222, 117, 26),
             Ink::Improved => RGBColor(22, 138, 84),
+            Ink::Earlier => QUIET,
         }
     }
 
@@ -43,7 +46,7 @@ impl Ink {
     fn width(self) -> u32 {
         match self {
             Ink::Measured => 5,
-            Ink::Loading | Ink::Unloading => 3,
+            Ink::Loading | Ink::Unloading | Ink::Earlier => 3,
             Ink::Twin | Ink::Improved => 2,
         }
     }
@@ -84,7 +87,7 @@ const MARK: RGBColor = RGBColor(232, 180, 20);
 /// Free space around the curves, as a fraction of their range.
 const ROOM: f64 = 0.04;
 
-/// Curves over one pair of axes, without title and legend, [`LARGE`]. Points that are not finite are left out.
+/// Curves over one pair of axes, without title and legend, [`LARGE`].
 pub(crate) fn xy_plot(x_label: &str, y_label: &str, curves: &[PlotCurve]) -> String {
     Plot {
         title: "",
@@ -154,8 +157,8 @@ impl Plot<'_> {
     }
 
     fn draw<'t>(&self, text: &'t mut String) -> Drawn<'t, ()> {
-        let curves: Vec<_> = self.curves.iter().map(|c| (c.ink, finite(&c.points))).collect();
-        let all = || curves.iter().flat_map(|(_, points)| points);
+        let curves: Vec<_> = self.curves.iter().map(|c| (c.ink, pieces(&c.points))).collect();
+        let all = || curves.iter().flat_map(|(_, pieces)| pieces.iter().flatten());
         let shaded = || self.levels.iter().flat_map(|&(from, to)| [from, to]);
         let (x, y) = (
             range(all().map(|p| p.0)),
@@ -180,9 +183,20 @@ impl Plot<'_> {
             let region = Rectangle::new([(x.start, from), (x.end, to)], QUIET.mix(0.35).filled());
             chart.draw_series([region])?;
         }
-        for (ink, points) in curves {
+        for (ink, pieces) in curves {
             let style = ink.colour().stroke_width(ink.width());
-            chart.draw_series(LineSeries::new(points, style))?;
+            for piece in pieces {
+                // A line through one point has no length.
+                match piece[..] {
+                    [alone] => {
+                        let dot = Circle::new(alone, ink.width(), ink.colour().filled());
+                        chart.draw_series([dot])?;
+                    }
+                    _ => {
+                        chart.draw_series(LineSeries::new(piece, style))?;
+                    }
+                }
+            }
         }
         root.present()
     }
@@ -281,9 +295,10 @@ fn draw_legend_entry<'t>(area: &Area<'t>, place: &EntryPlace, name: &str, ink: I
     area.draw_text(name, &style, (place.x + SAMPLE_PX + SAMPLE_GAP_PX, middle))
 }
 
-fn finite(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
-    let points = points.iter().copied();
-    points.filter(|(x, y)| x.is_finite() && y.is_finite()).collect()
+/// The parts of a line between points that are not finite.
+fn pieces(points: &[(f64, f64)]) -> Vec<Vec<(f64, f64)>> {
+    let pieces = points.split(|(x, y)| !x.is_finite() || !y.is_finite());
+    pieces.filter(|p| !p.is_empty()).map(<[_]>::to_vec).collect()
 }
 
 fn range(values: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
@@ -314,6 +329,27 @@ mod tests {
         assert!(svg.starts_with("<svg") && svg.contains("x in mm"));
         assert!(svg.matches("<polyline").count() >= 2);
         assert!(svg.contains("#1C71C4") && svg.contains("#DE751A"), "both inks");
+    }
+
+    #[test]
+    fn no_chord_is_drawn_across_what_was_not_measured() {
+        let lines = |points: &[(f64, f64)]| {
+            let svg = xy_plot("x", "y", &[PlotCurve::measured("", points.to_vec())]);
+            (
+                svg.matches("<polyline fill=\"none\" opacity=\"1\" stroke=\"#1C71C4\"")
+                    .count(),
+                svg.matches("<circle").count(),
+            )
+        };
+        let gap = (f64::NAN, f64::NAN);
+        let [a, b, c, d] = [(0.0, 1.0), (1.0, 2.0), (2.0, 3.0), (3.0, 1.0)];
+        assert_eq!(lines(&[a, b, c, d]), (1, 0));
+        assert_eq!(lines(&[a, b, gap, c, d]), (2, 0));
+        assert_eq!(
+            lines(&[gap, a, b, gap, gap, c, gap]),
+            (1, 1),
+            "a point alone is a dot"
+        );
     }
 
     #[test]

@@ -218,6 +218,7 @@ pub fn profile(mode: Mode, segments: Vec<Segment>) -> Profile {
         description: String::new(),
         mode,
         blocks: vec![Block { repeat: 1, segments }],
+        accept: Vec::new(),
     }
 }
 

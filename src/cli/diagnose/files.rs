@@ -4,11 +4,10 @@ use std::io::Write;
 use std::path::Path;
 
 use crate::cli::CliError;
-use crate::config::Bench;
-use crate::diagnose::Baseline;
 use crate::diagnose::diagnosis::Diagnosis;
-use crate::recording::{Recording, atomic_file};
+use crate::recording::atomic_file;
 use crate::report::diagnosis::{Context, page};
+use crate::report::diagnosis_files::{FIGURE_NAMES, figure_files};
 
 /// The diagnosis for scripts; docs/formats.md describes it.
 pub(super) const DIAGNOSIS: &str = "diagnosis.json";
@@ -21,6 +20,9 @@ pub(super) const ROUNDS: &str = "rounds.json";
 /// The profile of the next test.
 pub(super) const NEXT_TEST: &str = "next-test.toml";
 
+/// Folder of the plots and the numbers behind them.
+const FIGURES: &str = "figures";
+
 /// A file by name with its text; without a text the folder must not have it.
 pub(super) type NamedFile = (String, Option<String>);
 
@@ -28,25 +30,21 @@ pub(super) type NamedFile = (String, Option<String>);
 pub(super) fn of_diagnosis(
     diagnosis: &Diagnosis,
     improved: Option<String>,
-    bench: &Bench,
-    baseline: &Baseline,
-    recordings: &[Recording],
+    context: &Context<'_>,
 ) -> Result<Vec<NamedFile>, CliError> {
-    let context = Context {
-        specimen: &bench.specimen.name,
-        baseline: baseline.model.name,
-        recordings: recordings.iter().map(|r| r.name.clone()).collect(),
-    };
     let next_test = diagnosis.next_test.as_ref();
-    Ok(vec![
+    let figures = figure_files(diagnosis).into_iter();
+    let mut files = vec![
         (DIAGNOSIS.to_owned(), Some(json(diagnosis)?)),
-        (REPORT.to_owned(), Some(page(diagnosis, &context))),
+        (REPORT.to_owned(), Some(page(diagnosis, context))),
         (IMPROVED.to_owned(), improved),
         (
             NEXT_TEST.to_owned(),
             next_test.map(|next| next.profile_toml.clone()),
         ),
-    ])
+    ];
+    files.extend(figures.map(|(name, text)| (format!("{FIGURES}/{name}"), Some(text))));
+    Ok(files)
 }
 
 pub(super) fn json(value: &impl serde::Serialize) -> Result<String, CliError> {
@@ -92,14 +90,41 @@ fn would_replace(folder: &Path, path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let written = [DIAGNOSIS, REPORT, IMPROVED, NEXT_TEST, ROUNDS].contains(&name.as_ref());
     let of_a_round = name.starts_with("round-") && name.ends_with("-recording.csv");
-    path.parent() == Some(&folder) && (written || of_a_round)
+    let here = path.parent() == Some(&folder) && (written || of_a_round);
+    here || (path.parent() == Some(&folder.join(FIGURES)) && is_figure(&name))
+}
+
+/// True for the name of a file that a diagnosis writes into the folder of figures.
+fn is_figure(name: &str) -> bool {
+    let kind = name.ends_with(".svg") || name.ends_with(".csv");
+    kind && FIGURE_NAMES.iter().any(|start| name.starts_with(start))
+}
+
+/// Removes the figures that an earlier diagnosis left and this one does not have.
+fn remove_other_figures(folder: &Path, files: &[NamedFile]) -> Result<(), CliError> {
+    let Ok(there) = std::fs::read_dir(folder.join(FIGURES)) else {
+        return Ok(());
+    };
+    for entry in there.flatten() {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let kept = files.iter().any(|(file, _)| *file == format!("{FIGURES}/{name}"));
+        if is_figure(&name) && !kept {
+            remove(&entry.path())?;
+        }
+    }
+    Ok(())
 }
 
 /// Writes the files into the folder, and removes those that an earlier diagnosis left and this one does not have.
 pub(super) fn write(folder: &Path, files: &[NamedFile]) -> Result<(), CliError> {
     atomic_file::create_private_folder(folder).map_err(CliError::file(folder, "creating the folder"))?;
+    remove_other_figures(folder, files)?;
     for (name, text) in files {
         let path = folder.join(name);
+        if let Some(parent) = path.parent().filter(|_| text.is_some()) {
+            atomic_file::create_private_folder(parent)
+                .map_err(CliError::file(parent, "creating the folder"))?;
+        }
         match text {
             Some(text) => atomic_file::write(&path, |file| file.write_all(text.as_bytes()))
                 .map_err(CliError::file(&path, "writing"))?,
@@ -150,6 +175,24 @@ mod tests {
         let beside = folder.join("loop.csv");
         std::fs::write(&beside, "x").expect("written");
         check_folder(folder, &[&beside]).expect("it is not replaced");
+    }
+
+    #[test]
+    fn figures_of_an_earlier_diagnosis_are_removed_and_a_recording_among_them_is_not_replaced() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let folder = folder.path();
+        let files = |n: usize| -> Vec<NamedFile> {
+            let figure = |i: usize| (format!("{FIGURES}/loop-{}.csv", i + 1), Some("x".to_owned()));
+            (0..n).map(figure).collect()
+        };
+        write(folder, &files(2)).expect("written");
+        let own = folder.join(FIGURES).join("own.csv");
+        std::fs::write(&own, "x").expect("written");
+        write(folder, &files(1)).expect("written");
+        let figures = folder.join(FIGURES);
+        assert!(figures.join("loop-1.csv").exists() && !figures.join("loop-2.csv").exists());
+        check_folder(folder, &[&own]).expect("it is not replaced");
+        check_folder(folder, &[&figures.join("loop-1.csv")]).expect_err("it would be replaced");
     }
 
     #[test]

@@ -4,9 +4,11 @@ use std::path::{Path, PathBuf};
 
 use crate::cli::shared::local;
 use crate::cli::{CliError, Output};
+use crate::recording::export::{run_file_sha256, sha256_of};
 use crate::recording::run_file::{EXTENSION, RunFile};
 use crate::recording::{Recording, csv, datapackage, run_recording};
 use crate::regular_file::{self, TABLE_MAX_BYTES};
+use crate::report::diagnosis::InputFile;
 
 /// End of the names of tables with one row for each cycle, which `leafbench export` writes beside a recording.
 const CYCLES_CSV: &str = ".cycles.csv";
@@ -14,7 +16,22 @@ const CYCLES_CSV: &str = ".cycles.csv";
 /// A recording, and the specimen that its run file or data package names.
 struct GivenRecording {
     recording: Recording,
-    specimen: Option<String>,
+    file: InputFile,
+}
+
+/// A file as the report names it.
+pub(super) fn input_file(path: &Path, name: &str, specimen: Option<String>) -> Result<InputFile, CliError> {
+    let sha256 = sha256_of(path).map_err(CliError::file(path, "reading"))?;
+    Ok(InputFile {
+        name: name.to_owned(),
+        sha256: Some(sha256),
+        specimen,
+    })
+}
+
+/// The CSV of a recording as the report names it.
+pub(super) fn input_csv(path: &Path) -> Result<InputFile, CliError> {
+    input_file(path, &path.display().to_string(), specimen_of_package(path))
 }
 
 /// What the words on the command line stand for.
@@ -47,7 +64,7 @@ pub(super) fn read(
     data_folder: &Path,
     mixed: bool,
     output: &Output,
-) -> Result<Vec<Recording>, CliError> {
+) -> Result<(Vec<Recording>, Vec<InputFile>), CliError> {
     let is_table = |word: &&PathBuf| word.to_string_lossy().ends_with(CYCLES_CSV);
     let (tables, words): (Vec<&PathBuf>, Vec<&PathBuf>) = words.iter().partition(is_table);
     if words.is_empty() {
@@ -78,13 +95,16 @@ pub(super) fn read(
     if !mixed {
         one_specimen(&given)?;
     }
-    Ok(given.into_iter().map(|given| given.recording).collect())
+    Ok(given
+        .into_iter()
+        .map(|given| (given.recording, given.file))
+        .unzip())
 }
 
 fn of_csv(path: &Path) -> Result<GivenRecording, CliError> {
     Ok(GivenRecording {
         recording: csv::read_file(path)?,
-        specimen: specimen_of_package(path),
+        file: input_csv(path)?,
     })
 }
 
@@ -113,9 +133,14 @@ fn of_run(path: &Path, name: &str, output: &Output) -> Result<GivenRecording, Cl
             "{name} has no samples: choose another run from `leafbench runs`"
         )));
     }
+    let sha256 = run_file_sha256(&run).map_err(CliError::file(path, "reading"))?;
     Ok(GivenRecording {
         recording,
-        specimen: Some(run.header().specimen.clone()),
+        file: InputFile {
+            name: name.to_owned(),
+            sha256,
+            specimen: Some(run.header().specimen.clone()),
+        },
     })
 }
 
@@ -123,7 +148,7 @@ fn of_run(path: &Path, name: &str, output: &Output) -> Result<GivenRecording, Cl
 fn one_specimen(given: &[GivenRecording]) -> Result<(), CliError> {
     let mut named = given
         .iter()
-        .filter_map(|g| Some((g.recording.name.as_str(), g.specimen.as_deref()?)));
+        .filter_map(|g| Some((g.recording.name.as_str(), g.file.specimen.as_deref()?)));
     let Some((first, specimen)) = named.next() else {
         return Ok(());
     };
@@ -169,7 +194,7 @@ mod tests {
     fn names(words: &[&Path], folder: &Path, mixed: bool) -> Result<Vec<String>, String> {
         let words: Vec<PathBuf> = words.iter().map(|w| w.to_path_buf()).collect();
         match read(&words, folder, mixed, &QUIET) {
-            Ok(recordings) => Ok(recordings.into_iter().map(|r| r.name).collect()),
+            Ok((recordings, _)) => Ok(recordings.into_iter().map(|r| r.name).collect()),
             Err(error) => Err(error.to_string()),
         }
     }

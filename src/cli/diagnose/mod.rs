@@ -22,6 +22,7 @@ use crate::diagnose::{Baseline, DiagnoseOptions, Verdict, diagnose};
 use crate::effect;
 use crate::model;
 use crate::recording::Recording;
+use crate::report::diagnosis::{Context, InputFile};
 use run_next::VirtualRig;
 
 pub(super) use files::{IMPROVED, REPORT};
@@ -112,7 +113,7 @@ pub(super) struct DiagnoseArgs {
     mixed_specimens: bool,
     #[command(flatten)]
     data: DataArg,
-    /// Folder for diagnosis.json, report.html, improved.toml and, if there is a next test, next-test.toml
+    /// Folder for diagnosis.json, report.html with figures/, improved.toml and, if there is a next test, next-test.toml
     #[arg(long, value_name = "DIR", default_value = "diagnosis")]
     out: PathBuf,
 }
@@ -177,21 +178,23 @@ impl CliCommand for DiagnoseArgs {
             baseline: &baseline,
             folder: &self.out,
             output,
+            date: now_utc(),
         };
         if !self.targets.is_empty() {
             return targets::run(&self.targets, &job);
         }
-        let mut recordings = inputs::read(&self.recordings, &self.data.folder, self.mixed_specimens, output)?;
+        let (mut recordings, read) =
+            inputs::read(&self.recordings, &self.data.folder, self.mixed_specimens, output)?;
         recordings.iter().try_for_each(in_mm_and_n)?;
         recordings
             .iter_mut()
             .for_each(|recording| flip(recording, &self.flip));
         if let Some(rig) = self.run_next {
             let tester = run_next::tester(rig, &self.data, &job)?;
-            return run_next::run(tester, self.rounds, &job, recordings);
+            return run_next::run(tester, self.rounds, &job, recordings, read);
         }
         let left_out = leave_out::take(&mut recordings, &self.leave_out)?;
-        let diagnosis = job.diagnose(&recordings, &left_out, None)?;
+        let diagnosis = job.diagnose(&recordings, &read, &left_out, None)?;
         output.result(&diagnosis, || text(&diagnosis, job.folder))?;
         Ok(Done::Success)
     }
@@ -230,10 +233,20 @@ pub(super) fn until_settled(
         baseline: &baseline,
         folder,
         output,
+        date: now_utc(),
     };
+    let read = recordings
+        .iter()
+        .map(|recording| inputs::input_csv(Path::new(&recording.name)))
+        .collect::<Result<_, _>>()?;
     // Ctrl-C ends the process as usual: the caller has nothing to bring to an end.
     let mut tester = VirtualRig::new(&job, Arc::default());
-    run_next::until_settled(&mut tester, MOST_TESTS, &job, recordings)
+    run_next::until_settled(&mut tester, MOST_TESTS, &job, recordings, read)
+}
+
+/// Day and time of now, UTC: the report itself reads no clock.
+fn now_utc() -> String {
+    jiff::Timestamp::now().strftime("%Y-%m-%d %H:%M").to_string()
 }
 
 /// A bench's model with its structure and its values; which physics is known is left open.
@@ -269,6 +282,8 @@ struct DiagnoseJob<'a> {
     folder: &'a Path,
     /// Where results are printed.
     output: &'a Output,
+    /// Day and time of the diagnosis, UTC.
+    date: String,
 }
 
 impl DiagnoseJob<'_> {
@@ -277,6 +292,7 @@ impl DiagnoseJob<'_> {
     fn diagnose(
         &self,
         recordings: &[Recording],
+        read: &[InputFile],
         left_out: &[Recording],
         round_folder: Option<&Path>,
     ) -> Result<Diagnosis, CliError> {
@@ -284,7 +300,15 @@ impl DiagnoseJob<'_> {
         let mut diagnosis = self.diagnose_with_progress(recordings)?;
         diagnosis.left_out = leave_out::errors(&diagnosis, self.bench, &courses);
         let improved = proof::prove(&mut diagnosis, self.bench, recordings, (left_out, &courses));
-        let files = files::of_diagnosis(&diagnosis, improved, self.bench, self.baseline, recordings)?;
+        let context = Context {
+            bench_specimen: &self.bench.specimen.name,
+            baseline: self.baseline.model.name,
+            recordings: recordings.len(),
+            inputs: read,
+            version: env!("CARGO_PKG_VERSION"),
+            date: &self.date,
+        };
+        let files = files::of_diagnosis(&diagnosis, improved, &context)?;
         for folder in [Some(self.folder), round_folder].into_iter().flatten() {
             files::write(folder, &files)?;
         }
@@ -449,13 +473,14 @@ mod tests {
             baseline: &baseline,
             folder: folder.path(),
             output: &Output { json: true },
+            date: "2026-11-24 10:00".to_owned(),
         };
         let round = folder.path().join("round-0");
         // A ramp and one sine leave look-alikes in some of these cases (`Family::Confounded`), which a next test can settle.
         let found = (0..8).find_map(|round_of_cases| {
             let case = Case::draw(World::Own, 1, 11 + 20 * round_of_cases, Some(2.0));
             let diagnosis = job
-                .diagnose(&case.recordings, &[], Some(&round))
+                .diagnose(&case.recordings, &[], &[], Some(&round))
                 .expect("diagnosed");
             diagnosis.next_test
         });

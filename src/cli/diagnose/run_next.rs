@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
-use super::{DiagnoseJob, NextTestRig, files, text};
+use super::{DiagnoseJob, NextTestRig, files, inputs, text};
 use crate::cli::shared::client::{Client, DataArg};
 use crate::cli::shared::ctrl_c::ctrl_c_count;
 use crate::cli::shared::local;
@@ -25,6 +25,7 @@ use crate::profile::Profile;
 use crate::recording::export::Selection;
 use crate::recording::run_file::RunFile;
 use crate::recording::{Recording, csv};
+use crate::report::diagnosis::InputFile;
 
 /// Pause between two looks at an unloading rig.
 const POLL_PERIOD: Duration = Duration::from_millis(200);
@@ -227,8 +228,9 @@ pub(super) fn run(
     most: u32,
     job: &DiagnoseJob<'_>,
     recordings: Vec<Recording>,
+    read: Vec<InputFile>,
 ) -> Result<Done, CliError> {
-    let ended = until_settled(tester.as_mut(), most, job, recordings)?;
+    let ended = until_settled(tester.as_mut(), most, job, recordings, read)?;
     job.output.result(&ended, || {
         let word = if ended.settled { "SETTLED" } else { "NOT SETTLED" };
         let tests = ended.earlier.len();
@@ -244,10 +246,12 @@ pub(super) fn until_settled(
     most: u32,
     job: &DiagnoseJob<'_>,
     recordings: Vec<Recording>,
+    read: Vec<InputFile>,
 ) -> Result<Ended, CliError> {
     let mut rounds = Rounds {
         job,
         recordings,
+        read,
         rounds: Vec::new(),
     };
     let mut earlier = Vec::new();
@@ -278,6 +282,8 @@ struct Rounds<'a> {
     job: &'a DiagnoseJob<'a>,
     /// The recordings given, and those of the tests.
     recordings: Vec<Recording>,
+    /// The files that they come from.
+    read: Vec<InputFile>,
     rounds: Vec<Round>,
 }
 
@@ -286,7 +292,9 @@ impl Rounds<'_> {
     fn diagnose(&mut self) -> Result<Diagnosis, CliError> {
         let number = self.rounds.len();
         let folder = self.job.folder.join(format!("round-{number}"));
-        let diagnosis = self.job.diagnose(&self.recordings, &[], Some(&folder))?;
+        let diagnosis = self
+            .job
+            .diagnose(&self.recordings, &self.read, &[], Some(&folder))?;
         let codes: Vec<String> = diagnosis.alternatives.iter().map(|a| a.code.clone()).collect();
         if !self.job.output.json {
             let or = match codes.is_empty() {
@@ -351,6 +359,7 @@ impl Rounds<'_> {
         let path = self.job.folder.join(format!("round-{number}-recording.csv"));
         let written = crate::recording::export::export(&file, Selection::Whole, &path)?.csv;
         self.recordings.push(csv::read_file(&written)?);
+        self.read.push(inputs::input_csv(&written)?);
         if let Some(last) = self.rounds.last_mut() {
             last.recording = Some(written);
         }

@@ -114,6 +114,7 @@ function show() {
   showPeaks();
   allowButtons(rig, phase);
   showRun(rig);
+  followResult();
   showWarnings();
   if (!status) { write("footer", ""); return; }
   write("band", `noise, \u00b1${number(3 * status.plot.noise_n, 1)} N`);

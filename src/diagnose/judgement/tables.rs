@@ -1,6 +1,7 @@
 //! The tables of a diagnosis: errors on fitted and held-out cycles, candidates, parameters, curves and maps to plot.
 
 use super::location::BINS;
+use crate::diagnose::conditioning::Track;
 use crate::diagnose::course::Split;
 use crate::diagnose::diagnosis::*;
 use crate::diagnose::fitting::{Data, FitContext, Node};
@@ -233,6 +234,7 @@ pub(super) fn curves(data: &Data, [before, after]: [&[f64]; 2]) -> Vec<Curve> {
                 measured_n: pick.iter().map(|&i| track.force_n[i]).collect(),
                 baseline_n: pick.iter().map(|&i| model(before, i)).collect(),
                 improved_n: pick.iter().map(|&i| model(after, i)).collect(),
+                breaks: breaks(track, &data.weight[from..from + n], &pick),
                 remarks: track.remarks.clone(),
                 nrmse_baseline: error(before),
                 nrmse_improved: error(after),
@@ -240,6 +242,26 @@ pub(super) fn curves(data: &Data, [before, after]: [&[f64]; 2]) -> Vec<Curve> {
             from += n;
             curve
         })
+        .collect()
+}
+
+/// A step in time that is so many times longer than the longer one of its neighbours is a gap.
+const GAP_STEPS: f64 = 5.0;
+
+/// Indices into `pick` of the points before which a point is masked or the recording has a gap.
+fn breaks(track: &Track, weight: &[f64], pick: &[usize]) -> Vec<usize> {
+    let step_s = |i: usize| track.dt_s(i);
+    let is_gap = |i: usize| {
+        let before = if i > 1 { step_s(i - 1) } else { 0.0 };
+        let after = if i + 1 < track.len() { step_s(i + 1) } else { 0.0 };
+        let usual_s = before.max(after).max(track.width_s[i]).max(track.width_s[i - 1]);
+        step_s(i) > GAP_STEPS * usual_s
+    };
+    let broken = |from: usize, to: usize| (from + 1..=to).any(|i| weight[i] == 0.0 || is_gap(i));
+    let pairs = pick.windows(2).enumerate();
+    pairs
+        .filter(|(_, pair)| broken(pair[0], pair[1]))
+        .map(|(i, _)| i + 1)
         .collect()
 }
 

@@ -44,7 +44,7 @@ pub(super) fn facts(
 }
 
 /// SHA-256 of the run file in hex; `None` if a part of it is still in the write-ahead log or the run has no outcome yet.
-fn run_file_sha256(run: &RunFile) -> io::Result<Option<String>> {
+pub(crate) fn run_file_sha256(run: &RunFile) -> io::Result<Option<String>> {
     let log = PathBuf::from(format!("{}-wal", run.path().display()));
     let log_bytes = log.metadata().map_or(0, |found| found.len());
     match run.outcome().is_some() && log_bytes == 0 {
@@ -53,7 +53,8 @@ fn run_file_sha256(run: &RunFile) -> io::Result<Option<String>> {
     }
 }
 
-fn sha256_of(path: &Path) -> io::Result<String> {
+/// SHA-256 of a file in hex.
+pub(crate) fn sha256_of(path: &Path) -> io::Result<String> {
     let mut hash = Sha256::new();
     io::copy(&mut File::open(path)?, &mut HashSink(&mut hash))?;
     Ok(super::hex(&hash.finalize()))
