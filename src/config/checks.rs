@@ -299,6 +299,7 @@ pub(super) fn calibration(document: &Document, file: &CalibrationFile) -> Result
     if file.polynomial.is_empty() {
         return Err(document.refuse("polynomial", "is empty: write [0.0, 1.0] for a sensor without correction"));
     }
+    channel(document, &ChannelValues::of_file(file))?;
     let uncertainty = CalibrationFile::key(own, "expanded_uncertainty");
     let largest = 0.1 * file.capacity;
     within(document, &uncertainty, file.expanded_uncertainty, 0.0, largest, "a tenth of the capacity")?;
@@ -306,7 +307,7 @@ pub(super) fn calibration(document: &Document, file: &CalibrationFile) -> Result
     if numbers.into_iter().any(|number| !(number.abs() <= 2.0 * file.capacity)) {
         return Err(document.refuse("point", "a point is above twice the capacity: check the unit"));
     }
-    channel(document, &ChannelValues::of_file(file))
+    Ok(())
 }
 
 /// The key in its table; in no table where its name is empty.

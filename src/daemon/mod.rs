@@ -9,7 +9,7 @@
 //! | `client_types` | requests and answers |
 //! | `nearest` | the name that a mistyped one stands for |
 //! | `library`, `store`, `header` | profiles, run files, header of a recording |
-//! | `live`, `backlog`, `disk_space`, `disk_watch` | samples for the live view, samples that wait for the recording thread or for the disk, free space |
+//! | `reading`, `live`, `backlog`, `disk_space`, `disk_watch` | readings of the last second, samples for the live view, samples that wait for the recording thread or for the disk, free space |
 //! | `error` | why the daemon or a request fails |
 //! | `lock`, `endpoint` | one daemon per rig, the file by which commands find it |
 //! | `connections`, `server`, `request_body`, `guard` | limits of connections and requests, protection from other web pages |
@@ -46,6 +46,7 @@ mod permission;
 pub(crate) mod plan;
 mod prepare;
 mod progress;
+pub(crate) mod reading;
 mod request_body;
 mod resume;
 mod runs;
