@@ -244,6 +244,13 @@ fn command_line() -> clap::Command {
         .subcommands(COMMANDS.iter().map(CommandEntry::command))
 }
 
+/// Why the program would not take these words of a command line, for the tests of the documents.
+#[cfg(test)]
+pub(crate) fn refusal(words: &[String]) -> Option<String> {
+    let parsed = command_line().try_get_matches_from(words);
+    parsed.err().map(|error| error.to_string())
+}
+
 /// Names of all commands, for the tests of their help.
 #[cfg(test)]
 pub(crate) fn command_names() -> impl Iterator<Item = &'static str> {

@@ -86,6 +86,8 @@ pub(super) struct Calibrated {
     unit: &'static str,
     #[serde(skip)]
     decimals: usize,
+    /// Order of the polynomial; 1 is a straight line.
+    pub order: usize,
     /// Factors of the powers of the reading, from the constant on.
     pub polynomial: Vec<f64>,
     /// Standard deviation of what the polynomial leaves, N or mm.
@@ -149,6 +151,7 @@ pub(super) fn finish(
         file: out.to_owned(),
         unit: session.channel.unit(),
         decimals: if session.channel == CalibratedChannel::Force { 2 } else { 4 },
+        order: found.order(),
         polynomial: found.coefficients,
         residual_sigma: found.sigma,
         as_found_percent: figures.as_found_percent(&points),
@@ -191,7 +194,7 @@ impl Calibrated {
                 level.series, level.reference, level.up_error, level.up_error_percent);
         }
         let _ = writeln!(text, "polynomial of order {}: {:?}; it leaves {:.decimals$} {unit} (standard deviation)",
-            self.polynomial.len() - 1, self.polynomial, self.residual_sigma);
+            self.order, self.polynomial, self.residual_sigma);
         let _ = writeln!(text, "as found, before this calibration: {:+.3} % at the worst point", self.as_found_percent);
         for criterion in &a.criteria {
             let _ = writeln!(text, "{}", criterion_line(criterion, unit, decimals));

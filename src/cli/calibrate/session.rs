@@ -102,32 +102,36 @@ impl Session {
         atomic_file::write(path, |file| file.write_all(text.as_bytes())).map_err(CliError::file(path, "writing"))
     }
 
-    /// The points, each reading of the way down beside that of the way up with the nearest reference.
+    /// The points: in each series the readings of the way down beside those of the way up, in the order of their references. The
+    /// highest level has no way down.
     pub(super) fn points(&self) -> Vec<CalibrationPoint> {
-        let mut points: Vec<CalibrationPoint> = self
-            .taken
-            .iter()
-            .filter(|t| !t.down)
-            .map(|t| CalibrationPoint {
-                series: t.series,
-                reference: t.reference,
-                up: t.reading,
-                down: None,
-                down_reference: None,
-            })
-            .collect();
-        for down in self.taken.iter().filter(|t| t.down) {
-            let distance = |p: &CalibrationPoint| (p.reference - down.reference).abs();
-            let partner = points
-                .iter_mut()
-                .filter(|p| p.series == down.series && p.down.is_none())
-                .min_by(|a, b| distance(a).total_cmp(&distance(b)));
-            if let Some(point) = partner {
-                point.down = Some(down.reading);
-                point.down_reference = (down.reference != point.reference).then_some(down.reference);
+        (1..=self.series_taken()).flat_map(|series| self.points_of(series)).collect()
+    }
+
+    fn series_taken(&self) -> u32 {
+        self.taken.iter().map(|t| t.series).max().unwrap_or(0)
+    }
+
+    fn points_of(&self, series: u32) -> Vec<CalibrationPoint> {
+        let way = |down: bool| {
+            let mut way: Vec<&Taken> =
+                self.taken.iter().filter(|t| t.series == series && t.down == down).collect();
+            way.sort_by(|a, b| a.reference.total_cmp(&b.reference));
+            way
+        };
+        let mut down = way(true).into_iter();
+        let up = way(false).into_iter();
+        up.map(|up| {
+            let down = down.next();
+            CalibrationPoint {
+                series,
+                reference: up.reference,
+                up: up.reading,
+                down: down.map(|down| down.reading),
+                down_reference: down.map(|down| down.reference).filter(|r| *r != up.reference),
             }
-        }
-        points
+        })
+        .collect()
     }
 }
 
@@ -160,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn the_way_down_belongs_to_the_nearest_level_of_its_series() {
+    fn the_way_down_belongs_to_the_level_of_its_series() {
         let mut session = Session { series: 2, ..session() };
         for (series, down, reference) in [
             (1, false, 0.0),
