@@ -26,7 +26,10 @@ fn staircase() -> String {
 /// The mock bench with these settings of its load cell.
 fn with_load_cell(settings: &str) -> Bench {
     let mut bench = mock();
-    bench.mock_rig.insert("load_cell".to_owned(), settings.parse::<toml::Table>().expect("TOML").into());
+    bench.mock_rig.insert(
+        "load_cell".to_owned(),
+        settings.parse::<toml::Table>().expect("TOML").into(),
+    );
     bench
 }
 
@@ -34,7 +37,11 @@ fn with_load_cell(settings: &str) -> Bench {
 fn at_holds(samples: &[Sample], value: fn(&Sample) -> f64) -> Vec<f64> {
     (1..=11)
         .map(|hold| {
-            let held: Vec<f64> = samples.iter().filter(|s| s.segment == 2 * hold).map(value).collect();
+            let held: Vec<f64> = samples
+                .iter()
+                .filter(|s| s.segment == 2 * hold)
+                .map(value)
+                .collect();
             let last = &held[held.len() - 1000..];
             last.iter().sum::<f64>() / 1000.0
         })
@@ -46,21 +53,40 @@ fn write_bench(bench: &Bench, folder: &Path, calibration: Option<&Path>) -> Path
     if let Some(file) = calibration {
         let (before, rest) = text.split_once("[force_channel]\n").expect("a table");
         let (_, after) = rest.split_once("\n[").expect("another table");
-        text = format!("{before}[force_channel]\ncalibration = \"{}\"\n\n[{after}", file.display());
+        text = format!(
+            "{before}[force_channel]\ncalibration = \"{}\"\n\n[{after}",
+            file.display()
+        );
     }
-    let path = folder.join(if calibration.is_some() { "after.toml" } else { "before.toml" });
+    let path = folder.join(if calibration.is_some() {
+        "after.toml"
+    } else {
+        "before.toml"
+    });
     std::fs::write(&path, text).expect("written");
     path
 }
 
 fn calibrate(arguments: &[&str], folder: &Path) -> Command {
-    let mut command = leafbench(&["calibrate", "--json", "--serial", "0041", "--reference-uncertainty", "0.1"]);
+    let mut command = leafbench(&[
+        "calibrate",
+        "--json",
+        "--serial",
+        "0041",
+        "--reference-uncertainty",
+        "0.1",
+    ]);
     command.args(arguments).current_dir(folder);
     command
 }
 
 fn result(output: &Output) -> serde_json::Value {
-    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(
+        output.status.code(),
+        Some(0),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     serde_json::from_slice(&output.stdout).expect("JSON")
 }
 
@@ -90,20 +116,47 @@ fn a_load_cell_with_wrong_gain_and_curvature_measures_right_by_its_new_file() {
     }
     std::fs::write(folder.path().join("points.csv"), points).expect("written");
     let before = write_bench(&wrong, folder.path(), None);
-    let arguments = ["--channel", "force", "--certificate", "LC-7", "--points", "points.csv", "--out", "cell.toml", "--bench"];
+    let arguments = [
+        "--channel",
+        "force",
+        "--certificate",
+        "LC-7",
+        "--points",
+        "points.csv",
+        "--out",
+        "cell.toml",
+        "--bench",
+    ];
     let mut command = calibrate(&arguments, folder.path());
     let done = result(&command.arg(&before).output().expect("starts"));
-    assert_eq!(done["polynomial"].as_array().expect("factors").len(), 3, "a square, no cube: {done:#}");
-    assert!(done["as_found_percent"].as_f64().expect("a number").abs() > 2.5, "{done:#}");
-    assert_eq!(done["class"], "ISO 7500-1 class 1, of 1 series in place of 3", "{done:#}");
+    assert_eq!(
+        done["polynomial"].as_array().expect("factors").len(),
+        3,
+        "a square, no cube: {done:#}"
+    );
+    assert!(
+        done["as_found_percent"].as_f64().expect("a number").abs() > 2.5,
+        "{done:#}"
+    );
+    assert_eq!(
+        done["class"], "ISO 7500-1 class 1, of 1 series in place of 3",
+        "{done:#}"
+    );
 
     // A second one never replaces the first.
-    let again = calibrate(&arguments, folder.path()).arg(&before).output().expect("starts");
+    let again = calibrate(&arguments, folder.path())
+        .arg(&before)
+        .output()
+        .expect("starts");
     assert_eq!(again.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&again.stderr).contains("is there already"));
 
-    let after = Bench::load(&write_bench(&wrong, folder.path(), Some(Path::new("cell.toml")))).expect("a bench");
-    assert_eq!(done["calibration_hash"], format!("{:#010x}", after.calibration_hash()));
+    let after =
+        Bench::load(&write_bench(&wrong, folder.path(), Some(Path::new("cell.toml")))).expect("a bench");
+    assert_eq!(
+        done["calibration_hash"],
+        format!("{:#010x}", after.calibration_hash())
+    );
     let (right_run, csv) = play(&after, &staircase(), Some(folder.path()));
     let corrected = at_holds(&right_run.samples, |s| s.force_n);
     let error = worst_error_percent(&corrected, &truth);
@@ -114,7 +167,11 @@ fn a_load_cell_with_wrong_gain_and_curvature_measures_right_by_its_new_file() {
     let package: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(package).expect("written")).expect("JSON");
     let sensor = &package["leafbench"]["calibration"]["force_n"];
-    assert_eq!((&sensor["certificate"], &sensor["serial"]), (&"LC-7".into(), &"0041".into()), "{sensor:#}");
+    assert_eq!(
+        (&sensor["certificate"], &sensor["serial"]),
+        (&"LC-7".into(), &"0041".into()),
+        "{sensor:#}"
+    );
     let hash = sensor["file_sha256"].as_str().expect("a hash");
     assert_eq!(hash, after.force_channel.sensor().file_sha256);
     assert!(sensor["curve"][0].as_f64().expect("a factor") < 0.0, "{sensor:#}");
@@ -124,14 +181,37 @@ fn a_load_cell_with_wrong_gain_and_curvature_measures_right_by_its_new_file() {
 fn a_calibration_that_cannot_be_right_is_refused_before_a_file_is_written() {
     let folder = tempfile::tempdir().expect("a folder");
     for (points, more, wanted) in [
-        ("direction,reference_n,reading_n\nup,0,0\nup,500,510\n", None, "2 points are too few"),
-        ("direction,reference_n,reading_n\nup,0,0\nup,500,5100\nup,900,9200\ndown,0,0\n", None, "its slope"),
-        ("direction,reference_n\nup,0\n", None, "the points have 1 rows, and the calibration has 11 steps"),
+        (
+            "direction,reference_n,reading_n\nup,0,0\nup,500,510\n",
+            None,
+            "2 points are too few",
+        ),
+        (
+            "direction,reference_n,reading_n\nup,0,0\nup,500,5100\nup,900,9200\ndown,0,0\n",
+            None,
+            "its slope",
+        ),
+        (
+            "direction,reference_n\nup,0\n",
+            None,
+            "the points have 1 rows, and the calibration has 11 steps",
+        ),
         ("direction,reference_n\n", Some("20000"), "--max 20000 is outside"),
     ] {
         std::fs::write(folder.path().join("points.csv"), points).expect("written");
-        let arguments = ["--channel", "force", "--certificate", "LC-8", "--points", "points.csv", "--max"];
-        let output = calibrate(&arguments, folder.path()).arg(more.unwrap_or("2000")).output().expect("starts");
+        let arguments = [
+            "--channel",
+            "force",
+            "--certificate",
+            "LC-8",
+            "--points",
+            "points.csv",
+            "--max",
+        ];
+        let output = calibrate(&arguments, folder.path())
+            .arg(more.unwrap_or("2000"))
+            .output()
+            .expect("starts");
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(2), "{said}");
         assert!(said.contains(wanted), "{said}");
@@ -149,7 +229,17 @@ struct Walk {
 impl Walk {
     fn start(daemon: &Daemon, folder: &Path) -> Walk {
         let mut command = calibrate(
-            &["--channel", "displacement", "--certificate", "LV-3", "--levels", "2", "--max", "1", "--data"],
+            &[
+                "--channel",
+                "displacement",
+                "--certificate",
+                "LV-3",
+                "--levels",
+                "2",
+                "--max",
+                "1",
+                "--data",
+            ],
             folder,
         );
         let mut child: Child = command
@@ -187,7 +277,10 @@ impl Walk {
             let at_mm = bring(daemon, 1.01 * level_mm);
             writeln!(self.stdin.as_mut().expect("open"), "{}", at_mm / 1.01).expect("taken");
             // A rig that unloads meanwhile is not still: it is brought there again.
-            if self.until_said(&["taken:", "the reading moves", "there was no second"]).contains("taken:") {
+            if self
+                .until_said(&["taken:", "the reading moves", "there was no second"])
+                .contains("taken:")
+            {
                 return;
             }
         }
@@ -211,13 +304,22 @@ fn bring(daemon: &Daemon, reading_mm: f64) -> f64 {
 fn a_walk_is_interrupted_continued_and_ends_with_a_file() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut bench = mock();
-    bench.mock_rig.insert("lvdt".to_owned(), "gain = 1.01".parse::<toml::Table>().expect("TOML").into());
+    bench.mock_rig.insert(
+        "lvdt".to_owned(),
+        "gain = 1.01".parse::<toml::Table>().expect("TOML").into(),
+    );
     let path = folder.path().join("bench.toml");
     std::fs::write(&path, bench.to_toml()).expect("written");
-    let daemon = Daemon::ready(&folder.path().join("data"), &["--bench", path.to_str().expect("UTF-8")]);
+    let daemon = Daemon::ready(
+        &folder.path().join("data"),
+        &["--bench", path.to_str().expect("UTF-8")],
+    );
 
     let mut walk = Walk::start(&daemon, folder.path());
-    assert!(walk.until_said(&["step"]).starts_with("step 1 of 5, series 1, up"));
+    assert!(
+        walk.until_said(&["step"])
+            .starts_with("step 1 of 5, series 1, up")
+    );
     writeln!(walk.stdin.as_mut().expect("open"), "a lot").expect("taken");
     assert!(walk.until_said(&["\""]).contains("\"a lot\" is not a number"));
     walk.take(&daemon, 0.0);
@@ -227,7 +329,10 @@ fn a_walk_is_interrupted_continued_and_ends_with_a_file() {
     assert!(folder.path().join("LV-3.toml.part").is_file() && !folder.path().join("LV-3.toml").exists());
 
     let mut walk = Walk::start(&daemon, folder.path());
-    assert!(walk.until_said(&["step"]).starts_with("step 3 of 5, series 1, up"));
+    assert!(
+        walk.until_said(&["step"])
+            .starts_with("step 3 of 5, series 1, up")
+    );
     for level_mm in [1.0, 0.5, 0.0] {
         walk.take(&daemon, level_mm);
     }

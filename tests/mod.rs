@@ -50,6 +50,6 @@ mod templates;
 mod twin_sensitivity;
 mod two_processes;
 mod vcan;
-mod words;
 mod wire_log;
+mod words;
 mod worlds;

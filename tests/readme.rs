@@ -10,10 +10,22 @@ use crate::cli;
 
 /// Commands that are checked for their arguments only, by how they begin, and why.
 const PARSED_ONLY: &[(&str, &str)] = &[
-    ("leafbench mock-rig --bench bench-configs/benches/mock-vcan.toml", "needs CAN (vcan0); tests/vcan.rs runs it"),
-    ("leafbench daemon --bench bench-configs/benches/mock-vcan.toml", "needs CAN (vcan0); tests/vcan.rs runs it"),
-    ("leafbench rig-check --link serial:/dev/ttyUSB0", "needs a rig at a serial port; tests/rig_check runs it"),
-    ("leafbench papers", "computes for minutes; tests/documents.rs and the tests of `papers` check its results"),
+    (
+        "leafbench mock-rig --bench bench-configs/benches/mock-vcan.toml",
+        "needs CAN (vcan0); tests/vcan.rs runs it",
+    ),
+    (
+        "leafbench daemon --bench bench-configs/benches/mock-vcan.toml",
+        "needs CAN (vcan0); tests/vcan.rs runs it",
+    ),
+    (
+        "leafbench rig-check --link serial:/dev/ttyUSB0",
+        "needs a rig at a serial port; tests/rig_check runs it",
+    ),
+    (
+        "leafbench papers",
+        "computes for minutes; tests/documents.rs and the tests of `papers` check its results",
+    ),
 ];
 /// Commands of cargo that build or test: this test is one of them.
 const OF_CARGO: &[&str] = &["cargo test"];
@@ -22,7 +34,14 @@ const DAEMON: &str = "leafbench daemon --bench bench-configs/benches/mock.toml";
 /// The program as cargo runs it.
 const CARGO_RUN: &str = "cargo run --release -- ";
 /// Not part of a fresh clone.
-const NOT_COPIED: [&str; 6] = ["target", ".git", "leafbench-data", "leafbench-demo", "loops", "diagnosis"];
+const NOT_COPIED: [&str; 6] = [
+    "target",
+    ".git",
+    "leafbench-data",
+    "leafbench-demo",
+    "loops",
+    "diagnosis",
+];
 
 /// The commands of a document: lines that are indented by four columns or more and begin with a program.
 fn commands(text: &str) -> Vec<String> {
@@ -75,7 +94,11 @@ fn fresh_copy(to: &Path) {
 /// The program in the fresh copy, which finds nothing of this tree.
 fn leafbench(words: &[String], folder: &Path) -> Command {
     let mut command = Command::new(program());
-    command.args(words).current_dir(folder).env_remove("LEAFBENCH_DATA").stdin(Stdio::null());
+    command
+        .args(words)
+        .current_dir(folder)
+        .env_remove("LEAFBENCH_DATA")
+        .stdin(Stdio::null());
     command
 }
 
@@ -96,12 +119,18 @@ fn exported_runs(folder: &Path) -> Vec<String> {
 /// Puts what the reader has in place of what the README calls RUN and OTHER, and writes the tables of other programs.
 fn filled_in(line: &str, folder: &Path) -> String {
     let runs = exported_runs(folder);
-    if !["RUN", "OTHER", "logger.csv", "table.csv"].iter().any(|word| line.contains(word)) {
+    if !["RUN", "OTHER", "logger.csv", "table.csv"]
+        .iter()
+        .any(|word| line.contains(word))
+    {
         return line.to_owned();
     }
     let newest = runs.last().expect("a run was exported before").clone();
     if line.contains("logger.csv") && line.contains("import") {
-        write_logger(&folder.join(format!("loops/{newest}.csv")), &folder.join("logger.csv"));
+        write_logger(
+            &folder.join(format!("loops/{newest}.csv")),
+            &folder.join("logger.csv"),
+        );
     }
     if line.contains("table.csv") {
         let table = "peak_force_n,loop_energy_j,motion,stroke_mm,frequency_hz,valley_mm,duration_s\n\
@@ -113,7 +142,8 @@ fn filled_in(line: &str, folder: &Path) -> String {
     if line.contains("OTHER") {
         std::fs::copy(folder.join(format!("loops/{newest}.csv")), &other).expect("copied");
     }
-    line.replace("OTHER", &format!("{newest}-2")).replace("RUN", &newest)
+    line.replace("OTHER", &format!("{newest}-2"))
+        .replace("RUN", &newest)
 }
 
 /// A recording as another program writes it: other names, kN, the opposite sign of the force, no time.
@@ -129,7 +159,9 @@ fn write_logger(csv: &Path, logger: &Path) {
 fn run_one(line: &str, folder: &Path) {
     let line = filled_in(line, folder);
     let words = words(&line);
-    let output = leafbench(&words[1..], folder).output().expect("the program starts");
+    let output = leafbench(&words[1..], folder)
+        .output()
+        .expect("the program starts");
     assert_eq!(
         output.status.code(),
         Some(0),
@@ -152,9 +184,14 @@ fn every_command_of_the_readme_works_as_it_stands_in_a_fresh_copy() {
         if OF_CARGO.contains(&line.as_str()) {
             continue;
         }
-        let line = line.strip_prefix(CARGO_RUN).map_or(line.clone(), |words| format!("leafbench {words}"));
+        let line = line
+            .strip_prefix(CARGO_RUN)
+            .map_or(line.clone(), |words| format!("leafbench {words}"));
         let parsed = words(&line);
-        assert_eq!(parsed[0], "leafbench", "{line}: add it to OF_CARGO with its reason, or write it as {CARGO_RUN}");
+        assert_eq!(
+            parsed[0], "leafbench",
+            "{line}: add it to OF_CARGO with its reason, or write it as {CARGO_RUN}"
+        );
         assert_eq!(cli::refusal(&parsed), None, "{line}");
         if let Some((_, why)) = PARSED_ONLY.iter().find(|(begin, _)| line.starts_with(begin)) {
             eprintln!("PARSED ONLY {line}: {why}");
@@ -177,12 +214,21 @@ fn every_command_of_the_readme_works_as_it_stands_in_a_fresh_copy() {
     }
     assert!(daemon.is_some(), "the README starts a daemon");
     for (begin, _) in PARSED_ONLY {
-        assert!(commands.iter().any(|line| line.starts_with(begin)), "{begin} is not in the README any more");
+        assert!(
+            commands.iter().any(|line| line.starts_with(begin)),
+            "{begin} is not in the README any more"
+        );
     }
 }
 
 #[test]
 fn words_are_those_of_a_shell() {
-    assert_eq!(words("a  --map \"Weg=x,Kraft=y*2\" c"), ["a", "--map", "Weg=x,Kraft=y*2", "c"]);
-    assert_eq!(commands("text\n    leafbench a\n       leafbench b --c\n  leafbench d\n    ls\n"), ["leafbench a", "leafbench b --c"]);
+    assert_eq!(
+        words("a  --map \"Weg=x,Kraft=y*2\" c"),
+        ["a", "--map", "Weg=x,Kraft=y*2", "c"]
+    );
+    assert_eq!(
+        commands("text\n    leafbench a\n       leafbench b --c\n  leafbench d\n    ls\n"),
+        ["leafbench a", "leafbench b --c"]
+    );
 }

@@ -76,9 +76,12 @@ impl Assessment {
     /// The class as certificates and files name it: never more than was measured.
     pub(crate) fn class_text(&self) -> String {
         match self.class {
-            None => "none".to_owned(),
-            Some(class) if self.series >= self.series_asked => class.to_owned(),
-            Some(class) => format!("{class}, of {} series in place of {}", self.series, self.series_asked),
+            None => format!("no class of {}", self.standard),
+            Some(class) if self.series >= self.series_asked => format!("{} class {class}", self.standard),
+            Some(class) => format!(
+                "{} class {class}, of {} series in place of {}",
+                self.standard, self.series, self.series_asked
+            ),
         }
     }
 }
@@ -208,7 +211,10 @@ fn holds(class: &AccuracyClass, criterion: Criterion, values: &[(f64, f64)]) -> 
 fn judged((criterion, values): &Found, standard: &Standard) -> CriterionResult {
     let share = |(reference, value): &(f64, f64)| value / reference.abs();
     let worst = values.iter().max_by(|a, b| share(a).total_cmp(&share(b)));
-    let class = standard.classes.iter().find(|class| holds(class, *criterion, values));
+    let class = standard
+        .classes
+        .iter()
+        .find(|class| holds(class, *criterion, values));
     CriterionResult {
         criterion: *criterion,
         worst_percent: worst.map_or(0.0, |worst| 100.0 * share(worst)),
@@ -274,33 +280,71 @@ mod tests {
     fn each_criterion_decides_the_class_at_its_limit() {
         for (up, down, criterion, class) in [
             // 0.5 % of 400 N.
-            ([0.0, 1.99, 0.0, 0.0, 0.0, 0.0], [0.0, 1.99, 0.0, 0.0, 0.0], Criterion::Indication, "0.5"),
-            ([0.0, 2.01, 0.0, 0.0, 0.0, 0.0], [0.0, 2.01, 0.0, 0.0, 0.0], Criterion::Indication, "1"),
+            (
+                [0.0, 1.99, 0.0, 0.0, 0.0, 0.0],
+                [0.0, 1.99, 0.0, 0.0, 0.0],
+                Criterion::Indication,
+                "0.5",
+            ),
+            (
+                [0.0, 2.01, 0.0, 0.0, 0.0, 0.0],
+                [0.0, 2.01, 0.0, 0.0, 0.0],
+                Criterion::Indication,
+                "1",
+            ),
             // 1.5 % of 400 N between the ways, 0.75 % each.
-            ([0.0, -3.01, 0.0, 0.0, 0.0, 0.0], [0.0, 3.01, 0.0, 0.0, 0.0], Criterion::Reversibility, "2"),
+            (
+                [0.0, -3.01, 0.0, 0.0, 0.0, 0.0],
+                [0.0, 3.01, 0.0, 0.0, 0.0],
+                Criterion::Reversibility,
+                "2",
+            ),
             // 0.1 % of 2000 N.
             ([0.0; 6], [2.01, 0.0, 0.0, 0.0, 0.0], Criterion::Zero, "2"),
         ] {
             let assessment = assessed(&points(up, down));
-            let decided = assessment.criteria.iter().find(|c| c.criterion == criterion).expect("judged");
-            assert_eq!((decided.class, assessment.class), (Some(class), Some(class)), "{assessment:?}");
+            let decided = assessment
+                .criteria
+                .iter()
+                .find(|c| c.criterion == criterion)
+                .expect("judged");
+            assert_eq!(
+                (decided.class, assessment.class),
+                (Some(class), Some(class)),
+                "{assessment:?}"
+            );
         }
     }
 
     #[test]
     fn a_noisy_reading_has_a_coarse_resolution_and_one_series_says_so() {
-        let noisy = SensorFigures { noise: 5.0, ..FIGURES };
+        let noisy = SensorFigures {
+            noise: 5.0,
+            ..FIGURES
+        };
         let line = fit(&[(0.0, 0.0), (1.0, 1.0), (2.0, 2.0)], 1).expect("a line");
         let iso = standard(CalibratedChannel::Force);
         let assessment = assess(&points([0.0; 6], [0.0; 5]), &line, &noisy, iso).expect("levels");
         // 10.1 N of 400 N.
         assert_eq!(assessment.class, None);
-        assert_eq!(assessment.class_text(), "none");
+        assert_eq!(assessment.class_text(), "no class of ISO 7500-1");
         let quiet = assessed(&points([0.0; 6], [0.0; 5]));
-        assert_eq!(quiet.class_text(), "0.5, of 1 series in place of 3");
-        assert!(quiet.criteria.iter().all(|c| c.criterion != Criterion::Repeatability));
+        assert_eq!(
+            quiet.class_text(),
+            "ISO 7500-1 class 0.5, of 1 series in place of 3"
+        );
+        assert!(
+            quiet
+                .criteria
+                .iter()
+                .all(|c| c.criterion != Criterion::Repeatability)
+        );
         // The reference alone: 0.1 % of 2000 N.
-        assert!((quiet.expanded_uncertainty - 2.0).abs() < 0.01, "{}", quiet.expanded_uncertainty);
+        assert!(
+            (quiet.expanded_uncertainty - 2.0).abs() < 0.01,
+            "{}",
+            quiet.expanded_uncertainty
+        );
     }
 
     #[test]
@@ -315,7 +359,10 @@ mod tests {
         assert_eq!(repeatability.criterion, Criterion::Repeatability);
         // 12 N of 800 N.
         assert!((repeatability.worst_percent - 1.5).abs() < 1e-9);
-        assert_eq!((repeatability.class, assessment.class_text().as_str()), (Some("2"), "2"));
+        assert_eq!(
+            (repeatability.class, assessment.class_text().as_str()),
+            (Some("2"), "ISO 7500-1 class 2")
+        );
     }
 
     #[test]

@@ -46,7 +46,9 @@ pub(crate) fn fit(pairs: &[(f64, f64)], order: usize) -> Option<PolynomialFit> {
     if largest == 0.0 || !largest.is_finite() {
         return None;
     }
-    let powers = DMatrix::from_fn(rows, terms, |row, power| (pairs[row].0 / largest).powi(power as i32));
+    let powers = DMatrix::from_fn(rows, terms, |row, power| {
+        (pairs[row].0 / largest).powi(power as i32)
+    });
     let references = DVector::from_iterator(rows, pairs.iter().map(|(_, reference)| *reference));
     let inverse = (powers.transpose() * &powers).cholesky()?.inverse();
     let scaled = &inverse * powers.transpose() * &references;
@@ -58,12 +60,15 @@ pub(crate) fn fit(pairs: &[(f64, f64)], order: usize) -> Option<PolynomialFit> {
         .enumerate()
         .map(|(power, c)| c / largest.powi(power as i32))
         .collect();
-    coefficients.iter().all(|c| c.is_finite()).then_some(PolynomialFit {
-        coefficients,
-        sigma,
-        highest_t: highest,
-        degrees_of_freedom,
-    })
+    coefficients
+        .iter()
+        .all(|c| c.is_finite())
+        .then_some(PolynomialFit {
+            coefficients,
+            sigma,
+            highest_t: highest,
+            degrees_of_freedom,
+        })
 }
 
 /// The polynomial of the lowest order that is enough, at most of `highest_order`. A term is left out if it does not differ from zero
@@ -84,12 +89,7 @@ pub(crate) fn lowest_sufficient(
     Some(kept)
 }
 
-fn is_needed(
-    higher: &PolynomialFit,
-    lower: &PolynomialFit,
-    pairs: &[(f64, f64)],
-    resolution: f64,
-) -> bool {
+fn is_needed(higher: &PolynomialFit, lower: &PolynomialFit, pairs: &[(f64, f64)], resolution: f64) -> bool {
     let change = |(reading, _): &(f64, f64)| (higher.value(*reading) - lower.value(*reading)).abs();
     let largest_change = pairs.iter().map(change).fold(0.0, f64::max);
     let critical = StudentsT::new(0.0, 1.0, higher.degrees_of_freedom as f64)
@@ -104,7 +104,9 @@ mod tests {
     /// Readings of a sensor whose true value is a polynomial of its reading, with a scatter that is fixed.
     fn pairs(coefficients: &[f64], scatter: f64) -> Vec<(f64, f64)> {
         let signs = [1.0, -1.0, -0.5, 1.0, 0.3, -1.0, 0.7, -0.6, 0.2, -0.4, 0.9];
-        let readings = [0.0, 400.0, 800.0, 1200.0, 1600.0, 2000.0, 1600.0, 1200.0, 800.0, 400.0, 0.0];
+        let readings = [
+            0.0, 400.0, 800.0, 1200.0, 1600.0, 2000.0, 1600.0, 1200.0, 800.0, 400.0, 0.0,
+        ];
         let point = |(reading, sign): (f64, f64)| (reading, value(coefficients, reading) + scatter * sign);
         readings.into_iter().zip(signs).map(point).collect()
     }
@@ -121,7 +123,10 @@ mod tests {
             assert_eq!(found.order(), order, "{truth:?}: {found:?}");
             for reading in [0.0, 700.0, 2000.0] {
                 // The scatter, not more.
-                assert!((found.value(reading) - value(&truth, reading)).abs() < 0.1, "{truth:?} {reading}");
+                assert!(
+                    (found.value(reading) - value(&truth, reading)).abs() < 0.1,
+                    "{truth:?} {reading}"
+                );
             }
         }
     }
@@ -129,8 +134,18 @@ mod tests {
     #[test]
     fn a_curvature_below_the_resolution_or_the_scatter_is_left_out() {
         let bow = [0.0, 1.0, 1e-7];
-        assert_eq!(lowest_sufficient(&pairs(&bow, 0.0), 3, 1.0).expect("fits").order(), 1);
-        assert_eq!(lowest_sufficient(&pairs(&[0.0, 1.0, 1e-5], 0.0), 1, 0.1).expect("fits").order(), 1);
+        assert_eq!(
+            lowest_sufficient(&pairs(&bow, 0.0), 3, 1.0)
+                .expect("fits")
+                .order(),
+            1
+        );
+        assert_eq!(
+            lowest_sufficient(&pairs(&[0.0, 1.0, 1e-5], 0.0), 1, 0.1)
+                .expect("fits")
+                .order(),
+            1
+        );
     }
 
     #[test]

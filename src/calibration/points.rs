@@ -52,7 +52,12 @@ pub(crate) struct CalibrationPoint {
     #[serde(rename = "up_n", alias = "up_mm")]
     pub up: f64,
     /// Reading on the way down; at the highest level there is none.
-    #[serde(default, rename = "down_n", alias = "down_mm", skip_serializing_if = "Option::is_none")]
+    #[serde(
+        default,
+        rename = "down_n",
+        alias = "down_mm",
+        skip_serializing_if = "Option::is_none"
+    )]
     pub down: Option<f64>,
     /// Value of the reference on the way down, where it is not that of the way up.
     #[serde(

@@ -78,14 +78,17 @@ impl CliCommand for SimulateArgs {
         let bench = self.bench.load()?;
         let (profile, text) = self.profile.load()?;
         if self.rig {
-            return rig_run::play(rig_run::RigRun {
-                bench,
-                profile,
-                profile_toml: text,
-                out: self.out,
-                seed: self.seed,
-                force: self.force,
-            }, output);
+            return rig_run::play(
+                rig_run::RigRun {
+                    bench,
+                    profile,
+                    profile_toml: text,
+                    out: self.out,
+                    seed: self.seed,
+                    force: self.force,
+                },
+                output,
+            );
         }
         let path = self
             .out

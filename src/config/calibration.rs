@@ -304,14 +304,29 @@ mod tests {
             assert!((scale.value(counts) - wanted).abs() < 1e-8, "{counts}");
         }
         let sensor = bench.force_channel.sensor();
-        assert_eq!((sensor.serial.as_str(), sensor.file.as_str()), ("0041", "cell.toml"));
+        assert_eq!(
+            (sensor.serial.as_str(), sensor.file.as_str()),
+            ("0041", "cell.toml")
+        );
         assert_eq!(sensor.laboratory, "D-K \"15\"");
-        let hash: String = Sha256::digest(file.to_toml()).iter().map(|b| format!("{b:02x}")).collect();
+        let hash: String = Sha256::digest(file.to_toml())
+            .iter()
+            .map(|b| format!("{b:02x}"))
+            .collect();
         assert_eq!(sensor.file_sha256, hash);
         // The copy that a run keeps needs no other file.
         let again = Bench::parse(&bench.to_toml(), "copy").expect("complete");
         assert_eq!(again, bench);
         assert_eq!(again.calibration_hash(), bench.calibration_hash());
+    }
+
+    #[test]
+    fn the_shipped_example_is_a_calibration() {
+        let path =
+            Path::new(env!("CARGO_MANIFEST_DIR")).join("bench-configs/calibrations/example-load-cell.toml");
+        let text = std::fs::read_to_string(path).expect("shipped");
+        let bench = bench_with(&text).expect("a bench");
+        assert_eq!(bench.force_channel.sensor().serial, "0041");
     }
 
     #[test]
@@ -336,20 +351,54 @@ mod tests {
     fn what_is_wrong_is_refused_at_its_place() {
         let text = load_cell().to_toml();
         for (from, to, wanted) in [
-            ("noise_n = 0.5", "noise_mm = 0.5", "noise_mm: the channel is in N: write noise_n"),
+            (
+                "noise_n = 0.5",
+                "noise_mm = 0.5",
+                "noise_mm: the channel is in N: write noise_n",
+            ),
             ("0.98, ", "0.4, ", "polynomial: its slope at "),
             ("1e-6", "1e-3", "polynomial: its slope at "),
-            ("[1.5, 0.98, 1e-6, -2e-11]", "[1.0]", "polynomial: needs two to four numbers"),
-            ("[1.5, ", "[1500.0, 0.0, ", "polynomial: needs two to four numbers"),
+            (
+                "[1.5, 0.98, 1e-6, -2e-11]",
+                "[1.0]",
+                "polynomial: needs two to four numbers",
+            ),
+            (
+                "[1.5, ",
+                "[1500.0, 0.0, ",
+                "polynomial: needs two to four numbers",
+            ),
             ("\"0041\"", "\" \"", "serial: the text is empty"),
-            ("due = \"2027", "due = \"2025", "due: 2025-09-01 is not after the calibration"),
-            ("capacity_n = 10000.0", "capacity_n = 10.0", "capacity_n: 10 is outside"),
-            ("up_n = 2040.0", "up_n = 2040000.0", "point: a point is above twice the capacity"),
+            (
+                "due = \"2027",
+                "due = \"2025",
+                "due: 2025-09-01 is not after the calibration",
+            ),
+            (
+                "capacity_n = 10000.0",
+                "capacity_n = 10.0",
+                "capacity_n: 10 is outside",
+            ),
+            (
+                "up_n = 2040.0",
+                "up_n = 2040000.0",
+                "point: a point is above twice the capacity",
+            ),
             ("laboratory", "labor", "unknown field `labor`"),
         ] {
-            let text = text.replace(from, to).replace("-2e-11]", if to.starts_with("[1500") { "-2e-11, 0.0]" } else { "-2e-11]" });
+            let text = text.replace(from, to).replace(
+                "-2e-11]",
+                if to.starts_with("[1500") {
+                    "-2e-11, 0.0]"
+                } else {
+                    "-2e-11]"
+                },
+            );
             let error = bench_with(&text).expect_err(to).to_string();
-            assert!(error.contains(wanted) && error.contains("cell.toml, line "), "{error}");
+            assert!(
+                error.contains(wanted) && error.contains("cell.toml, line "),
+                "{error}"
+            );
         }
         let error = bench_with("channel = 3").expect_err("no word").to_string();
         assert!(error.contains("cell.toml, line 1"), "{error}");
@@ -362,10 +411,20 @@ mod tests {
         (lvdt.per_count, lvdt.capacity, lvdt.noise, lvdt.points) = (0.0005, 60.0, 0.001, Vec::new());
         (lvdt.polynomial, lvdt.expanded_uncertainty) = (vec![0.0, 1.0], 0.01);
         let error = bench_with(&lvdt.to_toml()).expect_err("another kind").to_string();
-        assert!(error.contains("force_channel.calibration: cell.toml is the calibration of a displacement sensor"), "{error}");
+        assert!(
+            error
+                .contains("force_channel.calibration: cell.toml is the calibration of a displacement sensor"),
+            "{error}"
+        );
         let shipped = Bench::shipped().expect("built in").to_toml();
-        let both = shipped.replace("[force_channel]\n", "[force_channel]\ncalibration = \"cell.toml\"\n");
+        let both = shipped.replace(
+            "[force_channel]\n",
+            "[force_channel]\ncalibration = \"cell.toml\"\n",
+        );
         let error = Bench::parse(&both, "both.toml").expect_err("both").to_string();
-        assert!(error.contains("expected `calibration`") && error.contains("line "), "{error}");
+        assert!(
+            error.contains("expected `calibration`") && error.contains("line "),
+            "{error}"
+        );
     }
 }

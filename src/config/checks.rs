@@ -252,11 +252,15 @@ fn polynomial(document: &Document, c: &ChannelValues) -> Result<(), ConfigError>
         return Ok(());
     }
     if !(2..=4).contains(&factors.len()) || factors.iter().any(|factor| !factor.is_finite()) {
-        return refuse("needs two to four numbers: constant, slope, and where needed square and cube".to_owned());
+        return refuse(
+            "needs two to four numbers: constant, slope, and where needed square and cube".to_owned(),
+        );
     }
     let (zero, largest) = (factors[0], 0.2 * c.capacity);
     if zero.abs() > largest {
-        return refuse(format!("the constant {zero} is above {largest}, a fifth of the capacity: check the unit"));
+        return refuse(format!(
+            "the constant {zero} is above {largest}, a fifth of the capacity: check the unit"
+        ));
     }
     let term = |power: usize| factors.get(power).copied().unwrap_or(0.0);
     let slope = |reading: f64| factors[1] + reading * (2.0 * term(2) + 3.0 * term(3) * reading);
@@ -265,7 +269,10 @@ fn polynomial(document: &Document, c: &ChannelValues) -> Result<(), ConfigError>
     let vertex = (-term(2) / (3.0 * term(3))).clamp(-wire, wire);
     let at = [-wire, wire, if vertex.is_finite() { vertex } else { 0.0 }];
     let [low, high] = SLOPES;
-    match at.into_iter().find(|reading| !(low..=high).contains(&slope(*reading))) {
+    match at
+        .into_iter()
+        .find(|reading| !(low..=high).contains(&slope(*reading)))
+    {
         Some(reading) => refuse(format!(
             "its slope at {reading:.3} {} is {:.3}, outside {low} to {high}: check the points and the order",
             c.unit,
@@ -297,14 +304,30 @@ pub(super) fn calibration(document: &Document, file: &CalibrationFile) -> Result
         not_empty(document, key, text, "copy it from the certificate")?;
     }
     if file.polynomial.is_empty() {
-        return Err(document.refuse("polynomial", "is empty: write [0.0, 1.0] for a sensor without correction"));
+        return Err(document.refuse(
+            "polynomial",
+            "is empty: write [0.0, 1.0] for a sensor without correction",
+        ));
     }
     channel(document, &ChannelValues::of_file(file))?;
     let uncertainty = CalibrationFile::key(own, "expanded_uncertainty");
     let largest = 0.1 * file.capacity;
-    within(document, &uncertainty, file.expanded_uncertainty, 0.0, largest, "a tenth of the capacity")?;
-    let numbers = file.points.iter().flat_map(|p| [p.reference, p.up, p.down.unwrap_or(0.0), p.reference_down()]);
-    if numbers.into_iter().any(|number| !(number.abs() <= 2.0 * file.capacity)) {
+    within(
+        document,
+        &uncertainty,
+        file.expanded_uncertainty,
+        0.0,
+        largest,
+        "a tenth of the capacity",
+    )?;
+    let numbers = file
+        .points
+        .iter()
+        .flat_map(|p| [p.reference, p.up, p.down.unwrap_or(0.0), p.reference_down()]);
+    if numbers
+        .into_iter()
+        .any(|number| !(number.abs() <= 2.0 * file.capacity))
+    {
         return Err(document.refuse("point", "a point is above twice the capacity: check the unit"));
     }
     Ok(())
@@ -480,14 +503,7 @@ fn all_within<K: AsRef<str>>(
     rows: &[RangeRow<K>],
 ) -> Result<(), ConfigError> {
     rows.iter().try_for_each(|(key, value, low, high, range)| {
-        within(
-            document,
-            &key_in(table, key.as_ref()),
-            *value,
-            *low,
-            *high,
-            range,
-        )
+        within(document, &key_in(table, key.as_ref()), *value, *low, *high, range)
     })
 }
 

@@ -98,7 +98,10 @@ impl Bench {
         // Tables of another form are refused by the second reading, with their place.
         let names_file = |channels: &RawChannels| {
             let named = |table: &toml::Table| table.contains_key("calibration");
-            (named(&channels.force_channel), named(&channels.displacement_channel))
+            (
+                named(&channels.force_channel),
+                named(&channels.displacement_channel),
+            )
         };
         let named = toml::from_str(text).map_or((false, false), |channels| names_file(&channels));
         match named {

@@ -13,8 +13,8 @@ use axum::{Json, Router};
 use utoipa::OpenApi;
 
 use super::client_types::{
-    Accepted, Failure, JogRequest, Nothing, PlanRequest, ProfileSummary, RunDetail, RunSummary, SensorReadings,
-    StartRun, Started, Status, StopRequest,
+    Accepted, Failure, JogRequest, Nothing, PlanRequest, ProfileSummary, RunDetail, RunSummary,
+    SensorReadings, StartRun, Started, Status, StopRequest,
 };
 use super::download::{self, DownloadFormat, DownloadPart};
 use super::error::ApiError;

@@ -159,7 +159,11 @@ impl Daemon {
     }
 
     /// Controls the rig at the other end of `link` until SIGTERM or SIGINT. Calls `started` as soon as requests are served.
-    pub(crate) fn serve(self, mut link: Link, started: impl FnOnce(&Endpoint) + Send) -> Result<(), DaemonError> {
+    pub(crate) fn serve(
+        self,
+        mut link: Link,
+        started: impl FnOnce(&Endpoint) + Send,
+    ) -> Result<(), DaemonError> {
         let runtime = self.runtime;
         let signals = runtime.block_on(async { Signals::catch() })?;
         let rig = Rig::new(self.settings.bench.rig_config(session_number()));

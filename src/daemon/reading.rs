@@ -84,12 +84,22 @@ mod tests {
         assert_eq!(readings.summary("b").samples, 0);
         for tick in 1..=3000 {
             // Far off in the first seconds, then 99 and 101 in turn.
-            let counts = if tick <= 2000 { 5000 } else { 100 + (tick as i32 % 2) * 2 - 1 };
+            let counts = if tick <= 2000 {
+                5000
+            } else {
+                100 + (tick as i32 % 2) * 2 - 1
+            };
             readings.push(&sample(tick, counts));
         }
         let found = readings.summary("b");
-        assert_eq!((found.samples, found.first_tick, found.last_tick), (1000, 2001, 3000));
-        assert_eq!((found.force.mean_counts, found.displacement.mean_counts), (100.0, -100.0));
+        assert_eq!(
+            (found.samples, found.first_tick, found.last_tick),
+            (1000, 2001, 3000)
+        );
+        assert_eq!(
+            (found.force.mean_counts, found.displacement.mean_counts),
+            (100.0, -100.0)
+        );
         assert!((found.force.sigma_counts - 1.0).abs() < 1e-3);
         let mut invalid = sample(3001, 7);
         invalid.flags.insert(Flags::FORCE_INVALID);

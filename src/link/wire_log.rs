@@ -108,7 +108,10 @@ fn write_until(ends: &AtomicBool, new_taps: &mpsc::Receiver<TapEnd>, mut file: L
         for tap in &mut taps {
             let dropped = tap.dropped.swap(0, Ordering::Relaxed);
             if let Err(error) = file.drain(&mut tap.ring, dropped) {
-                tracing::error!("the wire log {} ends: {error}: check the disk", file.path.display());
+                tracing::error!(
+                    "the wire log {} ends: {error}: check the disk",
+                    file.path.display()
+                );
                 return;
             }
         }
@@ -196,7 +199,10 @@ mod tests {
             line(1_436_509_052_249_713_999, "vcan0", &frame),
             "(1436509052.249713) vcan0 081#2A366C2BBA\n"
         );
-        assert_eq!(line(1_000, "mock", &Frame::new(0x701, &[])), "(0.000001) mock 701#\n");
+        assert_eq!(
+            line(1_000, "mock", &Frame::new(0x701, &[])),
+            "(0.000001) mock 701#\n"
+        );
     }
 
     #[test]
@@ -237,9 +243,11 @@ mod tests {
         // Nobody reads.
         (0..10).for_each(|n| tap.take(&Frame::new(0x181, &[n])));
         assert_eq!(dropped.load(Ordering::Relaxed), 6);
-        file.drain(&mut end, dropped.swap(0, Ordering::Relaxed)).expect("written");
+        file.drain(&mut end, dropped.swap(0, Ordering::Relaxed))
+            .expect("written");
         tap.take(&Frame::new(0x181, &[10]));
-        file.drain(&mut end, dropped.swap(0, Ordering::Relaxed)).expect("written");
+        file.drain(&mut end, dropped.swap(0, Ordering::Relaxed))
+            .expect("written");
         let text = std::fs::read_to_string(&path).expect("written");
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), 6, "{text}");
@@ -253,24 +261,32 @@ mod tests {
         let path = folder.path().join("wire.log");
         let mut file = LogFile::create(&path, "mock", 500).expect("writable");
         for n in 0..200u8 {
-            file.write(&line(u64::from(n), "mock", &Frame::new(0x181, &[n]))).expect("written");
+            file.write(&line(u64::from(n), "mock", &Frame::new(0x181, &[n])))
+                .expect("written");
         }
         file.file.flush().expect("written");
         let size = |path: &Path| path.metadata().expect("there").len();
         let old = folder.path().join("wire.log.old");
         assert!(size(&path) <= 500 && size(&old) <= 500);
         assert_eq!(std::fs::read_dir(folder.path()).expect("a folder").count(), 2);
-        assert!(std::fs::read_to_string(&path).expect("written").ends_with("181#C7\n"));
+        assert!(
+            std::fs::read_to_string(&path)
+                .expect("written")
+                .ends_with("181#C7\n")
+        );
     }
 
     /// `log2long` of can-utils reads the same format as `canplayer`, and needs no CAN.
     #[test]
     fn can_utils_read_the_log() {
-        let frames: String = [Frame::new(0x181, &[1, 2, 3, 4, 5, 6, 7, 8]), Frame::new(0x000, &[2, 1])]
-            .iter()
-            .map(|frame| line(1_700_000_000_000_001_000, "can0", frame))
-            .chain([overflow_line(1_700_000_000_000_002_000, "can0")])
-            .collect();
+        let frames: String = [
+            Frame::new(0x181, &[1, 2, 3, 4, 5, 6, 7, 8]),
+            Frame::new(0x000, &[2, 1]),
+        ]
+        .iter()
+        .map(|frame| line(1_700_000_000_000_001_000, "can0", frame))
+        .chain([overflow_line(1_700_000_000_000_002_000, "can0")])
+        .collect();
         let ran = std::process::Command::new("log2long")
             .stdin(std::process::Stdio::piped())
             .stdout(std::process::Stdio::piped())
@@ -279,11 +295,18 @@ mod tests {
             eprintln!("SKIPPED: no log2long (Debian package can-utils)");
             return;
         };
-        tool.stdin.take().expect("piped").write_all(frames.as_bytes()).expect("read");
+        tool.stdin
+            .take()
+            .expect("piped")
+            .write_all(frames.as_bytes())
+            .expect("read");
         let output = tool.wait_with_output().expect("ends");
         let text = String::from_utf8_lossy(&output.stdout).into_owned();
         assert!(output.status.success(), "{text}");
-        assert!(text.contains("181") && text.contains("01 02 03 04 05 06 07 08"), "{text}");
+        assert!(
+            text.contains("181") && text.contains("01 02 03 04 05 06 07 08"),
+            "{text}"
+        );
         assert!(text.contains("02 01") && text.contains("ERRORFRAME"), "{text}");
     }
 }

@@ -135,10 +135,17 @@ mod tests {
 
     #[test]
     fn a_straight_line_is_written_as_before() {
-        let line = ChannelScale { curve: [0.0; 2], ..CURVED };
+        let line = ChannelScale {
+            curve: [0.0; 2],
+            ..CURVED
+        };
         let text = serde_json::to_string(&line).expect("numbers");
         assert_eq!(text, r#"{"scale_per_count":0.099,"offset":12.5,"tare":-3.0}"#);
         assert_eq!(serde_json::from_str::<ChannelScale>(&text).expect("read"), line);
-        assert_eq!(line.value(-31_415), f64::from(-31_415) * 0.099 - 12.5 + 3.0, "the same bits");
+        assert_eq!(
+            line.value(-31_415),
+            f64::from(-31_415) * 0.099 - 12.5 + 3.0,
+            "the same bits"
+        );
     }
 }

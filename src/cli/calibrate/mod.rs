@@ -16,9 +16,9 @@ use super::shared::local::{self, BenchArg};
 use super::{CliCommand, CliError, Done, Output};
 use crate::calibration::CalibratedChannel;
 use crate::config::Bench;
-use result::{ChannelFigures, Certificate};
-use session::Session;
-use table::TableRow;
+use result::{Certificate, ChannelFigures};
+use session::CalibrationSession;
+use table::PointRow;
 use walk::{Instrument, Walked};
 
 /// Calibrate a sensor against a reference instrument, step by step, and write its calibration file
@@ -125,11 +125,18 @@ impl CliCommand for CalibrateArgs {
             .unwrap_or_else(|| PathBuf::from(format!("{}.toml", certificate.number)));
         // Before the work, not after an hour of it.
         local::require_new(&[&out], self.force)?;
-        let rows = self.points.as_deref().map(|path| table::read(path, channel)).transpose()?;
+        let rows = self
+            .points
+            .as_deref()
+            .map(|path| table::read(path, channel))
+            .transpose()?;
         let part = session::path_of(&out);
         let session = self.session(channel, &certificate, &figures, &part)?;
         let Some(session) = self.taken(session, rows.as_deref(), &bench, &figures, &part)? else {
-            output.note(&format!("the points are kept in {}: the same command goes on", part.display()));
+            output.note(&format!(
+                "the points are kept in {}: the same command goes on",
+                part.display()
+            ));
             return Ok(Done::Negative);
         };
         let done = result::finish(&session, &certificate, &bench, &out, self.order as usize)?;
@@ -157,11 +164,16 @@ impl CalibrateArgs {
             due: self.due.unwrap_or(in_a_year).to_string(),
         };
         let refused = |why: &str| Err(CliError::Input(why.to_owned()));
-        if certificate.number.is_empty() || certificate.number.contains('/') || certificate.serial.is_empty() {
-            return refused("--certificate and --serial need a text without /: copy them from the label and the certificate");
+        if certificate.number.is_empty() || certificate.number.contains('/') || certificate.serial.is_empty()
+        {
+            return refused(
+                "--certificate and --serial need a text without /: copy them from the label and the certificate",
+            );
         }
         if !(0.0..=5.0).contains(&certificate.reference_percent) {
-            return refused("--reference-uncertainty is outside 0 to 5 %: take it from the certificate of the reference");
+            return refused(
+                "--reference-uncertainty is outside 0 to 5 %: take it from the certificate of the reference",
+            );
         }
         match self.max {
             Some(max) if !(max > 0.0 && max <= figures.capacity) => Err(CliError::Input(format!(
@@ -180,11 +192,11 @@ impl CalibrateArgs {
         certificate: &Certificate,
         figures: &ChannelFigures,
         part: &Path,
-    ) -> Result<Session, CliError> {
+    ) -> Result<CalibrationSession, CliError> {
         if self.restart && part.exists() {
             std::fs::remove_file(part).map_err(CliError::file(part, "removing"))?;
         }
-        let new = Session {
+        let new = CalibrationSession {
             channel,
             certificate: certificate.number.clone(),
             serial: certificate.serial.clone(),
@@ -199,18 +211,20 @@ impl CalibrateArgs {
     /// The session with all its points: from the file, or from the sensor. `None` if the technician left before its end.
     fn taken(
         &self,
-        mut session: Session,
-        rows: Option<&[TableRow]>,
+        mut session: CalibrationSession,
+        rows: Option<&[PointRow]>,
         bench: &Bench,
         figures: &ChannelFigures,
         part: &Path,
-    ) -> Result<Option<Session>, CliError> {
-        let from_file: Option<Vec<_>> = rows.and_then(|rows| rows.iter().map(TableRow::taken).collect());
+    ) -> Result<Option<CalibrationSession>, CliError> {
+        let from_file: Option<Vec<_>> = rows.and_then(|rows| rows.iter().map(PointRow::taken).collect());
         if let Some(taken) = from_file {
             session.taken = taken;
             return Ok(Some(session));
         }
-        let references = rows.map(|rows| table::of_steps(rows, &session.steps())).transpose()?;
+        let references = rows
+            .map(|rows| table::of_steps(rows, &session.steps()))
+            .transpose()?;
         let client = self.data.client()?;
         let instrument = Instrument {
             client: &client,

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use super::super::CliError;
-use super::session::Session;
+use super::session::CalibrationSession;
 use crate::calibration::assessment::{self, Assessment, CriterionResult, SensorFigures};
 use crate::calibration::{CalibratedChannel, CalibrationFile, CalibrationPoint, class, fit};
 use crate::config::Bench;
@@ -26,6 +26,42 @@ pub(super) struct Certificate {
     pub laboratory: String,
     pub calibrated: String,
     pub due: String,
+}
+
+impl Certificate {
+    /// A calibration file with these texts; its figures are empty.
+    fn file(&self, channel: CalibratedChannel) -> CalibrationFile {
+        CalibrationFile {
+            channel,
+            certificate: self.number.clone(),
+            laboratory: self.laboratory.clone(),
+            sensor: self.sensor.clone(),
+            serial: self.serial.clone(),
+            reference: self.reference.clone(),
+            calibrated: self.calibrated.clone(),
+            due: self.due.clone(),
+            class: String::new(),
+            expanded_uncertainty: 0.0,
+            per_count: 0.0,
+            capacity: 0.0,
+            noise: 0.0,
+            polynomial: Vec::new(),
+            points: Vec::new(),
+        }
+    }
+}
+
+/// What to write into the bench file.
+fn bench_line(channel: CalibratedChannel, file: &Path) -> String {
+    format!("[{}] calibration = \"{}\"", channel.table(), file.display())
+}
+
+/// Decimals that a value of this channel is shown with.
+fn decimals(channel: CalibratedChannel) -> usize {
+    match channel {
+        CalibratedChannel::Force => 2,
+        CalibratedChannel::Displacement => 4,
+    }
 }
 
 /// Figures of the channel in the bench file, N or mm.
@@ -71,7 +107,10 @@ impl ChannelFigures {
             let [a, b] = [low, high].map(|counts| self.scale.value(counts as i32));
             a + (b - a) * (counts - low)
         };
-        let zero = points.iter().find(|p| p.reference == 0.0).map_or(0.0, |p| value(p.up));
+        let zero = points
+            .iter()
+            .find(|p| p.reference == 0.0)
+            .map_or(0.0, |p| value(p.up));
         let error = |p: &CalibrationPoint| 100.0 * (value(p.up) - zero - p.reference) / p.reference.abs();
         let errors = points.iter().filter(|p| p.reference != 0.0).map(error);
         errors.fold(0.0, |worst: f64, e| if e.abs() > worst.abs() { e } else { worst })
@@ -104,7 +143,7 @@ pub(super) struct Calibrated {
 
 /// Fits, assesses, and writes the file.
 pub(super) fn finish(
-    session: &Session,
+    session: &CalibrationSession,
     certificate: &Certificate,
     bench: &Bench,
     out: &Path,
@@ -119,7 +158,8 @@ pub(super) fn finish(
             pairs.len()
         ))
     };
-    let found = fit::lowest_sufficient(&pairs, highest_order, 0.5 * figures.per_count).ok_or_else(undetermined)?;
+    let found =
+        fit::lowest_sufficient(&pairs, highest_order, 0.5 * figures.per_count).ok_or_else(undetermined)?;
     let noise = noise(session).unwrap_or(figures.noise);
     let sensor = SensorFigures {
         per_count: figures.per_count,
@@ -130,41 +170,37 @@ pub(super) fn finish(
     let standard = class::standard(session.channel);
     let assessment = assessment::assess(&points, &found, &sensor, standard).ok_or_else(undetermined)?;
     let file = CalibrationFile {
-        channel: session.channel,
-        certificate: certificate.number.clone(),
-        laboratory: certificate.laboratory.clone(),
-        sensor: certificate.sensor.clone(),
-        serial: certificate.serial.clone(),
-        reference: certificate.reference.clone(),
-        calibrated: certificate.calibrated.clone(),
-        due: certificate.due.clone(),
-        class: format!("{} class {}", standard.name, assessment.class_text()),
+        class: assessment.class_text(),
         expanded_uncertainty: assessment.expanded_uncertainty,
         per_count: figures.per_count,
         capacity: figures.capacity,
         noise,
         polynomial: found.coefficients.clone(),
         points: points.clone(),
+        ..certificate.file(session.channel)
     };
     let calibration_hash = write(&file, bench, out)?;
     Ok(Calibrated {
         file: out.to_owned(),
         unit: session.channel.unit(),
-        decimals: if session.channel == CalibratedChannel::Force { 2 } else { 4 },
+        decimals: decimals(session.channel),
         order: found.order(),
         polynomial: found.coefficients,
         residual_sigma: found.sigma,
         as_found_percent: figures.as_found_percent(&points),
         class: file.class,
         assessment,
-        bench_line: format!("[{}] calibration = \"{}\"", session.channel.table(), out.display()),
+        bench_line: bench_line(session.channel, out),
         calibration_hash: format!("{calibration_hash:#010x}"),
     })
 }
 
 /// Standard deviation of one sample without load, where it was measured.
-fn noise(session: &Session) -> Option<f64> {
-    let at_zero = session.taken.iter().filter(|t| t.reference == 0.0 && t.scatter > 0.0);
+fn noise(session: &CalibrationSession) -> Option<f64> {
+    let at_zero = session
+        .taken
+        .iter()
+        .filter(|t| t.reference == 0.0 && t.scatter > 0.0);
     at_zero.map(|t| t.scatter).reduce(f64::max)
 }
 
@@ -177,7 +213,8 @@ fn write(file: &CalibrationFile, bench: &Bench, out: &Path) -> Result<u32, CliEr
         CalibratedChannel::Force => bench.force_channel = read.force(),
         CalibratedChannel::Displacement => bench.displacement_channel = read.displacement(),
     }
-    atomic_file::write(out, |file| file.write_all(text.as_bytes())).map_err(CliError::file(out, "writing"))?;
+    atomic_file::write(out, |file| file.write_all(text.as_bytes()))
+        .map_err(CliError::file(out, "writing"))?;
     Ok(bench.calibration_hash())
 }
 
@@ -185,33 +222,72 @@ impl Calibrated {
     /// The report for people.
     pub(super) fn text(&self) -> String {
         let (unit, decimals, a) = (self.unit, self.decimals, &self.assessment);
-        let mut text = format!("{:>4} {:>14} {:>14} {:>9} {:>14} {:>14}\n", "ser.", format!("reference {unit}"),
-            format!("error {unit}"), "error %", format!("down {unit}"), "reversib. %");
+        let mut text = format!(
+            "{:>4} {:>14} {:>14} {:>9} {:>14} {:>14}\n",
+            "ser.",
+            format!("reference {unit}"),
+            format!("error {unit}"),
+            "error %",
+            format!("down {unit}"),
+            "reversib. %"
+        );
         for level in &a.levels {
-            let down = level.down_error.map_or(String::new(), |e| format!("{e:+.decimals$}"));
-            let reversal = level.reversibility_percent.map_or(String::new(), |r| format!("{r:+.3}"));
-            let _ = writeln!(text, "{:>4} {:>14.decimals$} {:>+14.decimals$} {:>+9.3} {down:>14} {reversal:>14}",
-                level.series, level.reference, level.up_error, level.up_error_percent);
+            let down = level
+                .down_error
+                .map_or(String::new(), |e| format!("{e:+.decimals$}"));
+            let reversal = level
+                .reversibility_percent
+                .map_or(String::new(), |r| format!("{r:+.3}"));
+            let _ = writeln!(
+                text,
+                "{:>4} {:>14.decimals$} {:>+14.decimals$} {:>+9.3} {down:>14} {reversal:>14}",
+                level.series, level.reference, level.up_error, level.up_error_percent
+            );
         }
-        let _ = writeln!(text, "polynomial of order {}: {:?}; it leaves {:.decimals$} {unit} (standard deviation)",
-            self.order, self.polynomial, self.residual_sigma);
-        let _ = writeln!(text, "as found, before this calibration: {:+.3} % at the worst point", self.as_found_percent);
+        let _ = writeln!(
+            text,
+            "polynomial of order {}: {:?}; it leaves {:.decimals$} {unit} (standard deviation)",
+            self.order, self.polynomial, self.residual_sigma
+        );
+        let _ = writeln!(
+            text,
+            "as found, before this calibration: {:+.3} % at the worst point",
+            self.as_found_percent
+        );
         for criterion in &a.criteria {
             let _ = writeln!(text, "{}", criterion_line(criterion, unit, decimals));
         }
         if a.series < a.series_asked {
-            let _ = writeln!(text, "repeatability   not measured: {} asks for {} series, this is {}", a.standard, a.series_asked, a.series);
+            let _ = writeln!(
+                text,
+                "repeatability   not measured: {} asks for {} series, this is {}",
+                a.standard, a.series_asked, a.series
+            );
         }
-        let _ = write!(text, "{} from {:.decimals$} to {:.decimals$} {unit}; expanded uncertainty (k = 2) {:.decimals$} {unit}\n\
+        let _ = write!(
+            text,
+            "{} from {:.decimals$} to {:.decimals$} {unit}; expanded uncertainty (k = 2) {:.decimals$} {unit}\n\
              {}\nin the bench file write under {}\nits calibration hash is then {}; store it in the rig with \
              `leafbench calibrate --store-hash --bench FILE`",
-            self.class, a.range[0], a.range[1], a.expanded_uncertainty, self.file.display(), self.bench_line, self.calibration_hash);
+            self.class,
+            a.range[0],
+            a.range[1],
+            a.expanded_uncertainty,
+            self.file.display(),
+            self.bench_line,
+            self.calibration_hash
+        );
         text
     }
 }
 
 fn criterion_line(c: &CriterionResult, unit: &str, decimals: usize) -> String {
     let name = format!("{:?}", c.criterion).to_lowercase();
-    let class = c.class.map_or("no class".to_owned(), |class| format!("class {class}"));
-    format!("{name:<15} at most {:.3} % ({:.decimals$} {unit}): {class}", c.worst_percent, c.worst)
+    let class = c
+        .class
+        .map_or("no class".to_owned(), |class| format!("class {class}"));
+    format!(
+        "{name:<15} at most {:.3} % ({:.decimals$} {unit}): {class}",
+        c.worst_percent, c.worst
+    )
 }

@@ -38,7 +38,7 @@ pub(super) struct Taken {
 /// Everything that a later start of the command must find again.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Session {
+pub(super) struct CalibrationSession {
     pub channel: CalibratedChannel,
     pub certificate: String,
     pub serial: String,
@@ -56,7 +56,7 @@ pub(super) fn path_of(out: &Path) -> PathBuf {
     name.into()
 }
 
-impl Session {
+impl CalibrationSession {
     /// The steps: zero, up to the greatest value, down again, zero, for each series.
     pub(super) fn steps(&self) -> Vec<Step> {
         let level = |k: u32| self.greatest * f64::from(k) / f64::from(self.levels);
@@ -73,7 +73,7 @@ impl Session {
     }
 
     /// The session that was interrupted, if it has the same settings; refused if it has others.
-    pub(super) fn continued(self, path: &Path) -> Result<Session, CliError> {
+    pub(super) fn continued(self, path: &Path) -> Result<CalibrationSession, CliError> {
         if !path.exists() {
             return Ok(self);
         }
@@ -85,8 +85,9 @@ impl Session {
             ))
         };
         let text = regular_file::read_text(path, WRITTEN_MAX_BYTES).map_err(|e| unusable(e.to_string()))?;
-        let found: Session = toml::from_str(&text).map_err(|e| unusable(e.message().to_owned()))?;
-        let settings = |session: &Session| Session {
+        let found: CalibrationSession =
+            toml::from_str(&text).map_err(|e| unusable(e.message().to_owned()))?;
+        let settings = |session: &CalibrationSession| CalibrationSession {
             taken: Vec::new(),
             ..session.clone()
         };
@@ -99,13 +100,16 @@ impl Session {
     /// Writes the session, whole or not at all.
     pub(super) fn keep(&self, path: &Path) -> Result<(), CliError> {
         let text = toml::to_string(self).map_err(|e| CliError::Internal(e.to_string()))?;
-        atomic_file::write(path, |file| file.write_all(text.as_bytes())).map_err(CliError::file(path, "writing"))
+        atomic_file::write(path, |file| file.write_all(text.as_bytes()))
+            .map_err(CliError::file(path, "writing"))
     }
 
     /// The points: in each series the readings of the way down beside those of the way up, in the order of their references. The
     /// highest level has no way down.
     pub(super) fn points(&self) -> Vec<CalibrationPoint> {
-        (1..=self.series_taken()).flat_map(|series| self.points_of(series)).collect()
+        (1..=self.series_taken())
+            .flat_map(|series| self.points_of(series))
+            .collect()
     }
 
     fn series_taken(&self) -> u32 {
@@ -114,8 +118,11 @@ impl Session {
 
     fn points_of(&self, series: u32) -> Vec<CalibrationPoint> {
         let way = |down: bool| {
-            let mut way: Vec<&Taken> =
-                self.taken.iter().filter(|t| t.series == series && t.down == down).collect();
+            let mut way: Vec<&Taken> = self
+                .taken
+                .iter()
+                .filter(|t| t.series == series && t.down == down)
+                .collect();
             way.sort_by(|a, b| a.reference.total_cmp(&b.reference));
             way
         };
@@ -139,8 +146,8 @@ impl Session {
 mod tests {
     use super::*;
 
-    fn session() -> Session {
-        Session {
+    fn session() -> CalibrationSession {
+        CalibrationSession {
             channel: CalibratedChannel::Force,
             certificate: "C".to_owned(),
             serial: "1".to_owned(),
@@ -157,15 +164,28 @@ mod tests {
         let levels: Vec<f64> = steps.iter().map(|s| s.level).collect();
         assert_eq!(
             levels,
-            [0.0, 400.0, 800.0, 1200.0, 1600.0, 2000.0, 1600.0, 1200.0, 800.0, 400.0, 0.0]
+            [
+                0.0, 400.0, 800.0, 1200.0, 1600.0, 2000.0, 1600.0, 1200.0, 800.0, 400.0, 0.0
+            ]
         );
         assert_eq!(steps.iter().filter(|s| s.down).count(), 5);
-        assert_eq!(Session { series: 3, ..session() }.steps().len(), 33);
+        assert_eq!(
+            CalibrationSession {
+                series: 3,
+                ..session()
+            }
+            .steps()
+            .len(),
+            33
+        );
     }
 
     #[test]
     fn the_way_down_belongs_to_the_level_of_its_series() {
-        let mut session = Session { series: 2, ..session() };
+        let mut session = CalibrationSession {
+            series: 2,
+            ..session()
+        };
         for (series, down, reference) in [
             (1, false, 0.0),
             (1, false, 400.0),
@@ -183,7 +203,10 @@ mod tests {
             });
         }
         let points = session.points();
-        assert_eq!((points[1].down, points[1].down_reference), (Some(1.01 * 405.0), Some(405.0)));
+        assert_eq!(
+            (points[1].down, points[1].down_reference),
+            (Some(1.01 * 405.0), Some(405.0))
+        );
         assert_eq!((points[0].down, points[0].down_reference), (Some(0.0), None));
         assert_eq!((points[2].down, points[3].down), (None, None));
     }
@@ -203,8 +226,14 @@ mod tests {
         });
         begun.keep(&path).expect("written");
         assert_eq!(session().continued(&path).expect("the same"), begun);
-        let other = Session { certificate: "D".to_owned(), ..session() };
+        let other = CalibrationSession {
+            certificate: "D".to_owned(),
+            ..session()
+        };
         let refused = other.continued(&path).expect_err("another").to_string();
-        assert!(refused.contains("other settings") && refused.contains("--restart"), "{refused}");
+        assert!(
+            refused.contains("other settings") && refused.contains("--restart"),
+            "{refused}"
+        );
     }
 }

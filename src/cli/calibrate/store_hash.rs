@@ -9,7 +9,7 @@ use crate::link::{self, Side};
 
 /// Pause between two looks at the link.
 const LOOK: Duration = Duration::from_millis(1);
-/// Session number of this program, which it never opens.
+/// CalibrationSession number of this program, which it never opens.
 const SESSION: u8 = 202;
 
 /// The result as JSON.
@@ -57,7 +57,10 @@ pub(super) fn store(bench: &Bench, address: Option<&str>, output: &Output) -> Re
         hash_before: format!("{before:#010x}"),
     };
     output.result(&stored, || {
-        format!("the rig at {} has the calibration hash {} now (before: {})", stored.link, stored.hash, stored.hash_before)
+        format!(
+            "the rig at {} has the calibration hash {} now (before: {})",
+            stored.link, stored.hash, stored.hash_before
+        )
     })?;
     Ok(Done::Success)
 }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use super::super::CliError;
 use super::super::shared::client::Client;
-use super::session::{Session, Step, Taken};
+use super::session::{CalibrationSession, Step, Taken};
 use crate::calibration::CalibratedChannel;
 use crate::daemon::client_types::SensorReadings;
 use crate::daemon::reading::WINDOW_SAMPLES;
@@ -89,7 +89,10 @@ impl Instrument<'_> {
             }
             std::thread::sleep(LOOK_PERIOD);
         }
-        Ok(Err("there was no second without a gap: look at the link and the sensor with `leafbench status`".to_owned()))
+        Ok(Err(
+            "there was no second without a gap: look at the link and the sensor with `leafbench status`"
+                .to_owned(),
+        ))
     }
 
     fn text(&self, value: f64) -> String {
@@ -120,13 +123,12 @@ pub(super) fn typed_lines() -> Receiver<String> {
 /// one point. The session is kept at `part` after each point.
 pub(super) fn walk(
     instrument: &Instrument,
-    session: &mut Session,
+    session: &mut CalibrationSession,
     references: Option<&[f64]>,
     lines: &Receiver<String>,
     part: &Path,
 ) -> Result<Walked, CliError> {
     let steps = session.steps();
-    let live = std::io::stderr().is_terminal();
     let mut said = usize::MAX;
     while let Some(step) = steps.get(session.taken.len()) {
         let at = session.taken.len();
@@ -135,50 +137,69 @@ pub(super) fn walk(
             say(&order(instrument, step, at, steps.len(), known));
             said = at;
         }
-        let line = match lines.recv_timeout(LOOK_PERIOD) {
-            Ok(line) => line,
-            Err(RecvTimeoutError::Timeout) if live => {
-                show(instrument)?;
-                continue;
-            }
-            Err(RecvTimeoutError::Timeout) => continue,
-            Err(RecvTimeoutError::Disconnected) => return Ok(Walked::Interrupted),
+        let Some(line) = next_line(instrument, lines)? else {
+            return Ok(Walked::Interrupted);
         };
-        let answer = line.trim();
-        match answer {
-            "q" => return Ok(Walked::Interrupted),
-            "b" => {
-                session.taken.pop();
-                session.keep(part)?;
-                said = usize::MAX;
-                continue;
-            }
-            _ => {}
-        }
         // Which point a decimal comma separates is not to be guessed.
-        let typed = answer.parse::<f64>().ok().filter(|value| value.is_finite());
-        let Some(reference) = known.or(typed) else {
-            say(&format!("\"{answer}\" is not a number: type the value of the reference in {}, such as 812.4; b goes one step \
-                          back, q leaves", instrument.channel.unit()));
-            continue;
-        };
-        match instrument.take()? {
-            Err(why) => say(&why),
-            Ok(look) => {
-                say(&format!("  taken: reference {}, reading {}, scatter {}", instrument.text(reference),
-                             instrument.text(look.mean), instrument.text(look.scatter)));
-                session.taken.push(Taken {
-                    series: step.series,
-                    down: step.down,
-                    reference,
-                    reading: look.mean,
-                    scatter: look.scatter,
-                });
-                session.keep(part)?;
+        let typed = line.parse::<f64>().ok().filter(|value| value.is_finite());
+        match (line.as_str(), known.or(typed)) {
+            ("q", _) => return Ok(Walked::Interrupted),
+            ("b", _) => {
+                session.taken.pop();
+                said = usize::MAX;
             }
+            (_, Some(reference)) => take(instrument, session, step, reference)?,
+            (_, None) => say(&format!(
+                "\"{line}\" is not a number: type the value of the reference in {}, such as 812.4; b goes one step back, q leaves",
+                instrument.channel.unit()
+            )),
         }
+        session.keep(part)?;
     }
     Ok(Walked::ToTheEnd)
+}
+
+/// The next line that is typed, without spaces around it; `None` at the end of the input. A terminal shows the reading meanwhile.
+fn next_line(instrument: &Instrument, lines: &Receiver<String>) -> Result<Option<String>, CliError> {
+    let live = std::io::stderr().is_terminal();
+    loop {
+        match lines.recv_timeout(LOOK_PERIOD) {
+            Ok(line) => return Ok(Some(line.trim().to_owned())),
+            Err(RecvTimeoutError::Timeout) if live => show(instrument)?,
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return Ok(None),
+        }
+    }
+}
+
+/// Takes the point of a step, or says why it cannot be taken.
+fn take(
+    instrument: &Instrument,
+    session: &mut CalibrationSession,
+    step: &Step,
+    reference: f64,
+) -> Result<(), CliError> {
+    let look = match instrument.take()? {
+        Ok(look) => look,
+        Err(why) => {
+            say(&why);
+            return Ok(());
+        }
+    };
+    say(&format!(
+        "  taken: reference {}, reading {}, scatter {}",
+        instrument.text(reference),
+        instrument.text(look.mean),
+        instrument.text(look.scatter)
+    ));
+    session.taken.push(Taken {
+        series: step.series,
+        down: step.down,
+        reference,
+        reading: look.mean,
+        scatter: look.scatter,
+    });
+    Ok(())
 }
 
 /// What to do at a step.
@@ -196,7 +217,11 @@ fn order(instrument: &Instrument, step: &Step, at: usize, of: usize, known: Opti
         Some(value) => format!("press Enter when the reference shows {}", instrument.text(value)),
         None => "wait until it is still, then type the value of the reference".to_owned(),
     };
-    format!("step {} of {of}, series {}, {way}: {place}; {then}", at + 1, step.series)
+    format!(
+        "step {} of {of}, series {}, {way}: {place}; {then}",
+        at + 1,
+        step.series
+    )
 }
 
 /// The reading as it is now, on one line that is written over.
@@ -204,7 +229,11 @@ fn show(instrument: &Instrument) -> Result<(), CliError> {
     let look = instrument.look()?;
     let text = match look.samples {
         0 => "no reading".to_owned(),
-        _ => format!("reading {}, scatter {} (uncorrected)", instrument.text(look.mean), instrument.text(look.scatter)),
+        _ => format!(
+            "reading {}, scatter {} (uncorrected)",
+            instrument.text(look.mean),
+            instrument.text(look.scatter)
+        ),
     };
     let mut stderr = std::io::stderr().lock();
     let _ = write!(stderr, "\r\x1b[K{text} > ");

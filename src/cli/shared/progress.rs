@@ -92,7 +92,11 @@ impl Progress {
 /// Share of the profile that is done, 0 to 1.
 fn share(status: &RigStatus) -> f64 {
     let total_s = status.elapsed_s + status.remaining_s;
-    if total_s > 0.0 { status.elapsed_s / total_s } else { 0.0 }
+    if total_s > 0.0 {
+        status.elapsed_s / total_s
+    } else {
+        0.0
+    }
 }
 
 /// The counted cycles in words; empty for a profile without any.

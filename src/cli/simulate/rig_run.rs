@@ -48,7 +48,13 @@ pub(super) fn play(mut order: RigRun, output: &Output) -> Result<Done, CliError>
         order.bench.mock_rig.insert("seed".to_owned(), seed.into());
     }
     let folder = ScratchFolder::beside(&csv)?;
-    let run = record_run(&order.bench, &order.profile, order.profile_toml, &folder.0, output.json)?;
+    let run = record_run(
+        &order.bench,
+        &order.profile,
+        order.profile_toml,
+        &folder.0,
+        output.json,
+    )?;
     export::export(&run.file, Selection::Whole, &csv)?;
     let result = result(&run.file, csv, run.virtual_s)?;
     output.result(&result, || text(&result))?;
@@ -59,7 +65,11 @@ fn result(file: &RunFile, csv: PathBuf, virtual_s: f64) -> Result<RigRunResult, 
     let outcome: &Outcome = file
         .outcome()
         .ok_or_else(|| CliError::Internal("a run in virtual time has no outcome".to_owned()))?;
-    let peak = |value: fn(&Sample) -> f64| file.samples().map(|s| value(&s)).fold(f64::NEG_INFINITY, f64::max);
+    let peak = |value: fn(&Sample) -> f64| {
+        file.samples()
+            .map(|s| value(&s))
+            .fold(f64::NEG_INFINITY, f64::max)
+    };
     Ok(RigRunResult {
         csv,
         rows: file.samples().count(),

@@ -158,7 +158,9 @@ pub(crate) fn check_space(folder: &Path, duration_s: f64, sample_rate_hz: f64) -
 
 #[cfg(test)]
 pub(crate) mod test_support {
-    use crate::recording::{ChannelScale, Ending, FirmwareIdentity, Flags, Header, Outcome, Sample, SensorIdentity};
+    use crate::recording::{
+        ChannelScale, Ending, FirmwareIdentity, Flags, Header, Outcome, Sample, SensorIdentity,
+    };
     use crate::units::Command;
 
     /// A header with calibration values that are not round numbers.
