@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use super::support::{Daemon, program};
+use super::support::{Daemon, http, program, until};
 use crate::cli;
 
 /// Commands that are checked for their arguments only, by how they begin, and why.
@@ -156,6 +156,15 @@ fn write_logger(csv: &Path, logger: &Path) {
     std::fs::write(logger, text).expect("written");
 }
 
+/// A person types no faster than this: the rig has unloaded and was still for a second.
+fn until_at_rest(daemon: &Daemon) {
+    daemon.until_phase("ready");
+    until("a second of samples", || {
+        let reading = http::get_json(daemon, "/api/reading");
+        (reading["samples"] == 1000).then_some(())
+    });
+}
+
 fn run_one(line: &str, folder: &Path) {
     let line = filled_in(line, folder);
     let words = words(&line);
@@ -209,7 +218,7 @@ fn every_command_of_the_readme_works_as_it_stands_in_a_fresh_copy() {
         }
         // A run ends with an unload; the next command of a person comes later than that.
         if let Some(daemon) = &daemon {
-            daemon.until_phase("ready");
+            until_at_rest(daemon);
         }
     }
     assert!(daemon.is_some(), "the README starts a daemon");

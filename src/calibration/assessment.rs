@@ -96,14 +96,14 @@ pub(crate) fn assess(
     figures: &SensorFigures,
     standard: &Standard,
 ) -> Option<Assessment> {
+    let greatest = points.iter().map(|p| p.reference.abs()).fold(0.0, f64::max);
     let levels: Vec<LevelErrors> = points
         .iter()
-        .filter(|point| point.reference != 0.0)
-        .map(|point| level(point, points, fit))
+        .filter(|point| !point.is_zero(greatest))
+        .map(|point| level(point, zero_of(point.series, points, greatest), fit))
         .collect();
     let size = |level: &LevelErrors| level.reference.abs();
     let least = levels.iter().map(size).fold(f64::INFINITY, f64::min);
-    let greatest = levels.iter().map(size).fold(0.0, f64::max);
     if levels.is_empty() {
         return None;
     }
@@ -135,8 +135,8 @@ pub(crate) fn assess(
 }
 
 /// Errors of a point; the zero of its series is the zero of the indication, as after a tare.
-fn level(point: &CalibrationPoint, points: &[CalibrationPoint], fit: &PolynomialFit) -> LevelErrors {
-    let zero = zero_of(point.series, points).map_or(0.0, |zero| fit.value(zero.up));
+fn level(point: &CalibrationPoint, zero: Option<&CalibrationPoint>, fit: &PolynomialFit) -> LevelErrors {
+    let zero = zero.map_or(0.0, |zero| fit.value(zero.up) - zero.reference);
     let error = |reading: f64, reference: f64| fit.value(reading) - zero - reference;
     let up_error = error(point.up, point.reference);
     let down_error = point.down.map(|down| error(down, point.reference_down()));
@@ -151,8 +151,8 @@ fn level(point: &CalibrationPoint, points: &[CalibrationPoint], fit: &Polynomial
     }
 }
 
-fn zero_of(series: u32, points: &[CalibrationPoint]) -> Option<&CalibrationPoint> {
-    points.iter().find(|p| p.series == series && p.reference == 0.0)
+fn zero_of(series: u32, points: &[CalibrationPoint], greatest: f64) -> Option<&CalibrationPoint> {
+    points.iter().find(|p| p.series == series && p.is_zero(greatest))
 }
 
 fn found(
@@ -170,8 +170,12 @@ fn found(
     let mut indication = each(&|l| Some(l.up_error));
     indication.extend(each(&|l| l.down_error));
     let zeros = (1..=series).filter_map(|series| {
-        let zero = zero_of(series, points)?;
-        Some((greatest, (fit.value(zero.down?) - fit.value(zero.up)).abs()))
+        let zero = zero_of(series, points, greatest)?;
+        let moved = zero.reference_down() - zero.reference;
+        Some((
+            greatest,
+            (fit.value(zero.down?) - fit.value(zero.up) - moved).abs(),
+        ))
     });
     vec![
         (Criterion::Indication, indication),
@@ -363,6 +367,22 @@ mod tests {
             (repeatability.class, assessment.class_text().as_str()),
             (Some("2"), "ISO 7500-1 class 2")
         );
+    }
+
+    #[test]
+    fn a_zero_that_is_not_quite_zero_is_no_level() {
+        let mut points = points([0.0; 6], [0.0; 5]);
+        (points[0].reference, points[0].up, points[0].down) = (0.5, 0.5, Some(0.7));
+        points[0].down_reference = Some(0.6);
+        let assessment = assessed(&points);
+        assert_eq!(assessment.levels.len(), 5);
+        assert_eq!(assessment.range, [400.0, 2000.0]);
+        let zero = assessment
+            .criteria
+            .iter()
+            .find(|c| c.criterion == Criterion::Zero)
+            .expect("judged");
+        assert!((zero.worst - 0.1).abs() < 1e-9, "{zero:?}");
     }
 
     #[test]

@@ -14,7 +14,7 @@ pub(crate) struct CalibrationFile {
     pub channel: CalibratedChannel,
     /// Number of the calibration certificate.
     pub certificate: String,
-    /// Who calibrated.
+    /// Who calibrated the sensor.
     pub laboratory: String,
     /// Maker and type of the sensor.
     #[serde(default)]

@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum CalibratedChannel {
-    /// The load cell.
+    /// The load cell, in N.
     Force,
-    /// The LVDT.
+    /// The LVDT, in mm.
     Displacement,
 }
 
@@ -38,7 +38,7 @@ impl CalibratedChannel {
     }
 }
 
-/// One level of the reference in one series, N or mm. The level 0 is the zero before (up) and after (down) the series.
+/// One level of the reference in one series, N or mm. The level near 0 is the zero before (up) and after (down) the series.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct CalibrationPoint {
@@ -70,8 +70,16 @@ pub(crate) struct CalibrationPoint {
 }
 
 impl CalibrationPoint {
+    /// Share of the greatest value below which a reference is the zero: no class is defined there.
+    const ZERO_SHARE: f64 = 0.02;
+
     fn first_series() -> u32 {
         1
+    }
+
+    /// True for the zero before and after a series: a reference hardly ever shows exactly 0.
+    pub(crate) fn is_zero(&self, greatest: f64) -> bool {
+        self.reference.abs() <= Self::ZERO_SHARE * greatest
     }
 
     /// Value of the reference on the way down.

@@ -168,7 +168,7 @@ pub(crate) struct SensorFile {
     pub file: String,
     /// Hex SHA-256 of the file.
     pub file_sha256: String,
-    /// Who calibrated.
+    /// Who calibrated the sensor.
     pub laboratory: String,
     /// Maker and type of the sensor.
     #[serde(default)]

@@ -87,7 +87,7 @@ pub(crate) struct SensorIdentity {
     /// Hex SHA-256 of the calibration file.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub file_sha256: String,
-    /// Who calibrated.
+    /// Who calibrated the sensor.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub laboratory: String,
     /// Maker and type of the sensor.

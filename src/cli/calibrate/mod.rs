@@ -52,7 +52,7 @@ pub(super) struct CalibrateArgs {
     /// Maker and type of the sensor
     #[arg(long, value_name = "TEXT", default_value = "")]
     sensor: String,
-    /// Who calibrates
+    /// Who calibrates the sensor
     #[arg(long, value_name = "TEXT", default_value = "in house")]
     laboratory: String,
     /// Last day of the calibration, YYYY-MM-DD [default: one year from today]

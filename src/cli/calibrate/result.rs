@@ -107,12 +107,11 @@ impl ChannelFigures {
             let [a, b] = [low, high].map(|counts| self.scale.value(counts as i32));
             a + (b - a) * (counts - low)
         };
-        let zero = points
-            .iter()
-            .find(|p| p.reference == 0.0)
-            .map_or(0.0, |p| value(p.up));
+        let greatest = points.iter().map(|p| p.reference.abs()).fold(0.0, f64::max);
+        let zero = points.iter().find(|p| p.is_zero(greatest));
+        let zero = zero.map_or(0.0, |p| value(p.up) - p.reference);
         let error = |p: &CalibrationPoint| 100.0 * (value(p.up) - zero - p.reference) / p.reference.abs();
-        let errors = points.iter().filter(|p| p.reference != 0.0).map(error);
+        let errors = points.iter().filter(|p| !p.is_zero(greatest)).map(error);
         errors.fold(0.0, |worst: f64, e| if e.abs() > worst.abs() { e } else { worst })
     }
 }
@@ -195,13 +194,16 @@ pub(super) fn finish(
     })
 }
 
-/// Standard deviation of one sample without load, where it was measured.
+/// Standard deviation of one sample: the median of what was measured at the points, where it was.
 fn noise(session: &CalibrationSession) -> Option<f64> {
-    let at_zero = session
+    let mut scatter: Vec<f64> = session
         .taken
         .iter()
-        .filter(|t| t.reference == 0.0 && t.scatter > 0.0);
-    at_zero.map(|t| t.scatter).reduce(f64::max)
+        .map(|t| t.scatter)
+        .filter(|s| *s > 0.0)
+        .collect();
+    scatter.sort_by(f64::total_cmp);
+    scatter.get(scatter.len() / 2).copied()
 }
 
 /// Writes the file if a bench can use it. Returns the calibration hash of the bench with it.

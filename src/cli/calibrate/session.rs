@@ -14,7 +14,7 @@ use crate::regular_file::{self, WRITTEN_MAX_BYTES};
 /// A place at which the reference and the sensor are read.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Step {
-    /// From 1.
+    /// Number of the series, from 1.
     pub series: u32,
     /// Value to which the reference is brought, approximately, N or mm.
     pub level: f64,
