@@ -44,6 +44,7 @@ mod rig_check;
 mod run_files;
 mod run_next;
 mod serial;
+mod simulate_rig;
 mod starts;
 mod support;
 mod templates;
