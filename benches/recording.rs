@@ -3,7 +3,7 @@
 use crate::recording::csv::{self, CsvFormat, CsvWriter};
 use crate::recording::run_file::{RunFile, RunFileWriter};
 use crate::recording::{
-    ChannelScale, Ending, FirmwareIdentity, Flags, Header, Outcome, Recorder, Sample, export,
+    ChannelScale, Ending, FirmwareIdentity, Flags, Header, Outcome, Recorder, Sample, SensorIdentity, export,
 };
 use crate::units::{Command, Mode};
 use criterion::{Criterion, Throughput};
@@ -16,6 +16,7 @@ fn header() -> Header {
         scale_per_count,
         offset: 0.0,
         tare: 0.123,
+        curve: [0.0; 2],
     };
     Header {
         run_id: "bench".into(),
@@ -31,6 +32,8 @@ fn header() -> Header {
         sample_rate_hz: 1000.0,
         force_channel: scale(0.1),
         displacement_channel: scale(0.0005),
+        force_sensor: SensorIdentity::default(),
+        displacement_sensor: SensorIdentity::default(),
         twin: String::new(),
         first_cycle: 1,
         resumes_run: String::new(),

@@ -74,7 +74,7 @@
 //! | rank | modules |
 //! |---|---|
 //! | 0 | units, regular_file |
-//! | 1 | recording, profile, protocol |
+//! | 1 | recording, profile, protocol, calibration |
 //! | 2 | acceptance, model, link, truth |
 //! | 3 | effect, control, conformance |
 //! | 4 | identify, mockrig, twin |
@@ -91,6 +91,7 @@
 
 mod acceptance;
 mod blind;
+mod calibration;
 mod cli;
 mod config;
 mod conformance;

@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use crate::calibration::CalibrationFile;
 use crate::config::{Bench, Specimen};
 use crate::effect::{EFFECTS, FORMS};
 use crate::mockrig::MockRigConfig;
@@ -167,6 +168,15 @@ fn add_specimen(tables: &mut BTreeMap<String, ParsedTable>) {
     }
 }
 
+/// The keys of both kinds of sensors are in one table.
+fn add_calibration(tables: &mut BTreeMap<String, ParsedTable>) {
+    let refused = |text: String| toml::from_str::<CalibrationFile>(&text).expect_err("an unknown key");
+    let error = refused(format!("{UNKNOWN} = 0\n"));
+    add(tables, "calibration", &error, toml::Table::new());
+    let error = refused(format!("[[point]]\n{UNKNOWN} = 0\n"));
+    add(tables, "calibration [[point]]", &error, toml::Table::new());
+}
+
 fn add_mock_rig(tables: &mut BTreeMap<String, ParsedTable>) {
     let refused = |text: &str| toml::from_str::<MockRigConfig>(text).expect_err("an unknown key");
     let defaults = table_of(MockRigConfig::default());
@@ -221,6 +231,7 @@ fn parsed() -> BTreeMap<String, ParsedTable> {
     add_profile(&mut tables);
     add_bench(&mut tables);
     add_specimen(&mut tables);
+    add_calibration(&mut tables);
     add_mock_rig(&mut tables);
     add_structures(&mut tables);
     for (heading, parameters) in parameters() {

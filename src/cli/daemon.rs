@@ -1,7 +1,7 @@
 //! `leafbench daemon`.
 
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
@@ -17,6 +17,7 @@ use super::{CliCommand, CliError, Done, Output};
 use crate::config::Bench;
 use crate::daemon::client_types::Endpoint;
 use crate::daemon::{Daemon, DaemonSettings};
+use crate::link::wire_log::{WireLog, WireLogThread};
 use crate::link::{self, Link, Side, loopback};
 
 /// Control the rig: connect, serve the technician's page and the other commands, record runs
@@ -42,6 +43,12 @@ pub(super) struct DaemonArgs {
     /// Address and port of the page and of the commands; port 0 takes a free one [default: from the bench file]
     #[arg(long, value_name = "ADDRESS")]
     listen: Option<SocketAddr>,
+    /// Also log all frames of the link in the format of `candump -L`, for canplayer; an earlier log there is replaced
+    #[arg(long, value_name = "FILE")]
+    wire_log: Option<PathBuf>,
+    /// Most space for the wire log, MB: FILE and FILE.old together, the newest frames stay; 1000 MB are about 3 h
+    #[arg(long, value_name = "MB", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..))]
+    wire_log_mb: u64,
 }
 
 impl CliCommand for DaemonArgs {
@@ -55,6 +62,7 @@ impl CliCommand for DaemonArgs {
         log_to_stderr();
         end_with_the_first_panic();
         let bench = Arc::new(self.bench.load()?);
+        let wire_log = self.wire_log.clone().zip(Some(self.wire_log_mb));
         let settings = DaemonSettings {
             link_address: self.link.unwrap_or_else(|| bench.link.address.clone()),
             data_folder: self.data.unwrap_or_else(|| bench.daemon.data_folder.clone()),
@@ -64,11 +72,33 @@ impl CliCommand for DaemonArgs {
         };
         let link_address = settings.link_address.clone();
         // The rig comes last: a daemon that cannot serve must not touch it.
-        let daemon = Daemon::prepare(settings)?;
+        let mut daemon = Daemon::prepare(settings)?;
+        let log_thread = match wire_log {
+            Some((path, max_mb)) => Some(start_wire_log(&mut daemon, &path, &link_address, max_mb)?),
+            None => None,
+        };
         let link = open_link(&link_address, &bench)?;
         daemon.serve(link, |endpoint| announce(endpoint, output))?;
+        if let Some(thread) = log_thread {
+            thread.finish();
+        }
         Ok(Done::Success)
     }
+}
+
+/// Starts the log of the frames. Its lines name the CAN interface, or the kind of the link.
+fn start_wire_log(
+    daemon: &mut Daemon,
+    path: &Path,
+    link_address: &str,
+    max_mb: u64,
+) -> Result<WireLogThread, CliError> {
+    let (scheme, place) = link_address.split_once(':').unwrap_or((link_address, ""));
+    let name = if scheme == "can" { place } else { scheme };
+    let started = WireLog::start(path, name, max_mb * 1_000_000);
+    let (log, thread) = started.map_err(CliError::file(path, "writing"))?;
+    daemon.log_wire(log);
+    Ok(thread)
 }
 
 /// Prints the daemon's address.

@@ -1,10 +1,11 @@
 //! The command line: the only module that uses all others.
 //!
-//! Each command is one file, which holds a struct with the command's arguments and its [`CliCommand`]; `diagnose` is a folder,
-//! because it has three ways to run. A new command is one file and one line in [`COMMANDS`]. What several commands use (errors,
+//! Each command is one file, which holds a struct with the command's arguments and its [`CliCommand`]; `diagnose` and
+//! `calibrate` are folders, because they have several steps. A new command is one file and one line in [`COMMANDS`]. What several commands use (errors,
 //! progress, Ctrl-C, the client of the daemon, the files of this computer, the virtual bench) is in `shared`.
 
 mod blind;
+mod calibrate;
 mod certificate;
 mod completions;
 mod daemon;
@@ -114,6 +115,7 @@ static COMMANDS: &[CommandEntry] = &[
     CommandEntry::of::<mock_rig::MockRigArgs>(),
     CommandEntry::of::<rig_check::RigCheckArgs>(),
     CommandEntry::of::<doctor::DoctorArgs>(),
+    CommandEntry::of::<calibrate::CalibrateArgs>(),
     CommandEntry::of::<diagnose::DiagnoseArgs>(),
     CommandEntry::of::<blind::BlindArgs>(),
     CommandEntry::of::<demo::DemoArgs>(),
@@ -244,6 +246,13 @@ fn command_line() -> clap::Command {
         .arg_required_else_help(true)
         .after_help(EXIT_CODES)
         .subcommands(COMMANDS.iter().map(CommandEntry::command))
+}
+
+/// Why the program would not take these words of a command line, for the tests of the documents.
+#[cfg(test)]
+pub(crate) fn refusal(words: &[String]) -> Option<String> {
+    let parsed = command_line().try_get_matches_from(words);
+    parsed.err().map(|error| error.to_string())
 }
 
 /// Names of all commands, for the tests of their help.

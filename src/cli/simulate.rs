@@ -1,4 +1,6 @@
-//! `leafbench simulate`.
+//! `leafbench simulate`: on the model here, on the mock rig in `rig_run`.
+
+mod rig_run;
 
 use std::io::{BufWriter, Write};
 use std::ops::ControlFlow;
@@ -25,8 +27,13 @@ const FRAMES: usize = 60;
 /// Duration of an animation in s.
 const SHOWN_S: f64 = 6.0;
 
-/// Run a profile on the model of the bench, without rig or noise, and write displacement and force as CSV
+/// Run a profile on the model of the bench, or on the mock rig in virtual time, and write displacement and force as CSV
 #[derive(Debug, Args)]
+#[command(
+    after_help = "Without --rig the model is stepped along the commanded motion: no noise, no hydraulics. With --rig the mock rig of the\n\
+                  bench runs the profile as a daemon would, with noise, hydraulics, limits and the twin beside: the CSV is that of\n\
+                  an export, with its data package. Exit code 1: the run did not complete."
+)]
 pub(super) struct SimulateArgs {
     #[command(flatten)]
     profile: ProfileArgs,
@@ -35,6 +42,15 @@ pub(super) struct SimulateArgs {
     /// CSV to write [default: PROFILE.simulated.csv here]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Run on the mock rig of the bench in virtual time, with sensor noise and hydraulics
+    #[arg(long, conflicts_with = "draw")]
+    rig: bool,
+    /// Seed of the sensor noise of --rig [default: from the bench file]
+    #[arg(long, requires = "rig", value_parser = clap::value_parser!(i64).range(0..))]
+    seed: Option<i64>,
+    /// With --rig: replace files that are there already
+    #[arg(long, requires = "rig")]
+    force: bool,
     /// Also draw the leaf pack: NAME.svg at the greatest force, NAME-moving.svg as it deforms
     #[arg(long, value_name = "NAME")]
     draw: Option<PathBuf>,
@@ -54,12 +70,26 @@ impl CliCommand for SimulateArgs {
     const NAME: &'static str = "simulate";
     const EXAMPLES: &'static [&'static str] = &[
         "leafbench simulate sine-6mm-1hz",
+        "leafbench simulate sine-6mm-2.5hz-10 --rig --seed 7 --out noisy.csv",
         "leafbench simulate static-ramp-12s --bench bench-configs/benches/samurai-rail.toml --draw pack",
     ];
 
     fn run(self, output: &Output) -> Result<Done, CliError> {
         let bench = self.bench.load()?;
-        let (profile, _) = self.profile.load()?;
+        let (profile, text) = self.profile.load()?;
+        if self.rig {
+            return rig_run::play(
+                rig_run::RigRun {
+                    bench,
+                    profile,
+                    profile_toml: text,
+                    out: self.out,
+                    seed: self.seed,
+                    force: self.force,
+                },
+                output,
+            );
+        }
         let path = self
             .out
             .unwrap_or_else(|| format!("{}.simulated.csv", profile.name).into());
@@ -71,12 +101,12 @@ impl CliCommand for SimulateArgs {
         if let Some((name, pack)) = drawing {
             draw_pack(pack, &path_mm, &name)?;
         }
-        output.result(&simulated, || text(&simulated))?;
+        output.result(&simulated, || line(&simulated))?;
         Ok(Done::Success)
     }
 }
 
-fn text(s: &Simulated) -> String {
+fn line(s: &Simulated) -> String {
     format!(
         "{}  ({} rows of model {}): peak {:.1} N, {:.3} mm, {:.2} J",
         s.csv.display(),

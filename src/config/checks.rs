@@ -5,6 +5,7 @@ use super::document::Document;
 use super::{
     Bench, BenchLimits, ConfigError, DisplacementChannel, ForceChannel, LinkConfig, ModelConfig, Specimen,
 };
+use crate::calibration::{CalibratedChannel, CalibrationFile};
 use crate::link::{address_forms, is_address};
 use crate::mockrig::{MockRigConfig, MockRigError};
 use crate::model;
@@ -138,6 +139,7 @@ struct ChannelValues<'a> {
     noise: f64,
     calibrated: &'a str,
     due: &'a str,
+    polynomial: &'a [f64],
 }
 
 impl<'a> ChannelValues<'a> {
@@ -152,6 +154,7 @@ impl<'a> ChannelValues<'a> {
             noise: f.noise_n,
             calibrated: &f.calibrated,
             due: &f.due,
+            polynomial: &f.polynomial,
         }
     }
 
@@ -166,13 +169,31 @@ impl<'a> ChannelValues<'a> {
             noise: d.noise_mm,
             calibrated: &d.calibrated,
             due: &d.due,
+            polynomial: &d.polynomial,
+        }
+    }
+}
+
+impl<'a> ChannelValues<'a> {
+    fn of_file(file: &'a CalibrationFile) -> Self {
+        ChannelValues {
+            table: "",
+            unit: file.channel.suffix(),
+            per_count: file.per_count,
+            sign: 1,
+            offset: 0.0,
+            capacity: file.capacity,
+            noise: file.noise,
+            calibrated: &file.calibrated,
+            due: &file.due,
+            polynomial: &file.polynomial,
         }
     }
 }
 
 fn channel(document: &Document, c: &ChannelValues) -> Result<(), ConfigError> {
     let (table, unit, capacity) = (c.table, c.unit, c.capacity);
-    let key = |name: &str| format!("{table}.{name}");
+    let key = |name: &str| key_in(table, name);
     positive(document, &key(&format!("{unit}_per_count")), c.per_count)?;
     if c.sign != 1 {
         let reason = format!(
@@ -217,7 +238,107 @@ fn channel(document: &Document, c: &ChannelValues) -> Result<(), ConfigError> {
         let reason = format!("{} is not after the calibration: correct one of the dates", c.due);
         return Err(document.refuse(&key("due"), reason));
     }
+    polynomial(document, c)
+}
+
+/// Slopes of a calibration's polynomial between which it may be used: beyond, a unit or a point is wrong.
+const SLOPES: [f64; 2] = [0.5, 2.0];
+
+/// Checks that the polynomial rises everywhere that counts can reach, and by nearly what the reading does.
+fn polynomial(document: &Document, c: &ChannelValues) -> Result<(), ConfigError> {
+    let refuse = |reason: String| Err(document.refuse(&key_in(c.table, "polynomial"), reason));
+    let factors = c.polynomial;
+    if factors.is_empty() {
+        return Ok(());
+    }
+    if !(2..=4).contains(&factors.len()) || factors.iter().any(|factor| !factor.is_finite()) {
+        return refuse(
+            "needs two to four numbers: constant, slope, and where needed square and cube".to_owned(),
+        );
+    }
+    let (zero, largest) = (factors[0], 0.2 * c.capacity);
+    if zero.abs() > largest {
+        return refuse(format!(
+            "the constant {zero} is above {largest}, a fifth of the capacity: check the unit"
+        ));
+    }
+    let term = |power: usize| factors.get(power).copied().unwrap_or(0.0);
+    let slope = |reading: f64| factors[1] + reading * (2.0 * term(2) + 3.0 * term(3) * reading);
+    let wire = c.per_count * f64::from(COUNTS_MAX);
+    // The slope is a parabola: its extremes are at the ends or at its vertex.
+    let vertex = (-term(2) / (3.0 * term(3))).clamp(-wire, wire);
+    let at = [-wire, wire, if vertex.is_finite() { vertex } else { 0.0 }];
+    let [low, high] = SLOPES;
+    match at
+        .into_iter()
+        .find(|reading| !(low..=high).contains(&slope(*reading)))
+    {
+        Some(reading) => refuse(format!(
+            "its slope at {reading:.3} {} is {:.3}, outside {low} to {high}: check the points and the order",
+            c.unit,
+            slope(reading)
+        )),
+        None => Ok(()),
+    }
+}
+
+/// Checks a calibration file by itself.
+pub(super) fn calibration(document: &Document, file: &CalibrationFile) -> Result<(), ConfigError> {
+    let own = file.channel;
+    let other = match own {
+        CalibratedChannel::Force => CalibratedChannel::Displacement,
+        CalibratedChannel::Displacement => CalibratedChannel::Force,
+    };
+    for name in CalibrationFile::DIMENSIONED {
+        let (wrong, right) = (CalibrationFile::key(other, name), CalibrationFile::key(own, name));
+        if document.has(&wrong) {
+            let reason = format!("the channel is in {}: write {right}", own.unit());
+            return Err(document.refuse(&wrong, reason));
+        }
+    }
+    for (key, text) in [
+        ("certificate", &file.certificate),
+        ("serial", &file.serial),
+        ("laboratory", &file.laboratory),
+    ] {
+        not_empty(document, key, text, "copy it from the certificate")?;
+    }
+    if file.polynomial.is_empty() {
+        return Err(document.refuse(
+            "polynomial",
+            "is empty: write [0.0, 1.0] for a sensor without correction",
+        ));
+    }
+    channel(document, &ChannelValues::of_file(file))?;
+    let uncertainty = CalibrationFile::key(own, "expanded_uncertainty");
+    let largest = 0.1 * file.capacity;
+    within(
+        document,
+        &uncertainty,
+        file.expanded_uncertainty,
+        0.0,
+        largest,
+        "a tenth of the capacity",
+    )?;
+    let numbers = file
+        .points
+        .iter()
+        .flat_map(|p| [p.reference, p.up, p.down.unwrap_or(0.0), p.reference_down()]);
+    if numbers
+        .into_iter()
+        .any(|number| !(number.abs() <= 2.0 * file.capacity))
+    {
+        return Err(document.refuse("point", "a point is above twice the capacity: check the unit"));
+    }
     Ok(())
+}
+
+/// The key in its table; in no table where its name is empty.
+fn key_in(table: &str, name: &str) -> String {
+    match table {
+        "" => name.to_owned(),
+        table => format!("{table}.{name}"),
+    }
 }
 
 /// Key without its table, value, least value, largest value, what the range is.
@@ -382,14 +503,7 @@ fn all_within<K: AsRef<str>>(
     rows: &[RangeRow<K>],
 ) -> Result<(), ConfigError> {
     rows.iter().try_for_each(|(key, value, low, high, range)| {
-        within(
-            document,
-            &format!("{table}.{}", key.as_ref()),
-            *value,
-            *low,
-            *high,
-            range,
-        )
+        within(document, &key_in(table, key.as_ref()), *value, *low, *high, range)
     })
 }
 

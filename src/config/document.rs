@@ -30,6 +30,11 @@ impl<'a> Document<'a> {
         self.at(self.span(key).unwrap_or(0..0), key, reason.into())
     }
 
+    /// True if the key is written.
+    pub(super) fn has(&self, key: &str) -> bool {
+        DeTable::parse(self.text).is_ok_and(|root| root.get_ref().contains_key(key))
+    }
+
     fn at(&self, span: Range<usize>, key: &str, reason: String) -> ConfigError {
         let (line, column) = line_column(self.text, span.start);
         ConfigError::Invalid {

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use serde::Deserialize;
 
+use super::calibration::{ChannelSource, NamedCalibration, ReadCalibration, ReadFile};
 use super::document::Document;
 use super::{
     Bench, BenchLimits, ConfigError, DaemonConfig, DisplacementChannel, ForceChannel, LinkConfig,
@@ -16,17 +17,32 @@ use crate::regular_file::{self, WRITTEN_MAX_BYTES};
 /// A bench file as it is written. Its specimen may be in a file of its own.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct RawBench {
+struct RawBench<F, D> {
     name: String,
     link: LinkConfig,
-    force_channel: ForceChannel,
-    displacement_channel: DisplacementChannel,
+    force_channel: F,
+    displacement_channel: D,
     limits: BenchLimits,
     daemon: DaemonConfig,
     specimen: RawSpecimen,
     model: Option<ModelConfig>,
     #[serde(default)]
     mock_rig: toml::Table,
+}
+
+/// Whether each channel names a calibration file, which decides what else its table may have.
+#[derive(Deserialize)]
+struct RawChannels {
+    #[serde(default)]
+    force_channel: toml::Table,
+    #[serde(default)]
+    displacement_channel: toml::Table,
+}
+
+/// Reads the files that a bench file names.
+struct NamedFiles<'a> {
+    specimen: &'a dyn Fn(&str) -> Result<Specimen, ConfigError>,
+    calibration: ReadFile<'a>,
 }
 
 /// The settings of the mock rig alone, so that an error in them has its line and column.
@@ -50,32 +66,58 @@ impl Bench {
     pub fn load(path: &Path) -> Result<Bench, ConfigError> {
         let text = read_text(path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        Bench::parse_with(&text, &path.display().to_string(), &|file| {
-            Specimen::load(&folder.join(file))
-        })
+        Bench::parse_in(&text, &path.display().to_string(), folder)
     }
 
-    /// Reads a bench from a text; `origin` is for messages. A specimen file is looked for in the working folder.
+    /// Reads a bench from a text; `origin` is for messages. Files that it names are looked for in the working folder.
     pub(crate) fn parse(text: &str, origin: &str) -> Result<Bench, ConfigError> {
-        Bench::parse_with(text, origin, &|file| Specimen::load(Path::new(file)))
+        Bench::parse_in(text, origin, Path::new(""))
+    }
+
+    /// `folder`: where the files that the text names are looked for.
+    fn parse_in(text: &str, origin: &str, folder: &Path) -> Result<Bench, ConfigError> {
+        let files = NamedFiles {
+            specimen: &|file| Specimen::load(&folder.join(file)),
+            calibration: &|file| ReadCalibration::load(&folder.join(file)),
+        };
+        Bench::parse_with(text, origin, &files)
     }
 
     /// The shipped mock bench, compiled into the program, for use without its file.
     pub fn shipped() -> Result<Bench, ConfigError> {
         let bench = include_str!("../../bench-configs/benches/mock.toml");
         let specimen = include_str!("../../bench-configs/specimens/samurai-front-equivalent.toml");
-        Bench::parse_with(bench, "the built-in mock bench", &|file| {
-            Specimen::parse(specimen, file)
-        })
+        let files = NamedFiles {
+            specimen: &|file| Specimen::parse(specimen, file),
+            calibration: &|file| ReadCalibration::load(Path::new(file)),
+        };
+        Bench::parse_with(bench, "the built-in mock bench", &files)
     }
 
-    /// `specimen_file` reads the specimen file that the text names.
-    fn parse_with(
+    fn parse_with(text: &str, origin: &str, files: &NamedFiles) -> Result<Bench, ConfigError> {
+        // Tables of another form are refused by the second reading, with their place.
+        let names_file = |channels: &RawChannels| {
+            let named = |table: &toml::Table| table.contains_key("calibration");
+            (
+                named(&channels.force_channel),
+                named(&channels.displacement_channel),
+            )
+        };
+        let named = toml::from_str(text).map_or((false, false), |channels| names_file(&channels));
+        match named {
+            (false, false) => Bench::parse_as::<ForceChannel, DisplacementChannel>(text, origin, files),
+            (true, false) => Bench::parse_as::<NamedCalibration, DisplacementChannel>(text, origin, files),
+            (false, true) => Bench::parse_as::<ForceChannel, NamedCalibration>(text, origin, files),
+            (true, true) => Bench::parse_as::<NamedCalibration, NamedCalibration>(text, origin, files),
+        }
+    }
+
+    fn parse_as<F: ChannelSource<ForceChannel>, D: ChannelSource<DisplacementChannel>>(
         text: &str,
         origin: &str,
-        specimen_file: &dyn Fn(&str) -> Result<Specimen, ConfigError>,
+        files: &NamedFiles,
     ) -> Result<Bench, ConfigError> {
-        let (document, raw) = Document::read::<RawBench>(text, origin)?;
+        let (document, raw) = Document::read::<RawBench<F, D>>(text, origin)?;
         let (_, RawMockRig { mock_rig }) = Document::read(text, origin)?;
         checks::mock_rig(&document, &mock_rig)?;
         let specimen = match raw.specimen {
@@ -84,7 +126,7 @@ impl Bench {
                 name: None,
                 source: None,
                 model: None,
-            } => specimen_file(&file)?,
+            } => (files.specimen)(&file)?,
             RawSpecimen {
                 file: None,
                 name: Some(name),
@@ -110,8 +152,8 @@ impl Bench {
         let bench = Bench {
             name: raw.name,
             link: raw.link,
-            force_channel: raw.force_channel,
-            displacement_channel: raw.displacement_channel,
+            force_channel: raw.force_channel.resolve(&document, files.calibration)?,
+            displacement_channel: raw.displacement_channel.resolve(&document, files.calibration)?,
             limits: raw.limits,
             daemon: raw.daemon,
             model: raw.model.unwrap_or_else(|| specimen.model.clone()),
@@ -139,6 +181,13 @@ impl Specimen {
         let (document, specimen) = Document::read::<Specimen>(text, origin)?;
         checks::specimen(&document, "", &specimen)?;
         Ok(specimen)
+    }
+}
+
+impl ReadCalibration {
+    /// Reads a calibration file.
+    pub(crate) fn load(path: &Path) -> Result<ReadCalibration, ConfigError> {
+        ReadCalibration::parse(&read_text(path)?, &path.display().to_string())
     }
 }
 

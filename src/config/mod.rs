@@ -1,7 +1,8 @@
-//! Bench configs: link, channels, limits, specimen and model. `file` reads and writes them, `checks` refuses values that cannot
-//! be right, `rig` gives control and twin their figures. Opening the link and building the mock rig is left to the daemon and
+//! Bench configs: link, channels, limits, specimen and model. `file` reads and writes them, `calibration` the calibration of a
+//! sensor, `checks` refuses values that cannot be right, `rig` gives control and twin their figures. Opening the link and building the mock rig is left to the daemon and
 //! the command line. docs/profiles-and-benches.md lists every key.
 
+pub(crate) mod calibration;
 mod checks;
 mod document;
 mod file;
@@ -18,7 +19,6 @@ use crate::effect::law::ForceLaw;
 use crate::effect::{self, Effect, EffectError};
 use crate::model::{self, BuildError, Plant};
 use crate::profile::ProfileLimits;
-use crate::recording::ChannelScale;
 
 /// Why a bench or specimen file cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -98,7 +98,7 @@ impl LinkConfig {
     }
 }
 
-/// The load cell's calibration: `force_n = counts * sign * n_per_count - offset_n - tare`.
+/// The load cell's calibration: `force_n = p(counts * sign * n_per_count) - offset_n - tare`, where `p` is the polynomial.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ForceChannel {
@@ -118,9 +118,18 @@ pub(crate) struct ForceChannel {
     pub calibrated: String,
     /// Date of the next calibration, `YYYY-MM-DD`. After it no run starts, unless a person answers for it.
     pub due: String,
+    /// Factors of the powers of the reading, from the constant on: two to four. Empty: the reading itself.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub polynomial: Vec<f64>,
+    /// Expanded uncertainty (k = 2) in N.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub expanded_uncertainty_n: Option<f64>,
+    /// The calibration file from which all this was read.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<SensorFile>,
 }
 
-/// The LVDT's calibration: `displacement_mm = counts * sign * mm_per_count - offset_mm - tare`.
+/// The LVDT's calibration: `displacement_mm = p(counts * sign * mm_per_count) - offset_mm - tare`, where `p` is the polynomial.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct DisplacementChannel {
@@ -140,6 +149,34 @@ pub(crate) struct DisplacementChannel {
     pub calibrated: String,
     /// Date of the next calibration, `YYYY-MM-DD`. After it no run starts, unless a person answers for it.
     pub due: String,
+    /// Factors of the powers of the reading, from the constant on: two to four. Empty: the reading itself.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub polynomial: Vec<f64>,
+    /// Expanded uncertainty (k = 2) in mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub expanded_uncertainty_mm: Option<f64>,
+    /// The calibration file from which all this was read.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<SensorFile>,
+}
+
+/// A calibration file that a bench uses, in the copy of the bench that a run keeps.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SensorFile {
+    /// Name of the file without its folder.
+    pub file: String,
+    /// Hex SHA-256 of the file.
+    pub file_sha256: String,
+    /// Who calibrated the sensor.
+    pub laboratory: String,
+    /// Maker and type of the sensor.
+    #[serde(default)]
+    pub sensor: String,
+    /// Serial number of the sensor.
+    pub serial: String,
+    /// Class with its standard.
+    pub class: String,
 }
 
 /// Limits of a bench. Every one is required and none can be switched off. `checks` has their ranges.
@@ -340,28 +377,6 @@ impl EffectConfig {
     }
 }
 
-impl ForceChannel {
-    /// Scaling without tare.
-    pub(crate) fn scale(&self) -> ChannelScale {
-        ChannelScale {
-            scale_per_count: self.n_per_count * f64::from(self.sign),
-            offset: self.offset_n,
-            tare: 0.0,
-        }
-    }
-}
-
-impl DisplacementChannel {
-    /// Scaling without tare.
-    pub(crate) fn scale(&self) -> ChannelScale {
-        ChannelScale {
-            scale_per_count: self.mm_per_count * f64::from(self.sign),
-            offset: self.offset_mm,
-            tare: 0.0,
-        }
-    }
-}
-
 impl Bench {
     /// Hex SHA-256 of [`Bench::to_toml`].
     pub(crate) fn sha256(&self) -> String {
@@ -382,22 +397,7 @@ impl Bench {
 
     /// One line for each channel, each number as the shortest decimal that reads back the same.
     fn calibration_text(&self) -> String {
-        let (f, d) = (&self.force_channel, &self.displacement_channel);
-        format!(
-            "force {:?} {} {:?} {:?} {:?} {:?}\ndisplacement {:?} {} {:?} {:?} {:?} {:?}\n",
-            f.n_per_count,
-            f.sign,
-            f.offset_n,
-            f.capacity_n,
-            f.certificate,
-            f.calibrated,
-            d.mm_per_count,
-            d.sign,
-            d.offset_mm,
-            d.capacity_mm,
-            d.certificate,
-            d.calibrated,
-        )
+        self.force_channel.calibration_line() + &self.displacement_channel.calibration_line()
     }
 
     /// The limits that a profile is checked against.

@@ -5,6 +5,7 @@
 //! one subject. A new row is a function and an entry in the `ROWS` of its file.
 
 mod asking;
+mod calibration_hash;
 mod faults;
 mod motion;
 mod moving;

@@ -132,6 +132,7 @@ fn mean_and_sigma(values: &[f64]) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::control::physical_limits::PhysicalLimits;
 
     fn channels() -> Channels {
         Channels {
@@ -139,11 +140,13 @@ mod tests {
                 scale_per_count: 0.1,
                 offset: 1.0,
                 tare: 2.0,
+                curve: [0.0; 2],
             },
             displacement: ChannelScale {
                 scale_per_count: -0.0005,
                 offset: 0.0,
                 tare: 0.25,
+                curve: [0.0; 2],
             },
         }
     }
@@ -156,6 +159,22 @@ mod tests {
         assert!((r.displacement_mm - 0.75).abs() < 1e-9);
         assert_eq!(c.command_counts(Command::Force(97.0)), 1000);
         assert_eq!(c.command_counts(Command::Displacement(0.75)), -2000);
+    }
+
+    /// A curved load cell: limits keep their place, and a speed is never allowed more counts than the steepest part has.
+    #[test]
+    fn a_curved_channel_commands_what_it_reads_and_keeps_its_limits() {
+        let mut c = channels();
+        c.force.curve = [5e-6, -1e-10];
+        for n in [-150.0, 0.0, 97.0, 3200.0] {
+            let counts = c.command_counts(Command::Force(n));
+            // Half a count, with the slope there.
+            assert!((c.reading(counts, 0).force_n - n).abs() < 0.052, "{n}");
+        }
+        let limits = PhysicalLimits::EXAMPLE.in_counts(&c);
+        assert_eq!(limits.force_max_counts, c.command_counts(Command::Force(4000.0)));
+        let straight = PhysicalLimits::EXAMPLE.in_counts(&channels());
+        assert!(limits.following_error_force_counts < straight.following_error_force_counts);
     }
 
     #[test]

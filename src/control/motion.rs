@@ -5,7 +5,7 @@ use super::run::JOG_KEEP_S;
 use super::{Activity, Refusal, Rig, RunOrder, SlowMotion};
 use crate::profile::{Block, Level, Profile, Segment};
 use crate::protocol::message::SAMPLE_RATE_HZ;
-use crate::recording::{FirmwareIdentity, Header};
+use crate::recording::{FirmwareIdentity, Header, SensorIdentity};
 use crate::units::Mode;
 
 /// Speed of the return to zero, mm/s, unless the bench unloads more slowly.
@@ -123,6 +123,8 @@ impl Rig {
                 sample_rate_hz: f64::from(SAMPLE_RATE_HZ),
                 force_channel: self.channels.force,
                 displacement_channel: self.channels.displacement,
+                force_sensor: SensorIdentity::default(),
+                displacement_sensor: SensorIdentity::default(),
                 twin: String::new(),
                 first_cycle: 1,
                 resumes_run: String::new(),

@@ -48,18 +48,25 @@ impl PhysicalLimits {
         let (force_min_counts, force_max_counts) = range(force, self.force_min_n, self.force_max_n);
         let (displacement_min_counts, displacement_max_counts) =
             range(displacement, self.displacement_min_mm, self.displacement_max_mm);
-        let width = |value: f64, scale: &ChannelScale| (value / scale.scale_per_count.abs()).round() as i32;
+        // Where a curved calibration is steepest, a width has the fewest counts: the limit holds over the whole range.
+        let steepest = |scale: &ChannelScale, low: f64, high: f64| {
+            let slope = |value: f64| scale.slope_per_count(value).abs();
+            slope(low).max(slope(high))
+        };
+        let force_slope = steepest(force, self.force_min_n, self.force_max_n);
+        let displacement_slope = steepest(displacement, self.displacement_min_mm, self.displacement_max_mm);
+        let width = |value: f64, slope_per_count: f64| (value / slope_per_count).round() as i32;
         Limits {
             force_max_counts,
             force_min_counts,
             displacement_max_counts,
             displacement_min_counts,
-            velocity_max_counts_s: width(self.velocity_max_mm_s, displacement),
-            following_error_displacement_counts: width(self.following_error_mm, displacement),
-            following_error_force_counts: width(self.following_error_n, force),
+            velocity_max_counts_s: width(self.velocity_max_mm_s, displacement_slope),
+            following_error_displacement_counts: width(self.following_error_mm, displacement_slope),
+            following_error_force_counts: width(self.following_error_n, force_slope),
             lease_ms: self.lease_ms,
             hold_timeout_ms: self.hold_timeout_ms,
-            unload_velocity_counts_s: width(self.unload_velocity_mm_s, displacement),
+            unload_velocity_counts_s: width(self.unload_velocity_mm_s, displacement_slope),
             queue_low_ms: self.queue_low_ms,
             unloaded_force_counts: force.counts(self.unloaded_force_n),
             retract_counts: displacement.counts(self.retract_mm),
@@ -114,6 +121,7 @@ mod tests {
             scale_per_count: sign * per_count,
             offset: 0.0,
             tare,
+            curve: [0.0; 2],
         };
         Channels {
             force: scale(0.1, tare_n),

@@ -13,8 +13,8 @@ use axum::{Json, Router};
 use utoipa::OpenApi;
 
 use super::client_types::{
-    Accepted, Failure, JogRequest, Nothing, PlanRequest, ProfileSummary, RunDetail, RunSummary, StartRun,
-    Started, Status, StopRequest,
+    Accepted, Failure, JogRequest, Nothing, PlanRequest, ProfileSummary, RunDetail, RunSummary,
+    SensorReadings, StartRun, Started, Status, StopRequest,
 };
 use super::download::{self, DownloadFormat, DownloadPart};
 use super::error::ApiError;
@@ -68,6 +68,7 @@ fn routes() -> Vec<Route> {
         post("/api/tare", |m| on(m, tare)),
         post("/api/zero", |m| on(m, zero)),
         post("/api/jog", |m| on(m, jog)),
+        get("/api/reading", |m| on(m, reading)),
         get("/api/runs", |m| on(m, runs)),
         get("/api/runs/{run_id}", |m| on(m, run_detail)),
         get("/api/runs/{run_id}/result", |m| on(m, result::run_result)),
@@ -101,6 +102,7 @@ fn routes() -> Vec<Route> {
         tare,
         zero,
         jog,
+        reading,
         runs,
         run_detail,
         result::run_result,
@@ -251,6 +253,18 @@ async fn jog(State(state): App, JsonBody(request): JsonBody<JogRequest>) -> Resu
         ),
     };
     Ok(Json(Accepted { message }))
+}
+
+/// The uncorrected readings of both sensors over the last second, in counts, for a calibration.
+#[utoipa::path(get, path = "/api/reading", responses((status = 200, body = SensorReadings)))]
+async fn reading(State(state): App) -> Json<SensorReadings> {
+    let rig = state.control.status().0;
+    let mut readings = state.live.readings.summary(&state.settings.bench.name);
+    // A rig that is not heard any more has no readings, only old ones.
+    if rig.force_n.is_none() && rig.displacement_mm.is_none() {
+        readings.samples = 0;
+    }
+    Json(readings)
 }
 
 /// Runs `work`, which reads files, on a thread that does not serve the interface.

@@ -62,6 +62,32 @@ pub(crate) struct Status {
     pub run: Option<RunProgress>,
 }
 
+/// What both sensors read over the last second, without calibration and tare.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct SensorReadings {
+    /// Name of the bench.
+    pub bench: String,
+    /// Samples of the window, at most one second; 0 while the rig is not heard.
+    pub samples: u32,
+    /// Tick of the first of them.
+    pub first_tick: u64,
+    /// Tick of the last of them.
+    pub last_tick: u64,
+    pub force: CountsReading,
+    pub displacement: CountsReading,
+}
+
+/// Counts of one sensor over the window.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct CountsReading {
+    /// Mean of the valid samples.
+    pub mean_counts: f64,
+    /// Standard deviation of one sample.
+    pub sigma_counts: f64,
+    /// Samples without a valid reading.
+    pub invalid: u32,
+}
+
 /// Limits of the bench and noise of its sensors, for the lines around the measured values.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct PlotScale {

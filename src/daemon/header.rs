@@ -36,6 +36,8 @@ pub(crate) fn new(
         sample_rate_hz: f64::from(SAMPLE_RATE_HZ),
         force_channel: bench.force_channel.scale(),
         displacement_channel: bench.displacement_channel.scale(),
+        force_sensor: bench.force_channel.sensor(),
+        displacement_sensor: bench.displacement_channel.sensor(),
         twin: bench.model.name.clone(),
         first_cycle: 1,
         resumes_run: String::new(),

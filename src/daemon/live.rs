@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::sync::broadcast;
 
+use super::reading::Readings;
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::recording::recorder::RecorderInput;
 use crate::recording::{Event, Flags, Header, Outcome, Recorder, Sample};
@@ -51,6 +52,8 @@ pub(super) struct LiveBatch {
 pub(super) struct Live {
     batches: broadcast::Sender<Arc<LiveBatch>>,
     recent: Arc<Mutex<VecDeque<Arc<LiveBatch>>>>,
+    /// Uncorrected readings of the last second.
+    pub readings: Readings,
 }
 
 impl Default for Live {
@@ -58,6 +61,7 @@ impl Default for Live {
         Live {
             batches: broadcast::channel(RING_BATCHES).0,
             recent: Arc::default(),
+            readings: Readings::default(),
         }
     }
 }
@@ -168,6 +172,7 @@ impl Recorder for LiveRecorder {
 
     fn sample(&mut self, sample: &Sample) {
         self.seen += 1;
+        self.live.readings.push(sample);
         let valid = |value: f64, invalid| (!sample.flags.contains(invalid)).then_some(value);
         let force_n = valid(sample.force_n, Flags::FORCE_INVALID);
         let displacement_mm = valid(sample.displacement_mm, Flags::DISPLACEMENT_INVALID);

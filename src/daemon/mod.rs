@@ -9,7 +9,7 @@
 //! | `client_types` | requests and answers |
 //! | `nearest` | the name that a mistyped one stands for |
 //! | `library`, `store`, `header` | profiles, run files, header of a recording |
-//! | `live`, `backlog`, `disk_space`, `disk_watch` | samples for the live view, samples that wait for the recording thread or for the disk, free space |
+//! | `reading`, `live`, `backlog`, `disk_space`, `disk_watch` | readings of the last second, samples for the live view, samples that wait for the recording thread or for the disk, free space |
 //! | `error` | why the daemon or a request fails |
 //! | `lock`, `endpoint` | one daemon per rig, the file by which commands find it |
 //! | `connections`, `server`, `request_body`, `guard` | limits of connections and requests, protection from other web pages |
@@ -46,6 +46,7 @@ mod permission;
 pub(crate) mod plan;
 mod prepare;
 mod progress;
+pub(crate) mod reading;
 mod request_body;
 mod result;
 mod resume;
@@ -68,6 +69,7 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use crate::control::realtime::{ControlHandle, Request};
 use crate::control::{Phase, Rig};
+use crate::link::wire_log::WireLog;
 use crate::link::{self, Link, Side};
 use crate::recording::recorder;
 use client_types::Endpoint;
@@ -108,6 +110,7 @@ pub(crate) struct Daemon {
     runtime: Runtime,
     store: Store,
     library: Library,
+    wire_log: Option<WireLog>,
 }
 
 impl Daemon {
@@ -147,28 +150,36 @@ impl Daemon {
             runtime,
             store,
             library,
+            wire_log: None,
         })
     }
 
+    /// Logs all frames of the link, also of one that is opened again.
+    pub(crate) fn log_wire(&mut self, log: WireLog) {
+        self.wire_log = Some(log);
+    }
+
     /// Controls the rig at the other end of `link` until SIGTERM or SIGINT. Calls `started` as soon as requests are served.
-    pub(crate) fn serve(self, link: Link, started: impl FnOnce(&Endpoint) + Send) -> Result<(), DaemonError> {
+    pub(crate) fn serve(
+        self,
+        mut link: Link,
+        started: impl FnOnce(&Endpoint) + Send,
+    ) -> Result<(), DaemonError> {
         let runtime = self.runtime;
         let signals = runtime.block_on(async { Signals::catch() })?;
         let rig = Rig::new(self.settings.bench.rig_config(session_number()));
         let health = Arc::clone(&link.health);
+        if let Some(log) = &self.wire_log {
+            log.follow(&mut link);
+        }
         // From here nothing fails until the control thread has ended: it holds the rig.
         let live = Live::default();
         // The thread ends with control, which has the only input.
         let (watcher, _) = recorder::spawn(live.idle_recorder())?;
         let (control, thread) = ControlHandle::spawn(rig, link, Box::new(Watcher(watcher)))?;
-        let state = Arc::new(DaemonState::new(
-            self.settings,
-            control,
-            self.store,
-            self.library,
-            health,
-            live,
-        ));
+        let mut state = DaemonState::new(self.settings, control, self.store, self.library, health, live);
+        state.wire_log = self.wire_log;
+        let state = Arc::new(state);
         warn_of_limitations(&state);
         let serving = serve_until_signal(Arc::clone(&state), self.listener, signals, || {
             started(&self.endpoint.endpoint);
@@ -307,7 +318,10 @@ async fn keep_link_open(state: Arc<DaemonState>) {
             continue;
         };
         match opened {
-            Ok(link) => {
+            Ok(mut link) => {
+                if let Some(log) = &state.wire_log {
+                    log.follow(&mut link);
+                }
                 tracing::info!("link {} is open again", state.settings.link_address);
                 state.set_link_health(&link.health);
                 // Fails only if control has ended, and then this process ends too.

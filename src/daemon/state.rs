@@ -16,6 +16,7 @@ use super::tally::Tally;
 use crate::config::Bench;
 use crate::control::realtime::ControlHandle;
 use crate::link::LinkHealth;
+use crate::link::wire_log::WireLog;
 
 /// Settings of a daemon at its start.
 #[derive(Debug, Clone)]
@@ -50,6 +51,8 @@ pub(super) struct DaemonState {
     /// Taken while a profile is checked for the page: one at a time.
     pub planning: Arc<tokio::sync::Semaphore>,
     link_health: Mutex<Arc<LinkHealth>>,
+    /// Log of the frames, where one is wanted.
+    pub wire_log: Option<WireLog>,
 }
 
 /// The state as an argument of every HTTP handler.
@@ -77,6 +80,7 @@ impl DaemonState {
             starts: Starts::default(),
             planning: Arc::new(tokio::sync::Semaphore::new(1)),
             link_health: Mutex::new(link_health),
+            wire_log: None,
         }
     }
 

@@ -8,6 +8,7 @@ pub(crate) mod loopback;
 pub(crate) mod priority;
 mod serial;
 mod serial_queue;
+pub(crate) mod wire_log;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -84,6 +85,8 @@ pub(crate) struct Link {
     port: Box<dyn Port>,
     /// The next tick of a rig in memory that does not run by itself.
     far_end: Option<Box<dyn FnMut() + Send>>,
+    /// Gets a copy of each frame, where a log is wanted.
+    tap: Option<wire_log::Tap>,
 }
 
 /// Transport of the frames of a link. No function waits or allocates.
@@ -104,6 +107,7 @@ impl Link {
             health,
             port: Box::new(port),
             far_end: None,
+            tap: None,
         }
     }
 
@@ -121,17 +125,29 @@ impl Link {
 
     /// Queues `frame`; it leaves with the next [`Link::flush`]. False, and counted, if the queue is full or the other end is closed.
     pub(crate) fn send(&mut self, frame: Frame) -> bool {
-        self.port.send(frame, false, &self.health)
+        self.sends(frame, false)
     }
 
     /// Queues `frame` before all others; for the abort and the emergency.
     pub(crate) fn send_urgent(&mut self, frame: Frame) -> bool {
-        self.port.send(frame, true, &self.health)
+        self.sends(frame, true)
+    }
+
+    fn sends(&mut self, frame: Frame, urgent: bool) -> bool {
+        let sent = self.port.send(frame, urgent, &self.health);
+        if let Some(tap) = self.tap.as_mut().filter(|_| sent) {
+            tap.take(&frame);
+        }
+        sent
     }
 
     /// The next frame that arrived.
     pub(crate) fn receive(&mut self) -> Option<Frame> {
-        self.port.receive(&self.health)
+        let frame = self.port.receive(&self.health);
+        if let (Some(tap), Some(frame)) = (&mut self.tap, &frame) {
+            tap.take(frame);
+        }
+        frame
     }
 
     /// Hands the queued frames to the system, all at once. Call it after every round of sending, and at least once in 10 ms

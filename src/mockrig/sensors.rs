@@ -22,6 +22,8 @@ pub(crate) struct SensorConfig {
     pub noise_rms_counts: f64,
     /// Gain error as a factor: 1.01 reads 1 % high.
     pub gain: f64,
+    /// Error of shape: this share of the rail at the rail, growing with the square of the reading.
+    pub curvature: f64,
     /// Zero error in counts.
     pub zero_counts: f64,
     /// Counts at the amplifier's rail; readings beyond are invalid.
@@ -36,6 +38,7 @@ impl Default for SensorConfig {
             filter_hz: 300.0,
             noise_rms_counts: 1.0,
             gain: 1.0,
+            curvature: 0.0,
             zero_counts: 0.0,
             rail_counts: 120_000,
             delay_ms: 0,
@@ -55,6 +58,7 @@ impl SensorConfig {
                 "0 to 10000",
             ),
             ("gain", self.gain, -10.0..=10.0, "-10 to 10"),
+            ("curvature", self.curvature, -0.2..=0.2, "-0.2 to 0.2"),
             ("zero_counts", self.zero_counts, -1e5..=1e5, "-100000 to 100000"),
             (
                 "rail_counts",
@@ -72,6 +76,8 @@ impl SensorConfig {
 pub(crate) struct Sensor {
     config: SensorConfig,
     counts_per_unit: f64,
+    /// Share of the counts by which the curvature bends one count.
+    bend_per_count: f64,
     filter: TwoPole,
     noise: ChaCha8Rng,
     delayed: [i32; DELAY_LINE_TICKS],
@@ -99,6 +105,7 @@ impl Sensor {
         noise.set_stream(stream);
         Sensor {
             counts_per_unit: 1.0 / units_per_count,
+            bend_per_count: config.curvature / f64::from(config.rail_counts),
             filter: TwoPole::new(config.filter_hz, 0.5f64.sqrt(), step_s),
             noise,
             delayed: [0; DELAY_LINE_TICKS],
@@ -142,7 +149,9 @@ impl Sensor {
 
     fn counts(&self, noise_counts: f64) -> i32 {
         let gain = self.config.gain * self.gain_fault * self.counts_per_unit;
-        let counts = self.filter.value() * gain + self.config.zero_counts + noise_counts;
+        let straight = self.filter.value() * gain;
+        let bent = straight * (1.0 + self.bend_per_count * straight);
+        let counts = bent + self.config.zero_counts + noise_counts;
         if counts.abs() > f64::from(self.config.rail_counts) {
             COUNTS_INVALID
         } else {

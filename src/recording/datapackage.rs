@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::run_file::{Gap, RunFile, Survey};
-use super::{Event, EventKind, Header, columns};
+use super::{ChannelScale, Event, EventKind, Header, SensorIdentity, columns};
 
 /// The CSV that the package describes.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -68,13 +68,24 @@ pub(crate) fn build(run: &RunFile, survey: &Survey, resource: &Resource) -> Valu
 /// The sign convention in words.
 pub(crate) const SIGN: &str = "displacement and force are positive in the direction that loads the spring";
 
-/// The scaling of both channels, with its formula.
+/// The scaling of both channels with its formula, and which sensors measured by which calibrations.
 pub(crate) fn calibration(header: &Header) -> Value {
+    let channels = [header.force_channel, header.displacement_channel];
+    let curved = channels.iter().find(|channel| channel.curve != [0.0; 2]);
     json!({
-        "formula": "value = counts * scale_per_count - offset - tare",
-        "force_n": header.force_channel,
-        "displacement_mm": header.displacement_channel
+        "formula": curved.unwrap_or(&header.force_channel).formula(),
+        "force_n": channel(&header.force_channel, &header.force_sensor),
+        "displacement_mm": channel(&header.displacement_channel, &header.displacement_sensor)
     })
+}
+
+/// Scaling and identity of one channel as one object. Empty texts are left out.
+fn channel(scale: &ChannelScale, sensor: &SensorIdentity) -> Value {
+    let mut channel = json!(scale);
+    if let (Some(channel), Value::Object(sensor)) = (channel.as_object_mut(), json!(sensor)) {
+        channel.extend(sensor.into_iter().filter(|(_, value)| value != ""));
+    }
+    channel
 }
 
 /// Facts for which a Data Package has no standard field. `selection` says which part of the run is exported.

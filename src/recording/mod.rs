@@ -2,6 +2,7 @@
 //! Files are in `run_file`, `csv` and `mdf`, exports in `export`; control, twin and models are elsewhere.
 
 pub(crate) mod atomic_file;
+mod channel;
 pub(crate) mod columns;
 pub(crate) mod csv;
 pub(crate) mod cycles;
@@ -18,6 +19,8 @@ pub(crate) mod run_recording;
 pub(crate) mod xml;
 
 use crate::units::Command;
+
+pub(crate) use channel::{ChannelScale, SensorIdentity};
 
 bitflags::bitflags! {
     /// Quality of one sample; empty = good. CSV and run file hold the sum of the bits.
@@ -129,29 +132,6 @@ pub(crate) struct Event {
     pub text: String,
 }
 
-/// Scaling of one channel: `value = counts * scale - offset - tare`.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub(crate) struct ChannelScale {
-    /// Physical value of one count, N or mm.
-    pub scale_per_count: f64,
-    /// Offset of the calibration, N or mm.
-    pub offset: f64,
-    /// Tare, N or mm.
-    pub tare: f64,
-}
-
-impl ChannelScale {
-    /// Physical value of a number of counts.
-    pub(crate) fn value(&self, counts: i32) -> f64 {
-        f64::from(counts) * self.scale_per_count - self.offset - self.tare
-    }
-
-    /// Counts of a physical value, rounded to the nearest.
-    pub(crate) fn counts(&self, value: f64) -> i32 {
-        ((value + self.offset + self.tare) / self.scale_per_count).round() as i32
-    }
-}
-
 /// Head of a run: everything needed to read and to repeat it.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Header {
@@ -179,6 +159,12 @@ pub(crate) struct Header {
     pub force_channel: ChannelScale,
     /// LVDT scaling at the start of the run.
     pub displacement_channel: ChannelScale,
+    /// Which load cell measured, and by which calibration.
+    #[serde(default)]
+    pub force_sensor: SensorIdentity,
+    /// Which LVDT measured, and by which calibration.
+    #[serde(default)]
+    pub displacement_sensor: SensorIdentity,
     /// Name of the twin's model; empty without a twin.
     pub twin: String,
     /// Counted cycle at which the run starts: 1, or more where it resumes an interrupted test.

@@ -49,3 +49,11 @@ pub fn post_head(daemon: &Daemon, path: &str) -> String {
 pub fn post(daemon: &Daemon, path: &str, body: &serde_json::Value) -> TcpStream {
     send(daemon, &post_head(daemon, path), &body.to_string())
 }
+
+/// The JSON that the daemon answers to a GET.
+pub fn get_json(daemon: &Daemon, path: &str) -> serde_json::Value {
+    let head = format!("GET {path} HTTP/1.1\r\nHost: {}\r\n", daemon.authority());
+    let (status, body) = request(daemon, &head, "");
+    assert_eq!(status, 200, "{path}: {body}");
+    serde_json::from_str(&body).expect("JSON")
+}

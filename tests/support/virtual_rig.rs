@@ -13,7 +13,7 @@ use crate::model;
 use crate::profile::{Block, CycleSegment, Level, Profile, Segment, Wave};
 use crate::protocol::frame::Frame;
 use crate::recording::memory::Memory;
-use crate::recording::{ChannelScale, FirmwareIdentity, Header};
+use crate::recording::{ChannelScale, FirmwareIdentity, Header, SensorIdentity};
 use crate::units::Mode;
 
 /// Nanoseconds of a millisecond.
@@ -144,6 +144,7 @@ fn rig_config() -> RigConfig {
         scale_per_count,
         offset: 0.0,
         tare: 0.0,
+        curve: [0.0; 2],
     };
     RigConfig {
         node: NODE,
@@ -192,12 +193,16 @@ pub fn order(profile: Profile) -> RunOrder {
                 scale_per_count: 0.1,
                 offset: 0.0,
                 tare: 0.0,
+                curve: [0.0; 2],
             },
             displacement_channel: ChannelScale {
                 scale_per_count: 0.0005,
                 offset: 0.0,
                 tare: 0.0,
+                curve: [0.0; 2],
             },
+            force_sensor: SensorIdentity::default(),
+            displacement_sensor: SensorIdentity::default(),
             twin: String::new(),
             first_cycle: 1,
             resumes_run: String::new(),

@@ -1,12 +1,14 @@
 //! A progress bar with what is being done and the remaining time; plain lines where stderr is no terminal.
 
 use std::io::IsTerminal;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::control::RigStatus;
 
+/// A run in virtual time gets a plain line at most this often: most are over before.
+const PLAYED_LINES: Duration = Duration::from_secs(2);
 /// Number of plain lines over the whole way.
 const PLAIN_LINES: f64 = 10.0;
 
@@ -44,17 +46,20 @@ impl Progress {
 
     /// Shows a run on a rig: its counted cycles and the time that its profile still takes.
     pub(crate) fn show_run(&mut self, status: &RigStatus) {
-        let total_s = status.elapsed_s + status.remaining_s;
-        let share = if total_s > 0.0 {
-            status.elapsed_s / total_s
-        } else {
-            0.0
-        };
-        let cycles = match status.cycles_total {
-            0 => String::new(),
-            total => format!("cycle {} of {total}", status.cycles_completed),
-        };
-        self.show(share, &message(&cycles, Some(status.remaining_s)));
+        self.show(share(status), &message(&cycles(status), Some(status.remaining_s)));
+    }
+
+    /// Shows a run in virtual time. Its own seconds are not those of the one who waits, so the time left follows from the speed.
+    pub(crate) fn show_played(&mut self, status: &RigStatus) {
+        let (share, elapsed) = (share(status), self.begun.elapsed());
+        let due = PLAYED_LINES * (self.lines_printed + 1);
+        if self.bar.is_some() {
+            self.show_share(share, &cycles(status));
+        } else if !self.silent && elapsed > due {
+            self.lines_printed += 1;
+            let message = message(&cycles(status), remaining_s(share, elapsed.as_secs_f64()));
+            eprintln!("{}: {:.0} %, {message}", self.name, 100.0 * share);
+        }
     }
 
     /// Shows a computation: the share that is done, 0 to 1, and the step in words. The remaining time follows from the time so far.
@@ -81,6 +86,24 @@ impl Progress {
         if let Some(bar) = self.bar {
             bar.finish_and_clear();
         }
+    }
+}
+
+/// Share of the profile that is done, 0 to 1.
+fn share(status: &RigStatus) -> f64 {
+    let total_s = status.elapsed_s + status.remaining_s;
+    if total_s > 0.0 {
+        status.elapsed_s / total_s
+    } else {
+        0.0
+    }
+}
+
+/// The counted cycles in words; empty for a profile without any.
+fn cycles(status: &RigStatus) -> String {
+    match status.cycles_total {
+        0 => String::new(),
+        total => format!("cycle {} of {total}", status.cycles_completed),
     }
 }
 

@@ -153,7 +153,7 @@ pub(crate) fn record_run(
     virtual_bench.play(order, &mut chain, |bench| {
         steps += 1;
         if steps % PROGRESS_MS == 0 {
-            progress.show_run(&bench.rig.status());
+            progress.show_played(&bench.rig.status());
         }
     })?;
     progress.finish();

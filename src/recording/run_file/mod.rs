@@ -158,7 +158,9 @@ pub(crate) fn check_space(folder: &Path, duration_s: f64, sample_rate_hz: f64) -
 
 #[cfg(test)]
 pub(crate) mod test_support {
-    use crate::recording::{ChannelScale, Ending, FirmwareIdentity, Flags, Header, Outcome, Sample};
+    use crate::recording::{
+        ChannelScale, Ending, FirmwareIdentity, Flags, Header, Outcome, Sample, SensorIdentity,
+    };
     use crate::units::Command;
 
     /// A header with calibration values that are not round numbers.
@@ -182,12 +184,20 @@ pub(crate) mod test_support {
                 scale_per_count: 0.1,
                 offset: 1.25,
                 tare: 12.3437,
+                curve: [0.0; 2],
             },
             displacement_channel: ChannelScale {
                 scale_per_count: 0.0005,
                 offset: 0.0,
                 tare: 0.012_34,
+                curve: [0.0; 2],
             },
+            force_sensor: SensorIdentity {
+                certificate: "LC-41".into(),
+                serial: "41".into(),
+                ..SensorIdentity::default()
+            },
+            displacement_sensor: SensorIdentity::default(),
             twin: "equivalent".into(),
             first_cycle: 1,
             resumes_run: String::new(),
