@@ -40,6 +40,7 @@ mod profiles;
 mod protocol;
 mod rig_check;
 mod run_files;
+mod run_history;
 mod run_next;
 mod serial;
 mod starts;

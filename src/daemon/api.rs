@@ -12,9 +12,10 @@ use axum::routing::{MethodFilter, MethodRouter, on};
 use axum::{Json, Router};
 use utoipa::OpenApi;
 
+use super::blocking::blocking;
 use super::client_types::{
-    Accepted, Failure, JogRequest, Nothing, PlanRequest, ProfileSummary, RunDetail, RunSummary, StartRun,
-    Started, Status, StopRequest,
+    Accepted, Failure, JogRequest, Nothing, PlanRequest, ProfileSummary, RunDetail, StartRun, Started,
+    Status, StopRequest,
 };
 use super::download::{self, DownloadFormat, DownloadPart};
 use super::error::ApiError;
@@ -24,7 +25,7 @@ use super::request_body::JsonBody;
 use super::server::STOP_PATH;
 use super::state::{App, DaemonState};
 use super::wanted::Wanted;
-use super::{metrics, page, runs as run_life, socket};
+use super::{metrics, page, run_list, runs as run_life, socket};
 use crate::control::TareReport;
 use crate::control::realtime::{Reply, Request};
 use crate::recording::export::TableFormat;
@@ -68,7 +69,7 @@ fn routes() -> Vec<Route> {
         post("/api/tare", |m| on(m, tare)),
         post("/api/zero", |m| on(m, zero)),
         post("/api/jog", |m| on(m, jog)),
-        get("/api/runs", |m| on(m, runs)),
+        get("/api/runs", |m| on(m, run_list::runs)),
         get("/api/runs/{run_id}", |m| on(m, run_detail)),
         get("/api/runs/{run_id}/csv", |m| on(m, run_csv)),
         get("/api/runs/{run_id}/mf4", |m| on(m, run_mf4)),
@@ -97,7 +98,7 @@ fn routes() -> Vec<Route> {
         tare,
         zero,
         jog,
-        runs,
+        run_list::runs,
         run_detail,
         run_csv,
         run_mf4,
@@ -245,24 +246,6 @@ async fn jog(State(state): App, JsonBody(request): JsonBody<JogRequest>) -> Resu
         ),
     };
     Ok(Json(Accepted { message }))
-}
-
-/// Runs `work`, which reads files, on a thread that does not serve the interface.
-async fn blocking<T: Send + 'static>(
-    state: &Arc<DaemonState>,
-    work: impl FnOnce(&DaemonState) -> Result<T> + Send + 'static,
-) -> Result<T> {
-    let state = Arc::clone(state);
-    tokio::task::spawn_blocking(move || work(&state))
-        .await
-        .map_err(|_| ApiError::internal("a file could not be read"))?
-}
-
-/// All runs of the data folder, newest first.
-#[utoipa::path(get, path = "/api/runs", responses((status = 200, body = Vec<RunSummary>)))]
-async fn runs(State(state): App) -> Result<Json<Vec<RunSummary>>> {
-    let list = blocking(&state, |state| state.store.list().map_err(ApiError::disk)).await?;
-    Ok(Json(list.into_iter().rev().map(RunSummary::from).collect()))
 }
 
 /// One run with its header and events. The id `latest` means the newest run.

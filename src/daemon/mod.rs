@@ -8,6 +8,7 @@
 //! |---|---|
 //! | `client_types` | requests and answers |
 //! | `nearest` | the name that a mistyped one stands for |
+//! | `run_index`, `run_search` | what a list says about each run file, filters and pages |
 //! | `library`, `store`, `header` | profiles, run files, header of a recording |
 //! | `live`, `backlog`, `disk_space`, `disk_watch` | samples for the live view, samples that wait for the recording thread or for the disk, free space |
 //! | `error` | why the daemon or a request fails |
@@ -17,13 +18,16 @@
 //! | `plan`, `download` | check of a profile, export |
 //! | `permission` | calibrations, specimen, and who answers for a start all the same |
 //! | `newest_run`, `tally`, `state` | what the handlers and the runs share |
+//! | `blocking` | work of a handler that reads files |
 //! | `metrics`, `notify` | figures for Prometheus; signs of life for systemd |
 //! | `resume`, `progress`, `prepare` | what a run needs before it can start |
 //! | `runs`, `socket`, `page` | life of a run, live view, the technician's page |
+//! | `run_list` | the list of runs in pages, and the thread of its index |
 //! | `api` | routes and handlers |
 
 mod api;
 mod backlog;
+mod blocking;
 pub(crate) mod client_types;
 mod connections;
 mod disk_space;
@@ -48,6 +52,9 @@ mod prepare;
 mod progress;
 mod request_body;
 mod resume;
+mod run_index;
+mod run_list;
+pub(crate) mod run_search;
 mod runs;
 mod server;
 mod socket;
@@ -75,6 +82,7 @@ use library::Library;
 use live::{Live, Watcher};
 use lock::DaemonLock;
 use notify::ServiceManager;
+use run_list::IndexThread;
 use server::ServerLimits;
 use state::DaemonState;
 use store::Store;
@@ -243,6 +251,7 @@ async fn serve_until_signal(
     let manager = Arc::new(ServiceManager::of_this_process());
     let (watching, control) = (Arc::clone(&manager), state.control.clone());
     let watchdog = tokio::spawn(async move { watching.watch(control).await });
+    let _index = IndexThread::spawn(&state);
     started();
     manager.tell(&format!("READY=1\nSTATUS=page http://{}/", state.settings.listen));
     let name = signals.next().await;
