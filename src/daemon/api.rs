@@ -25,7 +25,7 @@ use super::request_body::JsonBody;
 use super::server::STOP_PATH;
 use super::state::{App, DaemonState};
 use super::wanted::Wanted;
-use super::{metrics, page, run_list, runs as run_life, socket};
+use super::{compare, diagnosis_api, metrics, page, run_list, runs as run_life, socket};
 use crate::control::TareReport;
 use crate::control::realtime::{Reply, Request};
 use crate::recording::export::TableFormat;
@@ -59,6 +59,11 @@ fn routes() -> Vec<Route> {
         path,
         handler,
     };
+    let delete = |path, handler| Route {
+        method: MethodFilter::DELETE,
+        path,
+        handler,
+    };
     vec![
         get("/api/status", |m| on(m, status)),
         post("/api/run", |m| on(m, run)),
@@ -76,6 +81,13 @@ fn routes() -> Vec<Route> {
         get("/api/runs/{run_id}/parquet", |m| on(m, run_parquet)),
         get("/api/profiles", |m| on(m, profiles)),
         post("/api/plan", |m| on(m, plan_profile)),
+        get("/api/compare", |m| on(m, compare::compare)),
+        get("/api/diagnoses", |m| on(m, diagnosis_api::list)),
+        post("/api/diagnoses", |m| on(m, diagnosis_api::ask)),
+        get("/api/diagnoses/{id}", |m| on(m, diagnosis_api::one)),
+        delete("/api/diagnoses/{id}", |m| on(m, diagnosis_api::end)),
+        get("/api/diagnoses/{id}/{file}", |m| on(m, diagnosis_api::file)),
+        post("/api/twin", |m| on(m, diagnosis_api::choose_twin)),
         get("/api/openapi.json", |m| on(m, openapi)),
         get("/api/live", |m| on(m, socket::live)),
         get("/metrics", |m| on(m, metrics_text)),
@@ -105,6 +117,13 @@ fn routes() -> Vec<Route> {
         run_parquet,
         profiles,
         plan_profile,
+        compare::compare,
+        diagnosis_api::list,
+        diagnosis_api::ask,
+        diagnosis_api::one,
+        diagnosis_api::end,
+        diagnosis_api::file,
+        diagnosis_api::choose_twin,
         openapi,
         socket::live,
         metrics_text
@@ -362,7 +381,8 @@ async fn plan_profile(State(state): App, JsonBody(request): JsonBody<PlanRequest
             .find(&request.profile)
             .map_err(|e| ApiError::invalid(&e))?;
         let is_wanted = || wanted.withdrawn().is_none() && !state.starts.is_pending();
-        match plan::check_while(&state.settings.bench, &profile, &is_wanted) {
+        let bench = state.twin.applied_to(&state.settings.bench);
+        match plan::check_while(&bench, &profile, &is_wanted) {
             Err(PlanError::BrokenOff) => Err(unavailable("a run is being started")),
             checked => checked.map(Json).map_err(|e| ApiError::invalid(&e)),
         }
@@ -408,10 +428,10 @@ mod tests {
         let routed: BTreeSet<_> = routes()
             .iter()
             .map(|r| {
-                let method = if r.method == MethodFilter::GET {
-                    "get"
-                } else {
-                    "post"
+                let method = match r.method {
+                    MethodFilter::GET => "get",
+                    MethodFilter::DELETE => "delete",
+                    _ => "post",
                 };
                 (method.to_owned(), r.path.to_owned())
             })

@@ -17,19 +17,23 @@
 //! | `wanted`, `starts`, `orders` | work that may be withdrawn, order of starts and stops, orders that control must get |
 //! | `plan`, `download` | check of a profile, export |
 //! | `permission` | calibrations, specimen, and who answers for a start all the same |
+//! | `diagnoses`, `twin_choice` | diagnoses as processes of their own, the model of the next run's twin |
 //! | `newest_run`, `tally`, `state` | what the handlers and the runs share |
 //! | `blocking` | work of a handler that reads files |
 //! | `metrics`, `notify` | figures for Prometheus; signs of life for systemd |
 //! | `resume`, `progress`, `prepare` | what a run needs before it can start |
 //! | `runs`, `socket`, `page` | life of a run, live view, the technician's page |
-//! | `run_list` | the list of runs in pages, and the thread of its index |
+//! | `run_list`, `compare`, `diagnosis_api` | runs in pages with the thread of their index, two runs over each other, diagnoses over HTTP |
 //! | `api` | routes and handlers |
 
 mod api;
 mod backlog;
 mod blocking;
 pub(crate) mod client_types;
+mod compare;
 mod connections;
+mod diagnoses;
+mod diagnosis_api;
 mod disk_space;
 mod disk_watch;
 mod download;
@@ -62,6 +66,7 @@ mod starts;
 mod state;
 pub(crate) mod store;
 mod tally;
+mod twin_choice;
 mod wanted;
 
 use std::sync::Arc;
@@ -252,6 +257,7 @@ async fn serve_until_signal(
     let (watching, control) = (Arc::clone(&manager), state.control.clone());
     let watchdog = tokio::spawn(async move { watching.watch(control).await });
     let _index = IndexThread::spawn(&state);
+    let _diagnoses = state.diagnoses.spawn();
     started();
     manager.tell(&format!("READY=1\nSTATUS=page http://{}/", state.settings.listen));
     let name = signals.next().await;

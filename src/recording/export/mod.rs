@@ -21,6 +21,7 @@ use super::cycles::{self, CycleMeter, CycleSummary};
 use super::datapackage::{self, Resource};
 use super::run_file::{RunFile, Survey};
 use super::{Ending, Sample, atomic_file};
+pub(crate) use mean_loop::mean_bins;
 use table::Table;
 
 /// Part of a run that is exported.
