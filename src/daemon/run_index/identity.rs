@@ -59,6 +59,7 @@ impl FileIdentity {
     /// The file changed so shortly before `now` that a further change could leave all stamps as they are.
     pub(super) fn is_fresh(&self, now: SystemTime) -> bool {
         let now_ns = now.duration_since(UNIX_EPOCH).map_or(0, |d| d.as_nanos() as i64);
-        (now_ns - self.file.changed_ns).abs() < FRESH_NS
+        let mut stamps = [Some(self.file), self.log].into_iter().flatten();
+        stamps.any(|stamp| (now_ns - stamp.changed_ns).abs() < FRESH_NS)
     }
 }
