@@ -76,6 +76,67 @@ fn recorded_twin(daemon: &Daemon) -> (String, String) {
     (run.header().twin.clone(), run.header().bench_toml.clone())
 }
 
+/// The results can be read, and nothing else of the folder.
+fn check_files(daemon: &Daemon, id: &str) {
+    for (file, part) in [
+        ("report.html", "<html"),
+        ("diagnosis.json", "\"verdict\""),
+        ("improved.toml", "[model]"),
+        ("next-test.toml", "[[block"),
+    ] {
+        let (status, text) = of_method(daemon, "GET", &format!("/api/diagnoses/{id}/{file}"));
+        assert!(status == 200 && text.contains(part), "{file}: {status}");
+    }
+    for file in ["job.json", "bench.toml", "..%2fjob.json", "%2e%2e"] {
+        assert_eq!(
+            of_method(daemon, "GET", &format!("/api/diagnoses/{id}/{file}")).0,
+            404,
+            "{file}"
+        );
+    }
+}
+
+/// The improved model becomes the twin, and goes again.
+fn check_twin(daemon: &Daemon, id: &str) {
+    let own = recorded_twin(daemon);
+    assert_eq!(own.0, "equivalent");
+    let (status, said) = posted(daemon, "/api/twin", &json!({ "diagnosis": id }));
+    assert!(
+        status == 200 && said["message"].as_str().is_some_and(|m| m.contains(id)),
+        "{said}"
+    );
+    let shown = daemon.status();
+    assert_eq!(shown["twin_diagnosis"], id);
+    let improved = recorded_twin(daemon);
+    assert_eq!(shown["twin"], improved.0.as_str());
+    assert!(
+        improved.0.contains(&format!("(diagnosis {id})")),
+        "{}",
+        improved.0
+    );
+    assert_ne!(improved.1, own.1, "the header has the model that the twin had");
+    assert_eq!(posted(daemon, "/api/twin", &json!({ "diagnosis": null })).0, 200);
+    assert_eq!(recorded_twin(daemon), own);
+    assert_eq!(
+        posted(daemon, "/api/twin", &json!({ "diagnosis": "none" })).0,
+        404
+    );
+}
+
+/// The jobs outlive the daemon; a removed one is gone with its files.
+fn check_next_daemon(daemon: Daemon, folder: &Path, id: &str, found: &Value) {
+    drop(daemon);
+    let bench = folder.join("bench.toml");
+    let again = Daemon::start(&folder.join("data"), &["--bench", bench.to_str().expect("UTF-8")]);
+    assert_eq!(get(&again, "/api/diagnoses")[0]["found"], *found);
+    assert_eq!(
+        of_method(&again, "DELETE", &format!("/api/diagnoses/{id}")).0,
+        200
+    );
+    assert_eq!(get(&again, "/api/diagnoses"), json!([]));
+    assert!(!again.data.join("diagnoses").join(id).exists());
+}
+
 #[test]
 fn a_diagnosis_is_computed_beside_the_daemon_and_its_model_becomes_the_twin_and_goes_again() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -103,61 +164,9 @@ fn a_diagnosis_is_computed_beside_the_daemon_and_its_model_becomes_the_twin_and_
         "{job}"
     );
     assert_ne!(found["next_test"], "", "{job}");
-    for (file, part) in [
-        ("report.html", "<html"),
-        ("diagnosis.json", "\"verdict\""),
-        ("improved.toml", "[model]"),
-        ("next-test.toml", "[[block"),
-    ] {
-        let (status, text) = of_method(&daemon, "GET", &format!("/api/diagnoses/{id}/{file}"));
-        assert!(status == 200 && text.contains(part), "{file}: {status}");
-    }
-    for file in ["job.json", "bench.toml", "..%2fjob.json", "%2e%2e"] {
-        assert_eq!(
-            of_method(&daemon, "GET", &format!("/api/diagnoses/{id}/{file}")).0,
-            404,
-            "{file}"
-        );
-    }
-
-    let own = recorded_twin(&daemon);
-    assert_eq!(own.0, "equivalent");
-    let (status, said) = posted(&daemon, "/api/twin", &json!({ "diagnosis": id }));
-    assert!(
-        status == 200 && said["message"].as_str().is_some_and(|m| m.contains(&id)),
-        "{said}"
-    );
-    let shown = daemon.status();
-    assert_eq!(shown["twin_diagnosis"], id.as_str());
-    let improved = recorded_twin(&daemon);
-    assert_eq!(shown["twin"], improved.0.as_str());
-    assert!(
-        improved.0.contains(&format!("(diagnosis {id})")),
-        "{}",
-        improved.0
-    );
-    assert_ne!(improved.1, own.1, "the header has the model that the twin had");
-    assert_eq!(posted(&daemon, "/api/twin", &json!({ "diagnosis": null })).0, 200);
-    assert_eq!(recorded_twin(&daemon), own);
-    assert_eq!(
-        posted(&daemon, "/api/twin", &json!({ "diagnosis": "none" })).0,
-        404
-    );
-
-    // The jobs outlive the daemon; a removed one is gone with its files.
-    drop(daemon);
-    let bench = folder.path().join("bench.toml");
-    let again = Daemon::start(
-        &folder.path().join("data"),
-        &["--bench", bench.to_str().expect("UTF-8")],
-    );
-    assert_eq!(get(&again, "/api/diagnoses")[0]["found"], *found);
-    assert_eq!(
-        of_method(&again, "DELETE", &format!("/api/diagnoses/{id}")).0,
-        200
-    );
-    assert_eq!(get(&again, "/api/diagnoses"), json!([]));
-    assert!(!again.data.join("diagnoses").join(&id).exists());
+    check_files(&daemon, &id);
+    check_twin(&daemon, &id);
+    check_next_daemon(daemon, folder.path(), &id, found);
 }
 
 #[test]

@@ -10,7 +10,7 @@ use super::blocking::blocking;
 use super::client_types::{Failure, RunSummary};
 use super::error::ApiError;
 use super::state::{App, DaemonState};
-use crate::recording::overlay::{Branch, RunFigures, RunOverlay};
+use crate::recording::overlay::{LoopBranch, RunFigures, RunOverlay};
 use crate::recording::run_file::RunFile;
 
 /// Points of a difference over the travel that both runs have.
@@ -102,7 +102,7 @@ fn read(state: &DaemonState, id: &str) -> Result<(ComparedRun, RunOverlay), ApiE
 
 fn difference(a: &RunOverlay, b: &RunOverlay) -> ForceDifference {
     let ranges = [&a.loading, &a.unloading, &b.loading, &b.unloading];
-    let of_run = |branches: &[&Branch]| {
+    let of_run = |branches: &[&LoopBranch]| {
         let ranges = branches.iter().filter_map(|branch| branch.range_mm());
         ranges.reduce(|r, s| (r.0.min(s.0), r.1.max(s.1)))
     };
@@ -115,7 +115,7 @@ fn difference(a: &RunOverlay, b: &RunOverlay) -> ForceDifference {
     };
     let at = |i: u32| low + (high - low) * f64::from(i) / f64::from(POINTS - 1);
     let displacement_mm: Vec<f64> = (0..POINTS).map(at).collect();
-    let minus = |a: &Branch, b: &Branch| -> Vec<Option<f64>> {
+    let minus = |a: &LoopBranch, b: &LoopBranch| -> Vec<Option<f64>> {
         let at = displacement_mm.iter();
         at.map(|&x| Some(a.force_n(x)? - b.force_n(x)?)).collect()
     };

@@ -21,13 +21,14 @@ use crate::control::Phase;
 
 /// Most runs of one diagnosis.
 const MOST_RUNS: usize = 50;
-/// A report shows only itself: no script, nothing from elsewhere.
-const REPORT_POLICY: (HeaderName, &str) = (
-    header::CONTENT_SECURITY_POLICY,
-    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'; sandbox",
-);
-
-type Result<T> = std::result::Result<T, ApiError>;
+/// A report shows only itself: no script, nothing from elsewhere. The page may have it in a frame.
+const REPORT_POLICY: [(HeaderName, &str); 2] = [
+    (
+        header::CONTENT_SECURITY_POLICY,
+        "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'; sandbox",
+    ),
+    (header::X_FRAME_OPTIONS, "SAMEORIGIN"),
+];
 
 impl From<JobError> for ApiError {
     fn from(error: JobError) -> ApiError {
@@ -67,7 +68,7 @@ pub(super) struct TwinRequest {
 pub(super) async fn ask(
     State(state): App,
     JsonBody(request): JsonBody<DiagnoseRequest>,
-) -> Result<(StatusCode, Json<DiagnosisJob>)> {
+) -> Result<(StatusCode, Json<DiagnosisJob>), ApiError> {
     let job = blocking(&state, move |state| {
         let job = job_of(state, &request)?;
         state.diagnoses.add(job.clone(), &state.settings.bench)?;
@@ -78,7 +79,7 @@ pub(super) async fn ask(
 }
 
 /// The job for a request whose runs are there and belong together.
-fn job_of(state: &DaemonState, request: &DiagnoseRequest) -> Result<DiagnosisJob> {
+fn job_of(state: &DaemonState, request: &DiagnoseRequest) -> Result<DiagnosisJob, ApiError> {
     let refusal = |error: String, what_to_do: &str| {
         Err(ApiError::new(
             StatusCode::UNPROCESSABLE_ENTITY,
@@ -141,14 +142,14 @@ pub(super) async fn list(State(state): App) -> Json<Vec<DiagnosisJob>> {
 /// One diagnosis: how far it is, and in short what it found.
 #[utoipa::path(get, path = "/api/diagnoses/{id}", params(("id" = String, Path)),
     responses((status = 200, body = DiagnosisJob), (status = 404, body = Failure)))]
-pub(super) async fn one(State(state): App, Path(id): Path<String>) -> Result<Json<DiagnosisJob>> {
+pub(super) async fn one(State(state): App, Path(id): Path<String>) -> Result<Json<DiagnosisJob>, ApiError> {
     Ok(Json(state.diagnoses.get(&id)?))
 }
 
 /// Cancels a diagnosis that waits or is computed. Removes one that is over, with its files.
 #[utoipa::path(delete, path = "/api/diagnoses/{id}", params(("id" = String, Path)),
     responses((status = 200, body = DiagnosisJob), (status = 404, body = Failure)))]
-pub(super) async fn end(State(state): App, Path(id): Path<String>) -> Result<Json<DiagnosisJob>> {
+pub(super) async fn end(State(state): App, Path(id): Path<String>) -> Result<Json<DiagnosisJob>, ApiError> {
     let job = blocking(&state, move |state| Ok(state.diagnoses.end_or_remove(&id)?)).await?;
     Ok(Json(job))
 }
@@ -157,13 +158,16 @@ pub(super) async fn end(State(state): App, Path(id): Path<String>) -> Result<Jso
 #[utoipa::path(get, path = "/api/diagnoses/{id}/{file}", params(("id" = String, Path), ("file" = String, Path)),
     responses((status = 200, content_type = "text/html", body = String), (status = 404, body = Failure),
         (status = 409, body = Failure)))]
-pub(super) async fn file(State(state): App, Path((id, file)): Path<(String, String)>) -> Result<Response> {
+pub(super) async fn file(
+    State(state): App,
+    Path((id, file)): Path<(String, String)>,
+) -> Result<Response, ApiError> {
     let (bytes, kind) = blocking(&state, move |state| {
         let (path, kind) = state.diagnoses.file(&id, &file)?;
         Ok((std::fs::read(path).map_err(JobError::Disk)?, kind))
     })
     .await?;
-    Ok(([(header::CONTENT_TYPE, kind), REPORT_POLICY], bytes).into_response())
+    Ok((REPORT_POLICY, [(header::CONTENT_TYPE, kind)], bytes).into_response())
 }
 
 /// Gives the twin of the next run the improved model of a diagnosis, or that of the bench file again. The check of a profile
@@ -173,7 +177,7 @@ pub(super) async fn file(State(state): App, Path((id, file)): Path<(String, Stri
 pub(super) async fn choose_twin(
     State(state): App,
     JsonBody(request): JsonBody<TwinRequest>,
-) -> Result<Json<Accepted>> {
+) -> Result<Json<Accepted>, ApiError> {
     let improved = match request.diagnosis {
         None => None,
         Some(id) => Some(blocking(&state, move |state| improved_of(state, &id)).await?),
@@ -200,7 +204,7 @@ pub(super) async fn choose_twin(
 }
 
 /// The improved model of a diagnosis of this bench.
-fn improved_of(state: &DaemonState, id: &str) -> Result<ImprovedTwin> {
+fn improved_of(state: &DaemonState, id: &str) -> Result<ImprovedTwin, ApiError> {
     let job = state.diagnoses.get(id)?;
     if job.bench != state.settings.bench.name {
         return Err(ApiError::new(

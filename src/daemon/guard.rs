@@ -97,7 +97,10 @@ pub(super) async fn check(State(guard): State<RequestGuard>, request: Request, n
                 ),
             ];
             for (name, value) in fixed {
-                headers.insert(name, axum::http::HeaderValue::from_static(value));
+                // The report of a diagnosis brings stricter rules, with another frame.
+                headers
+                    .entry(name)
+                    .or_insert(axum::http::HeaderValue::from_static(value));
             }
             response
         }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::nearest;
-use super::run_index::{IndexedRun, IndexedRuns, RunIndex};
+use super::run_index::{CheckLimits, IndexedRun, IndexedRuns, RunIndex};
 use super::run_search::{self, RunPage, RunQuery};
 use crate::recording::run_file::{EXTENSION, RunFile, RunFileError, RunListing};
 
@@ -95,7 +95,11 @@ impl Store {
     /// Reads files in full that were not, newest first, for at most the time `within`. Returns how many are left.
     pub(crate) fn check_some(&self, within: Duration) -> Result<usize, RunFileError> {
         let newest_first: Vec<_> = self.runs()?.iter().rev().map(Arc::clone).collect();
-        Ok(self.index.check(&newest_first, Some(Instant::now() + within)))
+        let limits = CheckLimits {
+            until: Some(Instant::now() + within),
+            file_bytes: None,
+        };
+        Ok(self.index.check(&newest_first, limits))
     }
 
     /// The run with this id, or the only one whose id begins or ends with it. The id `latest` means the newest run. A closed file

@@ -15,7 +15,7 @@ const CELLS: usize = 120;
 const REVERSAL_SHARE: f64 = 0.02;
 
 /// Points of a motion, mm and N.
-pub(crate) type Course = Vec<(f64, f64)>;
+pub(crate) type PlotPoints = Vec<(f64, f64)>;
 
 /// One run, ready to be drawn over another.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,11 +23,11 @@ pub(crate) struct RunOverlay {
     /// Number of complete cycles whose mean the course is; 0 where it is the whole motion.
     pub cycles: usize,
     /// At most 2000 points in the order of time.
-    pub course: Course,
+    pub course: PlotPoints,
     /// Force over displacement with rising displacement.
-    pub loading: Branch,
+    pub loading: LoopBranch,
     /// Force over displacement with falling displacement.
-    pub unloading: Branch,
+    pub unloading: LoopBranch,
     pub figures: RunFigures,
 }
 
@@ -52,9 +52,9 @@ pub(crate) struct RunFigures {
 
 /// Mean force over displacement in one direction, in the order of displacement.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(crate) struct Branch(Course);
+pub(crate) struct LoopBranch(PlotPoints);
 
-impl Branch {
+impl LoopBranch {
     /// Force in N at a displacement; `None` outside of the branch.
     pub(crate) fn force_n(&self, displacement_mm: f64) -> Option<f64> {
         let after = self.0.partition_point(|(x, _)| *x < displacement_mm);
@@ -69,7 +69,7 @@ impl Branch {
     }
 
     /// The mean of the points in each of [`CELLS`] cells of the travel.
-    fn of(points: &[(f64, f64)], travel: Range) -> Branch {
+    fn of(points: &[(f64, f64)], travel: Range) -> LoopBranch {
         let mut cells = vec![(0u32, 0.0, 0.0); CELLS];
         for (x, f) in points {
             let place = (x - travel.valley) / travel.span() * CELLS as f64;
@@ -77,7 +77,7 @@ impl Branch {
             *cell = (cell.0 + 1, cell.1 + x, cell.2 + f);
         }
         let means = cells.into_iter().filter(|cell| cell.0 > 0);
-        Branch(
+        LoopBranch(
             means
                 .map(|(n, x, f)| (x / f64::from(n), f / f64::from(n)))
                 .collect(),
@@ -115,10 +115,10 @@ impl RunOverlay {
 }
 
 /// The usable points of the profile, and the figures of the run.
-fn motion(run: &RunFile) -> (Course, RunFigures) {
+fn motion(run: &RunFile) -> (PlotPoints, RunFigures) {
     let usable = |sample: &Sample| sample.segment > 0 && !sample.flags.intersects(Flags::UNUSABLE);
     let (mut points, mut meter, mut integral) =
-        (Course::new(), CycleMeter::default(), LoopIntegral::default());
+        (PlotPoints::new(), CycleMeter::default(), LoopIntegral::default());
     let (mut force, mut displacement) = (None, None);
     let mut cycles: Vec<CycleSummary> = Vec::new();
     for sample in run.samples() {
@@ -162,12 +162,12 @@ fn mean(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
 }
 
 /// Splits a motion at its reversals: loading, unloading.
-fn branches(points: &[(f64, f64)]) -> (Branch, Branch) {
+fn branches(points: &[(f64, f64)]) -> (LoopBranch, LoopBranch) {
     let x: Vec<f64> = points.iter().map(|(x, _)| *x).collect();
     let Some(travel) = Range::of(&x).filter(|range| range.span() > 0.0) else {
-        return (Branch::default(), Branch::default());
+        return (LoopBranch::default(), LoopBranch::default());
     };
-    let (mut loading, mut unloading) = (Course::new(), Course::new());
+    let (mut loading, mut unloading) = (PlotPoints::new(), PlotPoints::new());
     let (mut from, mut rises) = (0, None);
     for turn in reversals(&x, REVERSAL_SHARE * travel.span()) {
         let branch = if turn.is_peak {
@@ -182,11 +182,14 @@ fn branches(points: &[(f64, f64)]) -> (Branch, Branch) {
     // A motion without a reversal goes where its end is.
     let rises = rises.unwrap_or_else(|| x.last() > x.first());
     if rises { &mut loading } else { &mut unloading }.extend(rest);
-    (Branch::of(&loading, travel), Branch::of(&unloading, travel))
+    (
+        LoopBranch::of(&loading, travel),
+        LoopBranch::of(&unloading, travel),
+    )
 }
 
 /// Means of groups of neighbours, so that at most [`MOST_POINTS`] are left.
-fn thinned(points: &[(f64, f64)]) -> Course {
+fn thinned(points: &[(f64, f64)]) -> PlotPoints {
     let group = points.len().div_ceil(MOST_POINTS).max(1);
     let middle = |group: &[(f64, f64)]| {
         let count = group.len() as f64;

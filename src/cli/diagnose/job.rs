@@ -19,14 +19,15 @@ pub(super) fn begin() {
     });
 }
 
-/// This thread, and the threads that it starts, run only while no other thread wants the processor.
+/// This thread, and the threads that it starts, get the smallest share of the processor while others want it. It is not
+/// the policy `Idle`: beside any other busy program a diagnosis would never end.
 fn take_lowest_priority() {
     use thread_priority::{NormalThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy};
     // Linux allows it to every program; without it the control thread still has its real-time priority.
     let _ = thread_priority::set_thread_priority_and_policy(
         thread_priority::thread_native_id(),
         ThreadPriority::Min,
-        ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Idle),
+        ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Batch),
     );
 }
 

@@ -34,7 +34,7 @@ struct Shared {
 
 #[derive(Default)]
 struct JobQueue {
-    /// Oldest first.
+    /// All jobs, oldest first.
     jobs: Vec<DiagnosisJob>,
     /// Id of the job that is computed, and of its process.
     computed: Option<(String, u32)>,
@@ -192,6 +192,10 @@ impl Diagnoses {
             .diagnose(&job)
             .and_then(|()| job::found_in(&job.folder(&self.folder())));
         let mut queue = self.lock();
+        // Its process was ended with the daemon; the next daemon says so.
+        if queue.ends {
+            return;
+        }
         // A job that was cancelled stays so, whatever its process has done since.
         let Some(job) = queue.get(&job.id).filter(|job| job.state == JobState::Running) else {
             return;

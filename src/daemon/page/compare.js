@@ -28,8 +28,8 @@ async function compareRuns(first, second) {
   const row = cells => make("tr", {}, ...cells.map((text, i) => make("td", { textContent: text, className: i ? "number" : "" })));
   $("compare-figures").replaceChildren(
     ...FIGURES.map(f => row([`${f[1]} in ${f[2]}`, figure(a, f), figure(b, f), minus(f)])),
-    row(["completed cycles", a.summary.cycles_completed, b.summary.cycles_completed, a.summary.cycles_completed - b.summary.cycles_completed]),
-    row(["lost samples", a.summary.lost, b.summary.lost, a.summary.lost - b.summary.lost]));
+    ...[["completed cycles", "cycles_completed"], ["lost samples", "lost"]].map(([name, key]) =>
+      row([name, a.summary[key], b.summary[key], number(a.summary[key] - b.summary[key], 0)])));
   write("compare-words", d.rms_n === null ? "The two runs have no displacement in common, so there is no difference to draw." :
     `First minus second, at equal displacement and direction: ${number(d.rms_n, 2)} N root mean square, ` +
     `${number(d.largest_n, 1)} N at most.`);

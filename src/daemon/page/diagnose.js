@@ -98,8 +98,10 @@ function showTwin() {
 }
 
 press("twin-own", () => chooseTwin(null));
-press("diagnose", async () => {
-  await ask("api/diagnoses", { runs: [...chosenRuns.keys()] });
+press("diagnose", () => askForDiagnosis([...chosenRuns.keys()]));
+
+async function askForDiagnosis(runs) {
+  await ask("api/diagnoses", { runs });
   await loadDiagnoses();
   $("diagnoses").scrollIntoView({ block: "nearest" });
-});
+}

@@ -2,8 +2,10 @@
 "use strict";
 
 const RUNS_PER_PAGE = 25;
+// The list is loaded again after this time while files are not checked for damage, ms.
+const UNREAD_PERIOD_MS = 5000;
 // Places of the pages so far; the last one is shown.
-let pagesAfter = [""], nextAfter = "", searchTimer = 0, searchNumber = 0;
+let pagesAfter = [""], nextAfter = "", searchTimer = 0, searchNumber = 0, unreadTimer = 0;
 // Chosen runs: id and what the list says about it.
 const chosenRuns = new Map();
 const make = (kind, properties, ...children) => {
@@ -38,6 +40,8 @@ async function loadRuns() {
   $("runs").replaceChildren(...runs.map(runRow));
   if (open && $(open.id)) openRun($(open.id));
   if (focused.startsWith("run-") && $(focused)) $(focused).focus();
+  clearTimeout(unreadTimer);
+  if (unread && !open) unreadTimer = setTimeout(showRuns, UNREAD_PERIOD_MS);
 }
 
 const showRuns = () => loadRuns().catch(error => say(error.message));
@@ -93,6 +97,14 @@ async function openRun(opener) {
 
 function runDetails(run, detail) {
   const header = detail.header, links = make("div", { className: "chips" });
+  const button = (text, action) => {
+    const b = make("button", { textContent: text });
+    b.addEventListener("click", async () => {
+      say("");
+      try { await action(); } catch (error) { say(error.message); }
+    });
+    links.append(b);
+  };
   const link = (text, path) => links.append(make("a", { textContent: text, href: `api/runs/${run.run_id}/${path}` }));
   const whole = run.ending !== "damaged" && run.ending !== "incomplete";
   if (run.ending !== "open") {
@@ -101,13 +113,9 @@ function runDetails(run, detail) {
     if (whole) { link("MF4", "mf4"); link("Parquet", "parquet"); }
   }
   if (run.cycles_completed > 0 && (run.ending === "stopped" || run.ending === "aborted")) {
-    const button = make("button", { textContent: `Continue after cycle ${run.cycles_completed}` });
-    button.addEventListener("click", async () => {
-      say("");
-      try { await start({ profile: null, resume_run: run.run_id }); } catch (error) { say(error.message); }
-    });
-    links.append(button);
+    button(`Continue after cycle ${run.cycles_completed}`, () => start({ profile: null, resume_run: run.run_id }));
   }
+  if (run.started_utc && run.ending !== "open") button("Diagnose this run", () => askForDiagnosis([run.run_id]));
   const facts = make("dl", { className: "facts" });
   const fact = (name, value) => { if (value) facts.append(make("div", {}, make("dt", { textContent: name }), make("dd", { textContent: value }))); };
   fact("Run", run.run_id);

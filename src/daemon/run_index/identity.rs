@@ -51,6 +51,11 @@ impl FileIdentity {
         })
     }
 
+    /// Size of the file.
+    pub(super) fn bytes(&self) -> u64 {
+        self.file.bytes
+    }
+
     /// There is a log beside the file.
     pub(super) fn has_log(&self) -> bool {
         self.log.is_some()

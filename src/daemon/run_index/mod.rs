@@ -38,6 +38,15 @@ pub(crate) struct IndexedRun {
     settled: bool,
 }
 
+/// How much is read in full at one time.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct CheckLimits {
+    /// No further file is begun after this.
+    pub until: Option<Instant>,
+    /// Larger files are left out, bytes.
+    pub file_bytes: Option<u64>,
+}
+
 /// The runs of a folder, oldest first.
 pub(crate) type IndexedRuns = Arc<[Arc<IndexedRun>]>;
 
@@ -75,8 +84,9 @@ impl RunIndex {
 
     /// The runs as they are on the disk now.
     pub(crate) fn look(&self) -> Result<IndexedRuns, RunFileError> {
-        let files = self.run_files()?;
         let mut state = self.lock();
+        // Under the lock: an older list of files must not remove what a newer one has added.
+        let files = self.run_files()?;
         let mut kept_runs = HashMap::new();
         let first = state.kept.is_none();
         if first {
@@ -145,13 +155,15 @@ impl RunIndex {
         Ok(files)
     }
 
-    /// Reads in full those of `runs` that were not, until `deadline`, in their order. Returns how many are left.
-    pub(crate) fn check(&self, runs: &[Arc<IndexedRun>], deadline: Option<Instant>) -> usize {
-        let unchecked = |run: &&Arc<IndexedRun>| !run.checked;
-        let mut left = runs.iter().filter(unchecked).count();
+    /// Reads in full those of `runs` that were not, in their order and within `limits`. Returns how many are left.
+    pub(crate) fn check(&self, runs: &[Arc<IndexedRun>], limits: CheckLimits) -> usize {
+        let unchecked = runs.iter().filter(|run| !run.checked);
+        let mut left = unchecked.clone().count();
+        let small =
+            |run: &&Arc<IndexedRun>| limits.file_bytes.is_none_or(|most| run.identity.bytes() <= most);
         let mut checked = Vec::new();
-        for run in runs.iter().filter(unchecked) {
-            if deadline.is_some_and(|deadline| Instant::now() >= deadline) {
+        for run in unchecked.filter(small) {
+            if limits.until.is_some_and(|until| Instant::now() >= until) {
                 break;
             }
             checked.push(Arc::new(run.in_full()));
