@@ -105,7 +105,7 @@ impl CliCommand for RunsArgs {
     const EXAMPLES: &'static [&'static str] = &[
         "leafbench runs",
         "leafbench runs --specimen samurai-front --since 2026-11-23 --result completed --limit 10",
-        "leafbench runs --since 2026-11-01 --until 2026-11-30 --text \"force limit\"",
+        "leafbench runs --since 2026-11-01 --until 2026-11-30 --text limit",
         "leafbench runs --data leafbench-data --json",
     ];
 
