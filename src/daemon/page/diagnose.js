@@ -1,7 +1,8 @@
 // Diagnoses of runs: asked for here, computed by the daemon one at a time. Their state is the daemon's, so it outlives the page.
 "use strict";
 
-const JOBS_SHOWN = 10, JOBS_PERIOD_MS = 700;
+// JOBS_SHOWN newest diagnoses are shown. SURELY_MS: time for the second press on Remove, ms.
+const JOBS_SHOWN = 10, JOBS_PERIOD_MS = 700, SURELY_MS = 4000;
 const VERDICTS = { adequate: "The model is adequate", missing_physics: "The model lacks physics", unexplained: "Not explained" };
 // Elements of the jobs by id. They stay, so that focus and report stay where they are.
 const jobElements = new Map();
@@ -53,7 +54,18 @@ function jobElement(id) {
   buttons.append(tab);
   const twin = button("Use the improved model as twin", () => chooseTwin(id));
   const next = button("Run the next test", () => planNextTest(id));
-  const cancel = button("Cancel", async () => { await ask(`api/diagnoses/${id}`, undefined, undefined, "DELETE"); await loadDiagnoses(); });
+  // A diagnosis that is over is removed with its files at the second press: a dialog would keep the keys from Stop.
+  let isPending = true, surelyUntil = 0;
+  const cancel = button("Cancel", async () => {
+    if (!isPending && performance.now() > surelyUntil) {
+      surelyUntil = performance.now() + SURELY_MS;
+      cancel.textContent = "Press again to remove";
+      setTimeout(showDiagnoses, SURELY_MS);
+      return;
+    }
+    await ask(`api/diagnoses/${id}`, undefined, undefined, "DELETE");
+    await loadDiagnoses();
+  });
   const root = make("li", { id: `job-${id}` }, name, words, error, bar, step, buttons, frame);
   const show = job => {
     const pending = job.state === "queued" || job.state === "running", found = job.found;
@@ -68,9 +80,8 @@ function jobElement(id) {
     report.hidden = tab.hidden = !found;
     twin.hidden = !found || !found.improved;
     next.hidden = !found || !found.next_test;
-    cancel.textContent = pending ? "Cancel" : "Remove";
-    cancel.hidden = false;
-    buttons.hidden = false;
+    isPending = pending;
+    if (performance.now() > surelyUntil) cancel.textContent = pending ? "Cancel" : "Remove";
   };
   return { root, show };
 }
