@@ -2,12 +2,11 @@
 
 use clap::{Args, ValueEnum};
 use jiff::Timestamp;
-use jiff::civil::{Date, DateTime, Time};
-use jiff::tz::TimeZone;
 
 use super::shared::client::DataArg;
 use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::client_types::RunSummary;
+use crate::daemon::run_search::{self, RunQuery, RunResult};
 use crate::daemon::store::Store;
 
 /// Characters of a time up to its seconds: `2026-11-23T09:16:21`.
@@ -17,7 +16,7 @@ const TO_SECONDS: usize = 19;
 #[derive(Debug, Args)]
 pub(super) struct RunsArgs {
     #[command(flatten)]
-    filter: RunFilter,
+    filter: FilterArgs,
     /// Only the newest N of these runs
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     limit: Option<u32>,
@@ -27,7 +26,7 @@ pub(super) struct RunsArgs {
 
 /// Which runs are listed: those that fit everything that is given.
 #[derive(Debug, Default, Args)]
-struct RunFilter {
+struct FilterArgs {
     /// Only runs of specimens with this text in their name; upper and lower case are the same
     #[arg(long, value_name = "TEXT")]
     specimen: Option<String>,
@@ -37,9 +36,15 @@ struct RunFilter {
     /// Only runs of profiles with this text in their name; upper and lower case are the same
     #[arg(long, value_name = "TEXT")]
     profile: Option<String>,
+    /// Only runs with all these words somewhere: in id, specimen, operator, profile, or in how and why they ended
+    #[arg(long, value_name = "WORDS")]
+    text: Option<String>,
     /// Only runs that started on this day or later, or at this time: 2026-11-23, 2026-11-23T14:30 (UTC)
-    #[arg(long, value_name = "DATE", value_parser = since)]
+    #[arg(long, value_name = "DATE", value_parser = run_search::since)]
     since: Option<Timestamp>,
+    /// Only runs that started on this day or earlier, or at this time: 2026-11-23, 2026-11-23T14:30 (UTC)
+    #[arg(long, value_name = "DATE", value_parser = run_search::until)]
+    until: Option<Timestamp>,
     /// Only runs that ended like this
     #[arg(long, value_name = "RESULT", value_enum)]
     result: Option<ListedResult>,
@@ -64,42 +69,34 @@ enum ListedResult {
     Unreadable,
 }
 
-/// A day or a time in UTC.
-fn since(text: &str) -> Result<Timestamp, String> {
-    let day = || {
-        text.parse::<Date>()
-            .ok()
-            .map(|day| day.to_datetime(Time::midnight()))
-    };
-    let in_utc = |time: DateTime| time.to_zoned(TimeZone::UTC).ok().map(|zoned| zoned.timestamp());
-    // A date alone is also a time to the parser of times.
-    let time = || text.parse::<DateTime>().ok();
-    let stamp = text.parse::<Timestamp>().ok();
-    stamp
-        .or_else(|| {
-            day()
-                .filter(|_| !text.contains(['T', ' ']))
-                .or_else(time)
-                .and_then(in_utc)
-        })
-        .ok_or_else(|| "write a day such as 2026-11-23, or a time such as 2026-11-23T14:30 (UTC)".to_owned())
+impl From<ListedResult> for RunResult {
+    fn from(result: ListedResult) -> RunResult {
+        match result {
+            ListedResult::Completed => RunResult::Completed,
+            ListedResult::Stopped => RunResult::Stopped,
+            ListedResult::Aborted => RunResult::Aborted,
+            ListedResult::Open => RunResult::Open,
+            ListedResult::Incomplete => RunResult::Incomplete,
+            ListedResult::Damaged => RunResult::Damaged,
+            ListedResult::Unreadable => RunResult::Unreadable,
+        }
+    }
 }
 
-impl RunFilter {
-    /// Whether a run fits everything that is given.
-    fn fits(&self, run: &RunSummary) -> bool {
-        let has = |name: &str, text: &Option<String>| {
-            text.as_ref()
-                .is_none_or(|text| name.to_lowercase().contains(&text.to_lowercase()))
-        };
-        let result = self.result.and_then(|result| result.to_possible_value());
-        has(&run.specimen, &self.specimen)
-            && has(&run.operator, &self.operator)
-            && has(&run.profile, &self.profile)
-            && result.is_none_or(|result| result.get_name() == run.ending)
-            && self
-                .since
-                .is_none_or(|since| run.started_utc.parse::<Timestamp>().is_ok_and(|at| at >= since))
+impl FilterArgs {
+    /// The query for the newest runs, `limit` of them at most.
+    fn query(self, limit: Option<u32>) -> RunQuery {
+        RunQuery {
+            specimen: self.specimen,
+            operator: self.operator,
+            profile: self.profile,
+            text: self.text,
+            since: self.since,
+            until: self.until,
+            result: self.result.map(RunResult::from),
+            limit: limit.map(|limit| limit as usize),
+            after: None,
+        }
     }
 }
 
@@ -108,24 +105,30 @@ impl CliCommand for RunsArgs {
     const EXAMPLES: &'static [&'static str] = &[
         "leafbench runs",
         "leafbench runs --specimen samurai-front --since 2026-11-23 --result completed --limit 10",
+        "leafbench runs --since 2026-11-01 --until 2026-11-30 --text limit",
         "leafbench runs --data leafbench-data --json",
     ];
 
     fn run(self, output: &Output) -> Result<Done, CliError> {
         let folder = &self.data.folder;
-        let all: Vec<RunSummary> = match folder.is_dir() {
-            true => Store::new(folder)
-                .list()?
-                .into_iter()
-                .map(RunSummary::from)
-                .collect(),
-            false => Vec::new(),
+        let query = self.filter.query(self.limit);
+        let filtered = RunQuery {
+            limit: None,
+            ..query.clone()
+        } != RunQuery::default();
+        let (mut runs, total): (Vec<RunSummary>, usize) = match folder.is_dir() {
+            true => {
+                let page = Store::new(folder).search(&query, None)?;
+                let runs = page.runs.iter().map(|run| run.summary.clone());
+                (runs.collect(), page.total)
+            }
+            false => (Vec::new(), 0),
         };
-        let none_yet = all.is_empty();
-        let mut runs: Vec<RunSummary> = all.into_iter().filter(|run| self.filter.fits(run)).collect();
-        let most = self.limit.map_or(runs.len(), |limit| limit as usize);
-        runs.drain(..runs.len().saturating_sub(most));
-        output.result(&runs, || text(&runs, none_yet))?;
+        runs.reverse();
+        if runs.len() < total {
+            output.note(&format!("the newest {} of {total} runs", runs.len()));
+        }
+        output.result(&runs, || text(&runs, !filtered))?;
         Ok(Done::Success)
     }
 }
@@ -165,73 +168,109 @@ mod tests {
     use clap::FromArgMatches;
 
     use super::*;
+    use crate::recording::Recorder;
+    use crate::recording::run_file::test_support::{header, outcome};
+    use crate::recording::run_file::{EXTENSION, RunFileWriter};
+    use crate::recording::{Ending, Outcome};
 
-    fn run(specimen: &str, operator: &str, profile: &str, started_utc: &str, ending: &str) -> RunSummary {
-        RunSummary {
-            run_id: "id".to_owned(),
-            started_utc: started_utc.to_owned(),
-            profile: profile.to_owned(),
-            specimen: specimen.to_owned(),
-            operator: operator.to_owned(),
-            samples: 0,
-            lost: 0,
-            late: 0,
-            cycles_completed: 0,
-            ending: ending.to_owned(),
-            cause: String::new(),
-            problem: String::new(),
-            continues: String::new(),
+    /// Runs of a folder: id, specimen, operator, profile, start, ending, cause. The last file cannot be read.
+    const RUNS: [[&str; 7]; 3] = [
+        [
+            "a1",
+            "Leaf 7",
+            "Ann",
+            "static-ramp",
+            "2026-11-22T23:59:59.900Z",
+            "completed",
+            "",
+        ],
+        [
+            "b2",
+            "Leaf 8",
+            "Bob",
+            "sine-6mm-1hz",
+            "2026-11-23T00:00:00Z",
+            "aborted",
+            "force limit",
+        ],
+        ["c3", "", "", "", "", "unreadable", ""],
+    ];
+
+    fn folder() -> tempfile::TempDir {
+        let folder = tempfile::tempdir().expect("a folder");
+        for [id, specimen, operator, profile, started, ending, cause] in RUNS {
+            let path = folder.path().join(id).with_extension(EXTENSION);
+            if ending == "unreadable" {
+                std::fs::write(path, "no run").expect("written");
+                continue;
+            }
+            let mut head = header();
+            (head.run_id, head.started_utc) = (id.into(), started.into());
+            (head.specimen, head.operator, head.profile_name) =
+                (specimen.into(), operator.into(), profile.into());
+            let ending = if ending == "aborted" {
+                Ending::Aborted
+            } else {
+                Ending::Completed
+            };
+            let mut writer = RunFileWriter::create(&path, &head).expect("created");
+            writer.end(&Outcome {
+                ending,
+                cause: cause.into(),
+                ..outcome(0)
+            });
         }
+        folder
     }
 
-    /// Which of three runs a command line lists.
-    fn fitting(options: &[&str]) -> Vec<usize> {
-        let runs = [
-            run(
-                "Leaf 7",
-                "Ann",
-                "static-ramp",
-                "2026-11-22T23:59:59.900Z",
-                "completed",
-            ),
-            run("Leaf 8", "Bob", "sine-6mm-1hz", "2026-11-23T00:00:00Z", "aborted"),
-            run("", "", "", "", "unreadable"),
-        ];
-        let command = RunFilter::augment_args(clap::Command::new("runs"));
+    /// Ids of the runs that a command line lists, newest first.
+    fn fitting(folder: &std::path::Path, options: &[&str]) -> Vec<String> {
+        let command = FilterArgs::augment_args(clap::Command::new("runs"));
         let words = std::iter::once(&"runs").chain(options);
         let matches = command.try_get_matches_from(words).expect("understood");
-        let filter = RunFilter::from_arg_matches(&matches).expect("understood");
-        (0..3).filter(|&i| filter.fits(&runs[i])).collect()
+        let filter = FilterArgs::from_arg_matches(&matches).expect("understood");
+        let page = Store::new(folder)
+            .search(&filter.query(None), None)
+            .expect("listed");
+        page.runs.iter().map(|run| run.summary.run_id.clone()).collect()
     }
 
     #[test]
     fn each_filter_takes_its_runs_and_all_of_them_together_those_that_fit_all() {
+        let folder = folder();
         for (options, wanted) in [
-            (&[][..], &[0, 1, 2][..]),
-            (&["--specimen", "leaf"], &[0, 1]),
-            (&["--specimen", "8"], &[1]),
-            (&["--operator", "ANN"], &[0]),
-            (&["--profile", "ramp"], &[0]),
-            (&["--since", "2026-11-23"], &[1]),
-            (&["--since", "2026-11-22T23:59"], &[0, 1]),
-            (&["--result", "completed"], &[0]),
-            (&["--result", "aborted"], &[1]),
-            (&["--result", "unreadable"], &[2]),
+            (&[][..], &["b2", "a1", "c3"][..]),
+            (&["--specimen", "leaf"], &["b2", "a1"]),
+            (&["--specimen", "8"], &["b2"]),
+            (&["--operator", "ANN"], &["a1"]),
+            (&["--profile", "ramp"], &["a1"]),
+            (&["--text", "limit BOB"], &["b2"]),
+            (&["--text", "bobsine"], &[]),
+            (&["--since", "2026-11-23"], &["b2"]),
+            (&["--since", "2026-11-22T23:59"], &["b2", "a1"]),
+            (&["--until", "2026-11-22"], &["a1"]),
+            (&["--until", "2026-11-23"], &["b2", "a1"]),
+            (&["--until", "2026-11-22T12:00"], &[]),
+            (&["--result", "completed"], &["a1"]),
+            (&["--result", "aborted"], &["b2"]),
+            (&["--result", "unreadable"], &["c3"]),
             (&["--specimen", "leaf", "--result", "stopped"], &[]),
         ] {
-            assert_eq!(fitting(options), wanted, "{options:?}");
+            assert_eq!(fitting(folder.path(), options), wanted, "{options:?}");
         }
     }
 
     #[test]
     fn a_day_and_a_time_are_in_utc() {
-        let shown = |text: &str| since(text).map(|at| at.to_string());
-        assert_eq!(shown("2026-11-23").as_deref(), Ok("2026-11-23T00:00:00Z"));
-        assert_eq!(shown("2026-11-23T14:30").as_deref(), Ok("2026-11-23T14:30:00Z"));
+        let since = |text: &str| run_search::since(text).map(|at| at.to_string());
+        assert_eq!(since("2026-11-23").as_deref(), Ok("2026-11-23T00:00:00Z"));
+        assert_eq!(since("2026-11-23T14:30").as_deref(), Ok("2026-11-23T14:30:00Z"));
         assert_eq!(
-            shown("2026-11-23T14:30:00+02:00").as_deref(),
+            since("2026-11-23T14:30:00+02:00").as_deref(),
             Ok("2026-11-23T12:30:00Z")
         );
         assert!(since("yesterday").is_err() && since("2026-13-01").is_err());
+        let until = run_search::until("2026-11-23").map(|at| at.to_string());
+        assert_eq!(until.as_deref(), Ok("2026-11-23T23:59:59.999999999Z"));
     }
 }

@@ -232,6 +232,7 @@ mod tests {
             link_open: true,
             data_folder: String::new(),
             twin: String::new(),
+            twin_diagnosis: String::new(),
             degraded: Vec::new(),
             warnings: Vec::new(),
             plot: crate::daemon::client_types::PlotScale::default(),

@@ -12,9 +12,10 @@ use axum::routing::{MethodFilter, MethodRouter, on};
 use axum::{Json, Router};
 use utoipa::OpenApi;
 
+use super::blocking::blocking;
 use super::client_types::{
-    Accepted, Failure, JogRequest, Nothing, PlanRequest, ProfileSummary, RunDetail, RunSummary,
-    SensorReadings, StartRun, Started, Status, StopRequest,
+    Accepted, Failure, JogRequest, Nothing, PlanRequest, ProfileSummary, RunDetail, SensorReadings, StartRun,
+    Started, Status, StopRequest,
 };
 use super::download::{self, DownloadFormat, DownloadPart};
 use super::error::ApiError;
@@ -24,7 +25,7 @@ use super::request_body::JsonBody;
 use super::server::STOP_PATH;
 use super::state::{App, DaemonState};
 use super::wanted::Wanted;
-use super::{metrics, page, result, runs as run_life, socket};
+use super::{compare, diagnosis_api, metrics, page, result, run_list, runs as run_life, socket};
 use crate::control::TareReport;
 use crate::control::realtime::{Reply, Request};
 use crate::recording::export::TableFormat;
@@ -58,6 +59,11 @@ fn routes() -> Vec<Route> {
         path,
         handler,
     };
+    let delete = |path, handler| Route {
+        method: MethodFilter::DELETE,
+        path,
+        handler,
+    };
     vec![
         get("/api/status", |m| on(m, status)),
         post("/api/run", |m| on(m, run)),
@@ -69,7 +75,7 @@ fn routes() -> Vec<Route> {
         post("/api/zero", |m| on(m, zero)),
         post("/api/jog", |m| on(m, jog)),
         get("/api/reading", |m| on(m, reading)),
-        get("/api/runs", |m| on(m, runs)),
+        get("/api/runs", |m| on(m, run_list::runs)),
         get("/api/runs/{run_id}", |m| on(m, run_detail)),
         get("/api/runs/{run_id}/result", |m| on(m, result::run_result)),
         get("/api/runs/{run_id}/certificate", |m| {
@@ -80,6 +86,13 @@ fn routes() -> Vec<Route> {
         get("/api/runs/{run_id}/parquet", |m| on(m, run_parquet)),
         get("/api/profiles", |m| on(m, profiles)),
         post("/api/plan", |m| on(m, plan_profile)),
+        get("/api/compare", |m| on(m, compare::compare)),
+        get("/api/diagnoses", |m| on(m, diagnosis_api::list)),
+        post("/api/diagnoses", |m| on(m, diagnosis_api::ask)),
+        get("/api/diagnoses/{id}", |m| on(m, diagnosis_api::one)),
+        delete("/api/diagnoses/{id}", |m| on(m, diagnosis_api::end)),
+        get("/api/diagnoses/{id}/{file}", |m| on(m, diagnosis_api::file)),
+        post("/api/twin", |m| on(m, diagnosis_api::choose_twin)),
         get("/api/openapi.json", |m| on(m, openapi)),
         get("/api/live", |m| on(m, socket::live)),
         get("/metrics", |m| on(m, metrics_text)),
@@ -103,7 +116,7 @@ fn routes() -> Vec<Route> {
         zero,
         jog,
         reading,
-        runs,
+        run_list::runs,
         run_detail,
         result::run_result,
         result::run_certificate,
@@ -112,6 +125,13 @@ fn routes() -> Vec<Route> {
         run_parquet,
         profiles,
         plan_profile,
+        compare::compare,
+        diagnosis_api::list,
+        diagnosis_api::ask,
+        diagnosis_api::one,
+        diagnosis_api::end,
+        diagnosis_api::file,
+        diagnosis_api::choose_twin,
         openapi,
         socket::live,
         metrics_text
@@ -267,24 +287,6 @@ async fn reading(State(state): App) -> Json<SensorReadings> {
     Json(readings)
 }
 
-/// Runs `work`, which reads files, on a thread that does not serve the interface.
-async fn blocking<T: Send + 'static>(
-    state: &Arc<DaemonState>,
-    work: impl FnOnce(&DaemonState) -> Result<T> + Send + 'static,
-) -> Result<T> {
-    let state = Arc::clone(state);
-    tokio::task::spawn_blocking(move || work(&state))
-        .await
-        .map_err(|_| ApiError::internal("a file could not be read"))?
-}
-
-/// All runs of the data folder, newest first.
-#[utoipa::path(get, path = "/api/runs", responses((status = 200, body = Vec<RunSummary>)))]
-async fn runs(State(state): App) -> Result<Json<Vec<RunSummary>>> {
-    let list = blocking(&state, |state| state.store.list().map_err(ApiError::disk)).await?;
-    Ok(Json(list.into_iter().rev().map(RunSummary::from).collect()))
-}
-
 /// One run with its header and events. The id `latest` means the newest run.
 #[utoipa::path(get, path = "/api/runs/{run_id}", params(("run_id" = String, Path)),
     responses((status = 200, body = RunDetail), (status = 404, body = Failure)))]
@@ -399,7 +401,8 @@ async fn plan_profile(State(state): App, JsonBody(request): JsonBody<PlanRequest
             .find(&request.profile)
             .map_err(|e| ApiError::invalid(&e))?;
         let is_wanted = || wanted.withdrawn().is_none() && !state.starts.is_pending();
-        match plan::check_while(&state.settings.bench, &profile, &is_wanted) {
+        let bench = state.twin.applied_to(&state.settings.bench);
+        match plan::check_while(&bench, &profile, &is_wanted) {
             Err(PlanError::BrokenOff) => Err(unavailable("a run is being started")),
             checked => checked.map(Json).map_err(|e| ApiError::invalid(&e)),
         }
@@ -445,10 +448,10 @@ mod tests {
         let routed: BTreeSet<_> = routes()
             .iter()
             .map(|r| {
-                let method = if r.method == MethodFilter::GET {
-                    "get"
-                } else {
-                    "post"
+                let method = match r.method {
+                    MethodFilter::GET => "get",
+                    MethodFilter::DELETE => "delete",
+                    _ => "post",
                 };
                 (method.to_owned(), r.path.to_owned())
             })

@@ -41,8 +41,11 @@ pub(crate) struct Status {
     pub link_open: bool,
     /// Folder of the run files.
     pub data_folder: String,
-    /// Model of the twin; empty if the twin is off.
+    /// Model of the next run's twin; empty if the twin is off.
     pub twin: String,
+    /// Id of the diagnosis whose improved model the twin has; empty for the model of the bench file.
+    #[serde(default)]
+    pub twin_diagnosis: String,
     /// What makes the timing of the control loop worse than specified, one sentence each.
     pub degraded: Vec<String>,
     /// What a person should know before the next run: overdue calibrations, a disk that is nearly full.

@@ -97,7 +97,7 @@ pub(super) async fn check(State(guard): State<RequestGuard>, request: Request, n
                 ),
             ];
             for (name, value) in fixed {
-                // A page with its style inside brings its own policy.
+                // A page with its style inside, and the report of a diagnosis, bring rules of their own.
                 headers
                     .entry(name)
                     .or_insert(axum::http::HeaderValue::from_static(value));

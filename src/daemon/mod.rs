@@ -8,6 +8,7 @@
 //! |---|---|
 //! | `client_types` | requests and answers |
 //! | `nearest` | the name that a mistyped one stands for |
+//! | `run_index`, `run_search` | what a list says about each run file, filters and pages |
 //! | `library`, `store`, `header` | profiles, run files, header of a recording |
 //! | `reading`, `live`, `backlog`, `disk_space`, `disk_watch` | readings of the last second, samples for the live view, samples that wait for the recording thread or for the disk, free space |
 //! | `error` | why the daemon or a request fails |
@@ -16,16 +17,23 @@
 //! | `wanted`, `starts`, `orders` | work that may be withdrawn, order of starts and stops, orders that control must get |
 //! | `plan`, `download` | check of a profile, export |
 //! | `permission` | calibrations, specimen, and who answers for a start all the same |
+//! | `diagnoses`, `twin_choice` | diagnoses as processes of their own, the model of the next run's twin |
 //! | `newest_run`, `tally`, `state` | what the handlers and the runs share |
+//! | `blocking` | work of a handler that reads files |
 //! | `metrics`, `notify` | figures for Prometheus; signs of life for systemd |
 //! | `resume`, `progress`, `prepare` | what a run needs before it can start |
 //! | `runs`, `socket`, `page` | life of a run, live view, the technician's page |
+//! | `run_list`, `compare`, `diagnosis_api` | runs in pages with the thread of their index, two runs over each other, diagnoses over HTTP |
 //! | `api` | routes and handlers |
 
 mod api;
 mod backlog;
+mod blocking;
 pub(crate) mod client_types;
+mod compare;
 mod connections;
+mod diagnoses;
+mod diagnosis_api;
 mod disk_space;
 mod disk_watch;
 mod download;
@@ -50,6 +58,9 @@ pub(crate) mod reading;
 mod request_body;
 mod result;
 mod resume;
+mod run_index;
+mod run_list;
+pub(crate) mod run_search;
 mod runs;
 mod server;
 mod socket;
@@ -57,6 +68,7 @@ mod starts;
 mod state;
 pub(crate) mod store;
 mod tally;
+mod twin_choice;
 mod wanted;
 
 use std::sync::Arc;
@@ -78,6 +90,7 @@ use library::Library;
 use live::{Live, Watcher};
 use lock::DaemonLock;
 use notify::ServiceManager;
+use run_list::IndexThread;
 use server::ServerLimits;
 use state::DaemonState;
 use store::Store;
@@ -255,6 +268,8 @@ async fn serve_until_signal(
     let manager = Arc::new(ServiceManager::of_this_process());
     let (watching, control) = (Arc::clone(&manager), state.control.clone());
     let watchdog = tokio::spawn(async move { watching.watch(control).await });
+    let _index = IndexThread::spawn(&state);
+    let _diagnoses = state.diagnoses.spawn();
     started();
     manager.tell(&format!("READY=1\nSTATUS=page http://{}/", state.settings.listen));
     let name = signals.next().await;

@@ -21,12 +21,17 @@ pub(super) fn router() -> Router<Arc<DaemonState>> {
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Path, type and text of each file.
-const FILES: [(&str, &str, &str); 11] = [
+const FILES: [(&str, &str, &str); 16] = [
     ("/", "text/html; charset=utf-8", include_str!("page/index.html")),
     (
         "/page.css",
         "text/css; charset=utf-8",
         include_str!("page/page.css"),
+    ),
+    (
+        "/history.css",
+        "text/css; charset=utf-8",
+        include_str!("page/history.css"),
     ),
     ("/ask.js", SCRIPT, include_str!("page/ask.js")),
     ("/words.js", SCRIPT, include_str!("page/words.js")),
@@ -40,6 +45,10 @@ const FILES: [(&str, &str, &str); 11] = [
     ),
     ("/result.js", SCRIPT, include_str!("page/result.js")),
     ("/page.js", SCRIPT, include_str!("page/page.js")),
+    ("/history.js", SCRIPT, include_str!("page/history.js")),
+    ("/compare.js", SCRIPT, include_str!("page/compare.js")),
+    ("/diagnose.js", SCRIPT, include_str!("page/diagnose.js")),
+    ("/start.js", SCRIPT, include_str!("page/start.js")),
     ("/icon.svg", "image/svg+xml", include_str!("page/icon.svg")),
 ];
 

@@ -14,6 +14,7 @@ use super::resume::{self, ChosenProfile};
 use super::state::DaemonState;
 use super::wanted::Wanted;
 use super::{header, permission, plan, store};
+use crate::config::Bench;
 use crate::control::run::RunOrder;
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::recording::Header;
@@ -72,7 +73,7 @@ pub(super) fn prepare(
 ) -> Result<PreparedRun, ApiError> {
     let now = jiff::Timestamp::now();
     let chosen = resume::choose(state, &request)?;
-    let bench = &state.settings.bench;
+    let bench = &state.twin.applied_to(&state.settings.bench);
     let today = now.to_zoned(TimeZone::UTC).date();
     let overrides = permission::remarks(bench, &chosen.specimen, today, request.override_by.as_deref())?;
     let plan = plan::check_while(bench, &chosen.profile, &|| wanted.withdrawn().is_none());
@@ -84,14 +85,14 @@ pub(super) fn prepare(
         cycles: plan.cycles,
         duration_s: plan.duration_s,
     };
-    let mut header = run_header(state, &chosen, request, planned, now);
+    let mut header = run_header(state, bench, &chosen, request, planned, now);
     header.remarks.extend(overrides);
     let path = state.store.path_for_new(&header.run_id);
     let writer = RunFileWriter::create(&path, &header).map_err(ApiError::disk)?;
     let file = NewRunFile(Some(path));
     let disk = writer.status();
     let backlog = Backlog::default();
-    let (input, thread) = recording_chain(state, writer, &backlog)?;
+    let (input, thread) = recording_chain(state, bench, writer, &backlog)?;
     Ok(PreparedRun {
         order: RunOrder {
             header,
@@ -108,6 +109,7 @@ pub(super) fn prepare(
 
 fn run_header(
     state: &DaemonState,
+    bench: &Bench,
     chosen: &ChosenProfile,
     request: StartRun,
     planned: header::Planned,
@@ -116,11 +118,12 @@ fn run_header(
     let mut header = header::new(
         store::new_run_id(now),
         now,
-        &state.settings.bench,
+        bench,
         &chosen.profile,
         chosen.toml.clone(),
         planned,
     );
+    header.twin = state.twin.words(&state.settings.bench);
     header.specimen.clone_from(&chosen.specimen);
     header.operator = request.operator.unwrap_or_default();
     header.first_cycle = chosen.first_cycle;
@@ -133,10 +136,10 @@ fn run_header(
 /// if it is slow, the ring in front of it fills, and control does not wait.
 fn recording_chain(
     state: &Arc<DaemonState>,
+    bench: &Bench,
     writer: RunFileWriter,
     backlog: &Backlog,
 ) -> Result<(Counted<RecorderInput>, RunRecording), ApiError> {
-    let bench = &state.settings.bench;
     let fan_out = FanOut(vec![
         Box::new(writer),
         Box::new(state.live.recorder()),

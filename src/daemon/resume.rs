@@ -11,7 +11,7 @@ use super::state::DaemonState;
 use crate::config::Bench;
 use crate::profile::{Player, Profile};
 use crate::protocol::message::SAMPLE_RATE_HZ;
-use crate::recording::run_file::{RunFile, RunListing};
+use crate::recording::run_file::{self, RunFile, RunListing};
 use crate::recording::{FirmwareIdentity, Header};
 
 /// Parts of a bench that may not change between a run and its resumption. Link, data folder and model do not change what is
@@ -141,12 +141,12 @@ fn next_cycle(before: &Header, listing: &RunListing, profile: &Profile) -> Resul
 
 /// Refuses a run that another run resumes already: two recordings would have the same cycles.
 fn not_resumed_before(state: &DaemonState, before: &RunListing) -> Result<(), ApiError> {
-    let runs = state.store.list().map_err(ApiError::disk)?;
+    let runs = state.store.runs().map_err(ApiError::disk)?;
+    let listings = runs.iter().map(|run| &run.listing);
     // A run that cannot be read is listed with its problem, and it cannot be the one.
-    let child = runs
-        .iter()
-        .filter(|run| run.problem.is_empty())
-        .find(|run| RunFile::open(&run.path).is_ok_and(|file| file.header().resumes_run == before.run_id));
+    let child = listings
+        .filter(|run| run.resumes_run == before.run_id)
+        .find(|run| run.problem.is_empty() && run_file::check(&run.path).is_empty());
     child.map_or(Ok(()), |child| {
         Err(refusal(
             format!(

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::client_types::{PlotScale, Status};
+use super::diagnoses::Diagnoses;
 use super::disk_space::DiskSpace;
 use super::library::Library;
 use super::live::Live;
@@ -13,6 +14,7 @@ use super::permission;
 use super::starts::Starts;
 use super::store::Store;
 use super::tally::Tally;
+use super::twin_choice::TwinChoice;
 use crate::config::Bench;
 use crate::control::realtime::ControlHandle;
 use crate::link::LinkHealth;
@@ -44,6 +46,9 @@ pub(super) struct DaemonState {
     pub newest_run: NewestRun,
     /// What the runs of this daemon came to.
     pub tally: Tally,
+    pub diagnoses: Diagnoses,
+    /// The model of the twin of the next run.
+    pub twin: TwinChoice,
     /// How full the disk of the run files is.
     pub disk: DiskSpace,
     /// The run that is being prepared, and the order of starts and stops.
@@ -69,6 +74,8 @@ impl DaemonState {
         live: Live,
     ) -> Self {
         DaemonState {
+            diagnoses: Diagnoses::of(&settings.data_folder),
+            twin: TwinChoice::default(),
             settings,
             control,
             store,
@@ -112,7 +119,8 @@ impl DaemonState {
             link: settings.link_address.clone(),
             link_open: self.link_health().is_open(),
             data_folder: settings.data_folder.display().to_string(),
-            twin: settings.bench.model.name.clone(),
+            twin: self.twin.words(&settings.bench),
+            twin_diagnosis: self.twin.diagnosis(),
             degraded: self.control.degraded().to_vec(),
             warnings: self.warnings(),
             plot: PlotScale::of(&settings.bench),

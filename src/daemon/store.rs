@@ -1,14 +1,15 @@
 //! The data folder: run files, found by run id and never by path. Runs that an earlier daemon left open are closed as
 //! aborted.
 
-use std::collections::HashMap;
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::SystemTime;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use super::nearest;
-use crate::recording::run_file::{self, EXTENSION, RunFile, RunFileError, RunListing};
+use super::run_index::{CheckLimits, IndexedRun, IndexedRuns, RunIndex};
+use super::run_search::{self, RunPage, RunQuery};
+use crate::recording::run_file::{EXTENSION, RunFile, RunFileError, RunListing};
 
 /// The cause of a run that was closed by the next daemon.
 const LEFT_OPEN: &str = "the file was left open: the daemon was killed or crashed, the power failed, or the disk could not \
@@ -42,100 +43,75 @@ pub(crate) enum FindRunError {
     Several { id: String, runs: Vec<String> },
 }
 
-/// The folder of run files. Clones share what they know of the files.
+/// The folder of run files. Clones share one index.
 #[derive(Debug, Clone)]
 pub(crate) struct Store {
-    folder: PathBuf,
-    checked: Arc<Mutex<HashMap<PathBuf, Checked>>>,
-}
-
-/// The result of reading a closed file in full.
-#[derive(Debug, Clone)]
-struct Checked {
-    bytes: u64,
-    changed: SystemTime,
-    problem: String,
+    index: Arc<RunIndex>,
 }
 
 impl Store {
     /// The store of the run files in `folder`.
     pub(crate) fn new(folder: &Path) -> Self {
         Store {
-            folder: folder.to_owned(),
-            checked: Arc::default(),
+            index: Arc::new(RunIndex::new(folder)),
         }
     }
 
     pub(crate) fn folder(&self) -> &Path {
-        &self.folder
+        self.index.folder()
     }
 
     /// Path of the run file for an id that [`new_run_id`] has just made. Ids from requests go through [`Store::find`].
     pub(crate) fn path_for_new(&self, run_id: &str) -> PathBuf {
-        self.folder.join(format!("{run_id}.{EXTENSION}"))
+        self.folder().join(format!("{run_id}.{EXTENSION}"))
     }
 
     /// Closes the runs that an earlier daemon left open. Returns one sentence for each run, for the log.
     pub(crate) fn close_left_open(&self) -> Result<Vec<String>, RunFileError> {
-        let runs = run_file::list(&self.folder)?;
-        let open = runs
-            .iter()
+        let runs = self.runs()?;
+        let listings = runs.iter().map(|run| &run.listing);
+        let open = listings
+            .clone()
             .filter(|run| !run.is_closed() && run.problem.is_empty());
         let close = |run: &RunListing| {
-            let next = runs.iter().find(|r| r.continues == run.run_id);
+            let next = listings.clone().find(|r| r.continues == run.run_id);
             let cause = next.map_or_else(|| LEFT_OPEN.to_owned(), |next| continued_in(&next.run_id));
             close_as_aborted(&run.path, &run.run_id, &cause)
         };
         Ok(open.map(close).collect())
     }
 
-    /// Every run, oldest first, with what is damaged in its file. A closed file is read in full once, and again if its size
-    /// or its time of change differs.
-    pub(crate) fn list(&self) -> Result<Vec<RunListing>, RunFileError> {
-        let mut runs = run_file::list(&self.folder)?;
-        for run in runs
-            .iter_mut()
-            .filter(|run| run.is_closed() && run.problem.is_empty())
-        {
-            run.problem = self.check(&run.path);
-        }
-        Ok(runs)
+    /// Every run, oldest first. Closed files are not read in full.
+    pub(crate) fn runs(&self) -> Result<IndexedRuns, RunFileError> {
+        self.index.look()
     }
 
-    fn check(&self, path: &Path) -> String {
-        let metadata = std::fs::metadata(path);
-        let state = metadata.and_then(|m| Ok((m.len(), m.modified()?))).ok();
-        let known = |state: &(u64, SystemTime)| {
-            let checked = self.checked.lock().unwrap_or_else(PoisonError::into_inner);
-            let known = checked.get(path).filter(|c| (c.bytes, c.changed) == *state);
-            known.map(|c| c.problem.clone())
+    /// The runs that are wanted, newest first, with what is damaged in their files. Files are read in full for at most the
+    /// time `within`.
+    pub(crate) fn search(&self, query: &RunQuery, within: Option<Duration>) -> Result<RunPage, RunFileError> {
+        run_search::search(&self.index, query, within)
+    }
+
+    /// Reads files in full that were not, newest first, for at most the time `within`. Returns how many are left.
+    pub(crate) fn check_some(&self, within: Duration) -> Result<usize, RunFileError> {
+        let newest_first: Vec<_> = self.runs()?.iter().rev().map(Arc::clone).collect();
+        let limits = CheckLimits {
+            until: Some(Instant::now() + within),
+            file_bytes: None,
         };
-        if let Some(problem) = state.as_ref().and_then(known) {
-            return problem;
-        }
-        let problem = run_file::check(path);
-        if let Some((bytes, changed)) = state {
-            let checked = Checked {
-                bytes,
-                changed,
-                problem: problem.clone(),
-            };
-            let mut all = self.checked.lock().unwrap_or_else(PoisonError::into_inner);
-            all.insert(path.to_owned(), checked);
-        }
-        problem
+        Ok(self.index.check(&newest_first, limits))
     }
 
     /// The run with this id, or the only one whose id begins or ends with it. The id `latest` means the newest run. A closed file
     /// is not read in full.
     pub(crate) fn find(&self, run_id: &str) -> Result<RunListing, FindRunError> {
-        let mut runs = run_file::list(&self.folder)?;
+        let runs = self.runs()?;
         let place = match run_id {
             LATEST => runs.len().checked_sub(1),
             id => place_of(id, &runs)?,
         };
         match place {
-            Some(place) => Ok(runs.swap_remove(place)),
+            Some(place) => Ok(runs[place].listing.clone()),
             None => Err(self.unknown(run_id, &runs)),
         }
     }
@@ -145,37 +121,38 @@ impl Store {
         if run_id != LATEST {
             return self.find(run_id);
         }
-        let runs = run_file::list(&self.folder)?;
-        let newest = runs.into_iter().rev().find(RunListing::is_closed);
-        newest.ok_or_else(|| self.unknown(run_id, &[]))
+        let runs = self.runs()?;
+        let newest = runs.iter().rev().find(|run| run.listing.is_closed());
+        newest.map_or_else(|| Err(self.unknown(run_id, &[])), |run| Ok(run.listing.clone()))
     }
 
-    fn unknown(&self, run_id: &str, runs: &[RunListing]) -> FindRunError {
-        let ids: Vec<&str> = runs.iter().map(|run| run.run_id.as_str()).collect();
+    fn unknown(&self, run_id: &str, runs: &[Arc<IndexedRun>]) -> FindRunError {
+        let ids: Vec<&str> = runs.iter().map(|run| run.listing.run_id.as_str()).collect();
         FindRunError::Unknown {
             id: run_id.chars().take(SHOWN_CHARS).collect(),
-            folder: self.folder.clone(),
+            folder: self.folder().to_owned(),
             meant: nearest::typed_wrong(run_id, &ids).map(str::to_owned),
         }
     }
 }
 
 /// Index of the run with this id, or of the only one whose id begins or ends with it.
-fn place_of(id: &str, runs: &[RunListing]) -> Result<Option<usize>, FindRunError> {
-    if let Some(exact) = runs.iter().position(|run| run.run_id == id) {
+fn place_of(id: &str, runs: &[Arc<IndexedRun>]) -> Result<Option<usize>, FindRunError> {
+    let run_id = |run: &Arc<IndexedRun>| run.listing.run_id.clone();
+    if let Some(exact) = runs.iter().position(|run| run.listing.run_id == id) {
         return Ok(Some(exact));
     }
     if id.chars().count() < SHORTEST_ID {
         return Ok(None);
     }
     let matches = |run: &RunListing| run.run_id.starts_with(id) || run.run_id.ends_with(id);
-    let places: Vec<usize> = (0..runs.len()).filter(|&i| matches(&runs[i])).collect();
+    let places: Vec<usize> = (0..runs.len()).filter(|&i| matches(&runs[i].listing)).collect();
     match places.as_slice() {
         [] => Ok(None),
         [only] => Ok(Some(*only)),
         several => Err(FindRunError::Several {
             id: id.to_owned(),
-            runs: several.iter().map(|&i| runs[i].run_id.clone()).collect(),
+            runs: several.iter().map(|&i| run_id(&runs[i])).collect(),
         }),
     }
 }
@@ -212,7 +189,7 @@ pub(crate) fn new_run_id(now: jiff::Timestamp) -> String {
 mod tests {
     use super::*;
     use crate::recording::Recorder;
-    use crate::recording::run_file::test_support;
+    use crate::recording::run_file::{self, test_support};
 
     #[test]
     fn ids_sort_by_time_differ_and_have_only_letters_digits_and_a_dash() {
@@ -291,12 +268,8 @@ mod tests {
     #[test]
     fn runs_of_one_second_are_in_order_and_the_latest_finished_one_is_closed() {
         let (_folder, store) = store_of(&RUNS);
-        let ids: Vec<String> = store
-            .list()
-            .expect("listed")
-            .into_iter()
-            .map(|r| r.run_id)
-            .collect();
+        let runs = store.runs().expect("listed");
+        let ids: Vec<String> = runs.iter().map(|r| r.listing.run_id.clone()).collect();
         assert_eq!(ids, RUNS.map(|(id, ..)| id.to_owned()));
         assert_eq!(store.find(LATEST).expect("found").run_id, RUNS[2].0);
         assert_eq!(store.find_finished(LATEST).expect("found").run_id, RUNS[1].0);

@@ -12,6 +12,7 @@ pub(crate) mod import;
 pub(crate) mod mdf;
 pub(crate) mod memory;
 pub(crate) mod metrics;
+pub(crate) mod overlay;
 pub(crate) mod play;
 pub(crate) mod recorder;
 pub(crate) mod run_file;

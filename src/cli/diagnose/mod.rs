@@ -2,6 +2,7 @@
 
 mod files;
 mod inputs;
+mod job;
 mod leave_out;
 mod proof;
 mod run_next;
@@ -111,6 +112,9 @@ pub(super) struct DiagnoseArgs {
     /// Take recordings of different specimens together: they are the same spring under several names
     #[arg(long, conflicts_with = "targets")]
     mixed_specimens: bool,
+    /// Run as a job of the daemon: at the lowest priority, with progress as lines of JSON, until stdin is closed
+    #[arg(long, hide = true, conflicts_with_all = ["targets", "run_next"])]
+    job: bool,
     #[command(flatten)]
     data: DataArg,
     /// Folder for diagnosis.json, report.html with figures/, improved.toml and, if there is a next test, next-test.toml
@@ -168,6 +172,9 @@ impl CliCommand for DiagnoseArgs {
     ];
 
     fn run(self, output: &Output) -> Result<Done, CliError> {
+        if self.job {
+            job::begin();
+        }
         let bench = self.bench.load()?;
         let baseline = self.baseline(&bench.model)?;
         let given = self.recordings.iter().chain(&self.targets);
@@ -179,6 +186,7 @@ impl CliCommand for DiagnoseArgs {
             folder: &self.out,
             output,
             date: now_utc(),
+            of_daemon: self.job,
         };
         if !self.targets.is_empty() {
             return targets::run(&self.targets, &job);
@@ -234,6 +242,7 @@ pub(super) fn until_settled(
         folder,
         output,
         date: now_utc(),
+        of_daemon: false,
     };
     let read = recordings
         .iter()
@@ -284,6 +293,8 @@ struct DiagnoseJob<'a> {
     output: &'a Output,
     /// Day and time of the diagnosis, UTC.
     date: String,
+    /// It is a job of the daemon, which reads its progress.
+    of_daemon: bool,
 }
 
 impl DiagnoseJob<'_> {
@@ -317,12 +328,16 @@ impl DiagnoseJob<'_> {
 
     fn diagnose_with_progress(&self, recordings: &[Recording]) -> Result<Diagnosis, CliError> {
         let mut bar = Progress::new("diagnose", self.output.json);
+        let mut lines = self.of_daemon.then(job::ProgressLines::default);
         let options = DiagnoseOptions {
             limits: Some(self.bench.profile_limits()),
             ..DiagnoseOptions::default()
         };
         let diagnosis = diagnose(recordings, self.baseline, &options, &mut |share, step| {
             bar.show_share(share, step);
+            if let Some(lines) = &mut lines {
+                lines.show(share, step);
+            }
         });
         bar.finish();
         Ok(diagnosis?)
@@ -474,6 +489,7 @@ mod tests {
             folder: folder.path(),
             output: &Output { json: true },
             date: "2026-11-24 10:00".to_owned(),
+            of_daemon: false,
         };
         let round = folder.path().join("round-0");
         // A ramp and one sine leave look-alikes in some of these cases (`Family::Confounded`), which a next test can settle.

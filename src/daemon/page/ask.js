@@ -4,11 +4,13 @@
 const $ = id => document.getElementById(id);
 let status = null, everConnected = false;
 
-async function ask(path, body, withinMs) {
+// The answer to a request, and its headers. With a body it is a POST, otherwise a GET, unless `method` says something else.
+async function askWithHeaders(path, body, withinMs, method) {
   let answer;
   try {
     const options = body === undefined ? {} :
       { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) };
+    if (method) options.method = method;
     if (withinMs) options.signal = AbortSignal.timeout(withinMs);
     answer = await fetch(path, options);
   } catch {
@@ -16,8 +18,10 @@ async function ask(path, body, withinMs) {
   }
   const reply = await answer.json().catch(() => ({}));
   if (!answer.ok) throw new Error([reply.error || `HTTP ${answer.status}`, reply.what_to_do].filter(Boolean).join(". "));
-  return reply;
+  return { reply, headers: answer.headers };
 }
+
+const ask = async (...request) => (await askWithHeaders(...request)).reply;
 
 // The answer to the last press. It has a place of its own, so nothing moves when it comes and goes.
 let noticeTimer = 0;

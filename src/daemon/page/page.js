@@ -40,7 +40,7 @@ press("tare", async () => {
   say(`New tare: force ${number(t.force_old_n, 1)} N \u2192 ${number(t.force_new_n, 1)} N, ` +
     `displacement ${number(t.displacement_old_mm, 3)} mm \u2192 ${number(t.displacement_new_mm, 3)} mm.`, true);
 });
-press("run", () => start({ profile: $("profile").value }));
+press("run", () => start({ profile: chosenProfile() }));
 
 async function start(request) {
   $("run").disabled = true;
@@ -56,6 +56,24 @@ async function start(request) {
 
 // ---- profiles and their plan
 
+// Texts of profiles that are in no file of the daemon, by their value in the list.
+const offered = new Map();
+const chosenProfile = () => offered.has($("profile").value) ? offered.get($("profile").value).text : $("profile").value;
+
+// Puts a profile into the list, chooses it and shows its plan.
+function offerProfile(value, name, text) {
+  offered.set(value, { name, text });
+  showOffered();
+  $("profile").value = value;
+  plan();
+}
+
+function showOffered() {
+  for (const [value, { name }] of offered) {
+    if (![...$("profile").options].some(option => option.value === value)) $("profile").add(new Option(name, value));
+  }
+}
+
 async function loadProfiles() {
   const profiles = await ask("api/profiles");
   $("profile").replaceChildren(...profiles.map(p => {
@@ -66,8 +84,9 @@ async function loadProfiles() {
     option.title = p.problem || p.description;
     return option;
   }));
+  showOffered();
   const wanted = localStorage.getItem("profile");
-  const first = [wanted, "static-ramp"].find(name => profiles.some(p => p.name === name && !p.problem));
+  const first = [wanted, "static-ramp"].find(name => offered.has(name) || profiles.some(p => p.name === name && !p.problem));
   if (first) $("profile").value = first;
   plan();
 }
@@ -77,7 +96,7 @@ async function plan() {
   if (!name) return;
   localStorage.setItem("profile", name);
   try {
-    const p = await ask("api/plan", { profile: name });
+    const p = await ask("api/plan", { profile: chosenProfile() });
     if ($("profile").value !== name) return;
     text.classList.toggle("bad", p.trips.length > 0);
     text.textContent = p.trips.length > 0 ? "Cannot run: " + p.trips.join("; ") :
@@ -116,6 +135,7 @@ function show() {
   showRun(rig);
   followResult();
   showWarnings();
+  showTwin();
   if (!status) { write("footer", ""); return; }
   write("band", `noise, \u00b1${number(3 * status.plot.noise_n, 1)} N`);
   write("footer", [
@@ -176,54 +196,6 @@ function showWarnings() {
   list.replaceChildren(...lines.map(line => Object.assign(document.createElement("li"), { textContent: line })));
 }
 
-// ---- recorded runs
-
-async function loadRuns() {
-  const runs = await ask("api/runs");
-  if (!runs.length) return;
-  $("runs").replaceChildren(...runs.slice(0, 100).map(row));
-}
-
-function row(run) {
-  const tr = document.createElement("tr");
-  const cell = (text, kind) => {
-    const td = tr.insertCell();
-    td.textContent = text;
-    if (kind) td.className = kind;
-    return td;
-  };
-  const started = new Date(run.started_utc);
-  cell(isNaN(started) ? run.run_id : started.toLocaleString());
-  cell(run.profile);
-  cell(run.specimen);
-  const ended = cell(run.ending);
-  const why = [run.problem, withoutWord(run.cause, run.ending)].filter(Boolean).join(" · ");
-  if (why) ended.append(Object.assign(document.createElement("small"), { textContent: why }));
-  cell(run.cycles_completed || "", "number");
-  cell(run.samples, "number");
-  cell(run.lost, "number");
-  cell(run.late, "number");
-  const links = cell("");
-  if (run.started_utc && run.ending !== "open") {
-    const link = (text, query) => links.append(
-      Object.assign(document.createElement("a"), { textContent: text, href: `api/runs/${run.run_id}/csv${query}` }));
-    const whole = run.ending !== "damaged" && run.ending !== "incomplete";
-    link(whole ? "all" : "what is left", whole ? "" : "?partial=1");
-    if (run.cycles_completed > 1 && whole) link("mean loop", "?mean_loop=true");
-  }
-  const again = cell("");
-  if (run.cycles_completed > 0 && (run.ending === "stopped" || run.ending === "aborted")) {
-    const button = Object.assign(document.createElement("button"), { textContent: "Continue" });
-    button.title = `Start a new run that begins after cycle ${run.cycles_completed} of this run`;
-    button.addEventListener("click", async () => {
-      say("");
-      try { await start({ profile: null, resume_run: run.run_id }); } catch (error) { say(error.message); }
-    });
-    again.append(button);
-  }
-  return tr;
-}
-
 // ---- connection
 
 // Status comes 10 times a second; without it for this long nothing on the page is live, ms.
@@ -235,7 +207,8 @@ function connect() {
   socket.onopen = () => {
     everConnected = true;
     loadProfiles().catch(error => say(error.message));
-    loadRuns().catch(error => say(error.message));
+    showRuns();
+    showDiagnoses();
   };
   socket.onmessage = event => {
     const message = JSON.parse(event.data);
@@ -243,7 +216,7 @@ function connect() {
     heardAt = performance.now();
     const before = status && status.run && status.run.state;
     status = message.status;
-    if (before !== (status.run && status.run.state)) loadRuns().catch(error => say(error.message));
+    if (before !== (status.run && status.run.state)) showRuns();
     show();
   };
   socket.onclose = () => { status = null; show(); setTimeout(connect, 1000); };
@@ -254,6 +227,3 @@ function connect() {
   }, 500);
 }
 
-show();
-connect();
-draw();

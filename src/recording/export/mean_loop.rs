@@ -29,7 +29,7 @@ pub(super) fn columns(mode: Option<Mode>) -> Vec<&'static str> {
 
 /// One row of the mean loop: sums over the cycles that have a usable sample at this tick.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct MeanLoopBin {
+pub(crate) struct MeanLoopBin {
     pub count: u32,
     pub displacement_mm: f64,
     pub force_n: f64,
@@ -70,7 +70,7 @@ impl MeanLoopBin {
 }
 
 /// One bin for each tick after the start of a cycle. Their number is the median length of a cycle in ticks.
-pub(super) fn mean_bins(run: &RunFile, survey: &Survey) -> Vec<MeanLoopBin> {
+pub(crate) fn mean_bins(run: &RunFile, survey: &Survey) -> Vec<MeanLoopBin> {
     let complete: Vec<CycleSpan> = survey
         .cycles
         .iter()

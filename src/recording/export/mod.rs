@@ -22,6 +22,7 @@ use super::datapackage::{self, Resource};
 use super::run_file::{RunFile, Survey};
 use super::{Ending, Sample, atomic_file};
 pub(crate) use facts::{run_file_sha256, sha256_of};
+pub(crate) use mean_loop::mean_bins;
 use table::Table;
 
 /// Part of a run that is exported.

@@ -1,12 +1,12 @@
-//! Lists the run files in a folder. Each one is opened by `reader`.
+//! What a list says about one run file. The file is opened by `reader`; `daemon::run_index` lists folders of them.
 
 use std::path::{Path, PathBuf};
 
-use super::{EXTENSION, RunFile, RunFileError};
+use super::{RunFile, RunFileError};
 use crate::recording::Outcome;
 
 /// One run file, readable or not.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct RunListing {
     pub path: PathBuf,
     /// Run id; the name of the file if the header cannot be read.
@@ -19,6 +19,8 @@ pub(crate) struct RunListing {
     pub operator: String,
     /// Run id of the file that this one continues; empty otherwise.
     pub continues: String,
+    /// Run id of the interrupted run that this one resumes; empty otherwise.
+    pub resumes_run: String,
     /// Number of samples in the file.
     pub samples: u64,
     /// Number of ticks without a sample.
@@ -42,24 +44,6 @@ impl RunListing {
     }
 }
 
-/// All run files in `folder`, oldest first. Closed files are not read in full: [`check`] finds damage in them.
-pub(crate) fn list(folder: &Path) -> Result<Vec<RunListing>, RunFileError> {
-    let io = |source| RunFileError::Io {
-        path: folder.to_owned(),
-        doing: "listing",
-        source,
-    };
-    let mut runs = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(io)? {
-        let path = entry.map_err(io)?.path();
-        if path.extension().is_some_and(|extension| extension == EXTENSION) {
-            runs.push(listing(path));
-        }
-    }
-    runs.sort_by(|a, b| (&a.started_utc, &a.run_id).cmp(&(&b.started_utc, &b.run_id)));
-    Ok(runs)
-}
-
 /// What is damaged in a file, as sentences, after it was read in full; empty if it is whole.
 pub(crate) fn check(path: &Path) -> String {
     match RunFile::open(path) {
@@ -68,7 +52,13 @@ pub(crate) fn check(path: &Path) -> String {
     }
 }
 
-fn listing(path: PathBuf) -> RunListing {
+/// True for a file that can be opened and has no end yet: it may still be written to.
+pub(crate) fn is_open(path: &Path) -> bool {
+    RunFile::open(path).is_ok_and(|run| run.outcome().is_none())
+}
+
+/// What is in the file at `path`. A closed file is not read in full: [`check`] finds damage in it.
+pub(crate) fn listing(path: PathBuf) -> RunListing {
     let run = match RunFile::open(&path) {
         Ok(run) => run,
         Err(error) => return unreadable(path, &error),
@@ -96,6 +86,7 @@ fn listing(path: PathBuf) -> RunListing {
         specimen: header.specimen.clone(),
         operator: header.operator.clone(),
         continues: header.continues.clone(),
+        resumes_run: header.resumes_run.clone(),
         samples,
         lost,
         late,
@@ -120,6 +111,7 @@ fn unreadable(path: PathBuf, error: &RunFileError) -> RunListing {
         specimen: String::new(),
         operator: String::new(),
         continues: String::new(),
+        resumes_run: String::new(),
         samples: 0,
         lost: 0,
         late: 0,
@@ -129,21 +121,22 @@ fn unreadable(path: PathBuf, error: &RunFileError) -> RunListing {
         problem: error.to_string(),
     }
 }
+
 #[cfg(test)]
 mod tests {
-    use super::super::RunFileWriter;
     use super::super::test_support::{header, outcome, sample};
+    use super::super::{EXTENSION, RunFileWriter};
     use super::*;
     use crate::recording::Recorder;
 
     #[test]
     fn finished_open_and_broken_runs_are_listed() {
         let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name).with_extension(EXTENSION);
         for (name, ends) in [("a", true), ("b", false)] {
             let mut head = header();
             head.run_id = name.into();
-            let mut writer =
-                RunFileWriter::create(&folder.path().join(name).with_extension(EXTENSION), &head).unwrap();
+            let mut writer = RunFileWriter::create(&path(name), &head).unwrap();
             for tick in 0..2500 {
                 writer.sample(&sample(tick));
             }
@@ -151,14 +144,12 @@ mod tests {
                 writer.end(&outcome(2500));
             }
         }
-        std::fs::write(folder.path().join("c.leafrun"), "not a run").unwrap();
-        std::fs::write(folder.path().join("notes.txt"), "not a run").unwrap();
-        let runs = list(folder.path()).unwrap();
-        let names: Vec<&str> = runs.iter().map(|run| run.run_id.as_str()).collect();
-        assert_eq!(names, ["c", "a", "b"], "a file without a start time comes first");
-        assert!(runs[0].problem.contains("c.leafrun"));
-        assert!(runs[1].outcome.is_some());
-        assert!(runs[2].outcome.is_none());
-        assert_eq!((runs[2].samples, runs[2].cycles_completed), (2500, 2));
+        std::fs::write(path("c"), "not a run").unwrap();
+        let [a, b, c] = ["a", "b", "c"].map(|name| listing(path(name)));
+        assert!(a.is_closed() && a.problem.is_empty() && !is_open(&a.path));
+        assert!(!b.is_closed() && is_open(&b.path));
+        assert_eq!((b.samples, b.cycles_completed), (2500, 2));
+        assert_eq!((c.run_id.as_str(), c.started_utc.as_str()), ("c", ""));
+        assert!(c.problem.contains("c.leafrun") && !is_open(&c.path));
     }
 }

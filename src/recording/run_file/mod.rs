@@ -31,7 +31,7 @@ use std::path::{Path, PathBuf};
 
 use layout::FORMAT_VERSION;
 
-pub(crate) use listing::{RunListing, check, list};
+pub(crate) use listing::{RunListing, check, is_open, listing};
 pub(crate) use reader::RunFile;
 pub(crate) use samples::{Gap, GapCause};
 pub(crate) use status::RunFileStatus;
@@ -227,6 +227,22 @@ pub(crate) mod test_support {
             twin_force_n: (!tick.is_multiple_of(3)).then_some(300.0 * (phase_rad - 0.25).sin()),
             flags: Flags::default(),
         }
+    }
+
+    /// Gives a closed file another header, as if another run had been recorded in it.
+    pub(crate) fn replace_header(path: &std::path::Path, header: &Header) {
+        let database = rusqlite::Connection::open(path).expect("a run file");
+        database
+            .execute_batch("PRAGMA synchronous = OFF")
+            .expect("a setting");
+        super::layout::write_header(&database, header).expect("written");
+    }
+
+    /// Makes the first block of samples another one than its checksum says.
+    pub(crate) fn damage_samples(path: &std::path::Path) {
+        let database = rusqlite::Connection::open(path).expect("a run file");
+        let sql = "UPDATE blocks SET crc32 = crc32 + 1 WHERE seq = (SELECT min(seq) FROM blocks)";
+        database.execute_batch(sql).expect("changed");
     }
 
     /// A completed run of `samples` samples.

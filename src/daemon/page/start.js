@@ -1,0 +1,6 @@
+// Starts the page when all its parts are there.
+"use strict";
+
+show();
+connect();
+draw();
