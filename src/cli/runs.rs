@@ -7,7 +7,7 @@ use jiff::tz::TimeZone;
 
 use super::shared::client::DataArg;
 use super::{CliCommand, CliError, Done, Output};
-use crate::daemon::client_types::RunSummary;
+use crate::daemon::client_types::{RunSummary, ended_words};
 use crate::daemon::store::Store;
 
 /// Characters of a time up to its seconds: `2026-11-23T09:16:21`.
@@ -142,8 +142,7 @@ fn text(runs: &[RunSummary], none_yet: bool) -> String {
     )];
     lines.extend(runs.iter().map(|r| {
         let ended = match (r.problem.as_str(), r.cause.as_str()) {
-            ("", "") => r.ending.clone(),
-            ("", cause) => format!("{}: {cause}", r.ending),
+            ("", cause) => ended_words(&r.ending, cause),
             (problem, "") => format!("{}: {problem}", r.ending),
             (problem, cause) => format!("{}: {problem} ({cause})", r.ending),
         };

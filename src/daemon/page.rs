@@ -21,18 +21,28 @@ pub(super) fn router() -> Router<Arc<DaemonState>> {
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Path, type and text of each file.
-const FILES: [(&str, &str, &str); 9] = [
+const FILES: [(&str, &str, &str); 15] = [
     ("/", "text/html; charset=utf-8", include_str!("page/index.html")),
     (
         "/page.css",
         "text/css; charset=utf-8",
         include_str!("page/page.css"),
     ),
+    (
+        "/editor.css",
+        "text/css; charset=utf-8",
+        include_str!("page/editor.css"),
+    ),
     ("/ask.js", SCRIPT, include_str!("page/ask.js")),
+    ("/commander.js", SCRIPT, include_str!("page/commander.js")),
     ("/words.js", SCRIPT, include_str!("page/words.js")),
     ("/plot.js", SCRIPT, include_str!("page/plot.js")),
     ("/scope.js", SCRIPT, include_str!("page/scope.js")),
     ("/jog.js", SCRIPT, include_str!("page/jog.js")),
+    ("/editor_text.js", SCRIPT, include_str!("page/editor_text.js")),
+    ("/editor_form.js", SCRIPT, include_str!("page/editor_form.js")),
+    ("/editor.js", SCRIPT, include_str!("page/editor.js")),
+    ("/import.js", SCRIPT, include_str!("page/import.js")),
     ("/page.js", SCRIPT, include_str!("page/page.js")),
     ("/icon.svg", "image/svg+xml", include_str!("page/icon.svg")),
 ];

@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::client_types::{PlotScale, Status};
+use super::commander::Commander;
 use super::disk_space::DiskSpace;
+use super::error::ApiError;
 use super::library::Library;
 use super::live::Live;
 use super::newest_run::NewestRun;
@@ -47,6 +49,8 @@ pub(super) struct DaemonState {
     pub disk: DiskSpace,
     /// The run that is being prepared, and the order of starts and stops.
     pub starts: Starts,
+    /// Who commands the bench.
+    pub commander: Commander,
     /// Taken while a profile is checked for the page: one at a time.
     pub planning: Arc<tokio::sync::Semaphore>,
     link_health: Mutex<Arc<LinkHealth>>,
@@ -75,6 +79,7 @@ impl DaemonState {
             newest_run: NewestRun::default(),
             tally: Tally::default(),
             starts: Starts::default(),
+            commander: Commander::default(),
             planning: Arc::new(tokio::sync::Semaphore::new(1)),
             link_health: Mutex::new(link_health),
         }
@@ -113,11 +118,23 @@ impl DaemonState {
             warnings: self.warnings(),
             plot: PlotScale::of(&settings.bench),
             preparing: self.starts.is_pending(),
+            commander: self.commander.status(),
             rig,
             control_loop,
             run: self.newest_run.progress(),
         }
     }
+}
+
+/// Runs `work`, which reads files or computes, on a thread that does not serve the interface.
+pub(super) async fn blocking<T: Send + 'static>(
+    state: &Arc<DaemonState>,
+    work: impl FnOnce(&DaemonState) -> Result<T, ApiError> + Send + 'static,
+) -> Result<T, ApiError> {
+    let state = Arc::clone(state);
+    tokio::task::spawn_blocking(move || work(&state))
+        .await
+        .map_err(|_| ApiError::internal("a file could not be read"))?
 }
 
 #[cfg(test)]
@@ -138,7 +155,9 @@ impl DaemonState {
             listen: ([127, 0, 0, 1], 0).into(),
             bench,
         };
-        let library = Library::open(folder).expect("a folder");
+        let library = Library::open(folder)
+            .expect("a folder")
+            .with_own(folder.join("profiles"));
         Arc::new(DaemonState::new(
             settings,
             control,
