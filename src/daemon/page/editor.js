@@ -84,8 +84,9 @@ async function save(replace) {
   const text = source.value;
   $("editor-ask").hidden = true;
   try {
-    const own = edited.origin === "own" && checked && checked.profile === edited.name;
-    const saved = await ask("api/profiles", { text, replace: replace || !!own });
+    const named = /^\s*name\s*=\s*["']([^"']*)["']/m.exec(text);
+    const own = edited.origin === "own" && !!named && named[1] === edited.name;
+    const saved = await ask("api/profiles", { text, replace: replace || own });
     edited = { name: saved.name, origin: "own", saved: text };
     showOrigin(saved.file);
     $("editor-told").textContent = `Saved as ${saved.name}.`;
@@ -124,6 +125,8 @@ source.addEventListener("input", () => { outline = null; showText(); textChanged
 
 function textChanged(afterMs = CHECK_AFTER_MS) {
   clearTimeout(checkTimer);
+  // An answer about an older text would have wrong places.
+  if (checking) checking.abort();
   checkTimer = setTimeout(check, afterMs);
   $("editor-save").classList.toggle("changed", isChanged());
   showPlan();
@@ -132,11 +135,17 @@ function textChanged(afterMs = CHECK_AFTER_MS) {
 async function check() {
   if (checking) checking.abort();
   const mine = checking = new AbortController(), text = source.value;
-  const one = (path, body) => ask(path, body, 0, { signal: mine.signal });
+  const one = async (path, body) => {
+    const answer = await ask(path, body, 0, { signal: mine.signal });
+    mine.signal.throwIfAborted();
+    return answer;
+  };
   try {
     outline = await one("api/outline", { text });
-    showForm();
     $("editor-form").inert = false;
+    showForm();
+    // A press that waited for the outline has changed the text: it is checked anew.
+    mine.signal.throwIfAborted();
     const plan = await one("api/plan", { profile: text, course: true });
     checked = plan;
     showError(null);
@@ -146,7 +155,7 @@ async function check() {
     if (error.status === 503) { checkTimer = setTimeout(check, BUSY_MS); return; }
     checked = null;
     // Without an outline the form shows an older text.
-    if (!outline) $("editor-form").inert = true;
+    if (!outline) { $("editor-form").inert = true; waiting = null; }
     showError(error);
     showChecked(null);
   }

@@ -14,6 +14,8 @@ function keyWords(key) {
 
 // The outline of the text as it is, null while there is none or lines have moved; what the form was made from.
 let outline = null, formShape = "";
+// A press that came while the places were asked for.
+let waiting = null;
 
 const valueOf = (values, key) => values.find(v => v.key === key);
 const unquoted = text => { try { return JSON.parse(text); } catch { return text.replace(/^("""|'''|["'])\n?|("""|'''|["'])$/g, ""); } };
@@ -45,7 +47,7 @@ function field(id, words, input) {
 const formButton = (id, text, title, disabled, action) => {
   const button = element("button", { id, type: "button", className: "small", textContent: text, title, disabled });
   button.setAttribute("aria-label", title);
-  button.addEventListener("click", () => { if (outline) action(); });
+  button.addEventListener("click", () => { if (outline) action(); else waiting = action; });
   return button;
 };
 
@@ -122,7 +124,7 @@ function blockForm(b) {
   const kind = element("select", {}, ...outline.kinds.map(k => element("option", { value: k.kind, textContent: k.kind })));
   kind.setAttribute("aria-label", `Kind of the new segment of block ${b + 1}`);
   kind.id = `form-${b}-new-kind`;
-  const add = formButton(`form-${b}-add`, "Add segment", `Add a segment to block ${b + 1}`, !movable, () => {
+  const add = formButton(`form-${b}-add`, "Add segment", `Add segment to block ${b + 1}`, !movable, () => {
     const now = outline.blocks[b], end = now.segments.length ? now.segments[now.segments.length - 1].to : now.to;
     insert(end, `\n${outline.kinds.find(k => k.kind === kind.value).template}`);
   });
@@ -185,13 +187,16 @@ function showForm() {
     formShape = shape;
     const focus = document.activeElement && $("editor-form").contains(document.activeElement) ? document.activeElement : null;
     const at = focus && focus.selectionStart !== undefined ? focus.selectionStart : null;
-    const add = formButton("form-add-block", "Add block", "Add a block", false, () =>
+    const add = formButton("form-add-block", "Add block", "Add block", false, () =>
       insert(source.value.length, `\n[[block]]\nrepeat = 1\n\n${outline.kinds[0].template}`));
     $("editor-form").replaceChildren(element("div", { className: "fields" }, ...headFields()), ...outline.blocks.map((_, b) => blockForm(b)), add);
     fillForm();
     const again = focus && $(focus.id);
     if (again) { again.focus(); if (at !== null && again.setSelectionRange) again.setSelectionRange(at, at); }
   } else fillForm();
+  const pressed = waiting;
+  waiting = null;
+  if (pressed) pressed();
 }
 
 function fillForm() {

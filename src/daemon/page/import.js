@@ -39,10 +39,12 @@ async function previewImport() {
   try {
     const seen = await ask(`api/imports/preview?${importQuery({})}`, undefined, 0, { bytes: importFile });
     if (mine !== importAsked) return;
-    const first = !importSeen;
     importSeen = seen;
-    if (!importChoice) importChoice = choicesOf(seen);
-    if (first) showColumns();
+    // Until a person has chosen, the columns are as found by names and units.
+    if (!importChoice || !importChoice.some(c => c.target)) {
+      importChoice = choicesOf(seen);
+      showColumns();
+    }
     showPreview();
     $("import-told").textContent = "";
     $("import-view").hidden = false;
@@ -95,7 +97,7 @@ function showPreview() {
     `${importSeen.encoding}, ${importSeen.separator === "\t" ? "tabs" : `"${importSeen.separator}"`} between columns, first sample in row ${importSeen.first_row}`,
     ...(result ? [`decimal ${result.decimal}`, `${result.samples} samples over ${number(result.duration_s, 3)} s`] : []), ...reasons].join("; ") + ".";
   $("import-notes").replaceChildren(...(result ? result.notes : []).map(note => element("li", { textContent: sentence(note) })));
-  $("import-heads").replaceChildren(element("tr", {}, ...["time in s", "displacement in mm", "force in N"].map(textContent => element("th", { textContent }))));
+  $("import-heads").replaceChildren(element("tr", {}, ...["time in s", "displacement in mm", "force in N"].map(textContent => element("th", { textContent, className: "number" }))));
   $("import-rows").replaceChildren(...(result ? result.first : []).map(row =>
     element("tr", {}, ...row.map(value => element("td", { textContent: String(value), className: "number" })))));
 }
