@@ -2,7 +2,7 @@
 
 use clap::Args;
 
-use super::shared::client::DataArg;
+use super::shared::client::CommandArgs;
 use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::client_types::Nothing;
 
@@ -10,7 +10,7 @@ use crate::daemon::client_types::Nothing;
 #[derive(Debug, Args)]
 pub(super) struct HoldArgs {
     #[command(flatten)]
-    data: DataArg,
+    command: CommandArgs,
 }
 
 impl CliCommand for HoldArgs {
@@ -18,6 +18,8 @@ impl CliCommand for HoldArgs {
     const EXAMPLES: &'static [&'static str] = &["leafbench hold", "leafbench hold --data leafbench-data"];
 
     fn run(self, output: &Output) -> Result<Done, CliError> {
-        self.data.client()?.order("/api/hold", &Nothing {}, output)
+        self.command
+            .for_one_order()?
+            .order("/api/hold", &Nothing {}, output)
     }
 }

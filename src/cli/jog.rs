@@ -2,7 +2,7 @@
 
 use clap::Args;
 
-use super::shared::client::DataArg;
+use super::shared::client::CommandArgs;
 use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::client_types::JogRequest;
 
@@ -13,7 +13,7 @@ pub(super) struct JogArgs {
     #[arg(value_name = "MM", allow_negative_numbers = true)]
     step_mm: f64,
     #[command(flatten)]
-    data: DataArg,
+    command: CommandArgs,
 }
 
 impl CliCommand for JogArgs {
@@ -25,6 +25,6 @@ impl CliCommand for JogArgs {
             step_mm: self.step_mm,
             goes_on: false,
         };
-        self.data.client()?.order("/api/jog", &step, output)
+        self.command.for_one_order()?.order("/api/jog", &step, output)
     }
 }

@@ -6,6 +6,7 @@ use super::shared::local::{BenchArg, ProfileArgs};
 use super::shared::progress::duration;
 use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::plan::{self, Plan, PlanError};
+use crate::profile::check::unit_of;
 
 /// Predict a profile on the model and compare it with the limits of the bench; nothing moves
 #[derive(Debug, Args)]
@@ -36,6 +37,15 @@ impl CliCommand for PlanArgs {
     }
 }
 
+/// A margin in words. Above 100 % the value lies on the other side of zero than its limit.
+fn margin(percent: f64) -> String {
+    match percent {
+        p if p < 0.0 => format!("exceeded by {:.1} % of the limit", -p),
+        p if p > 100.0 => "far: on the other side of zero".to_owned(),
+        p => format!("{p:.1} % left"),
+    }
+}
+
 fn text(p: &Plan) -> String {
     let cycles = if p.cycles > 0 {
         format!(", {} counted cycles", p.cycles)
@@ -53,14 +63,19 @@ fn text(p: &Plan) -> String {
         format!("energy        {:.2} J", p.energy_j),
         String::new(),
         format!(
-            "{:<26}{:>12}{:>12}{:>9}{:>10}",
-            "limit", "predicted", "allowed", "margin", "at"
+            "{:<26}{:>12}{:>12} {:<7}{:>9}  {}",
+            "limit", "predicted", "allowed", "", "at", "margin"
         ),
     ];
     lines.extend(p.margins.iter().map(|m| {
         format!(
-            "{:<26}{:>12.2}{:>12.2}{:>7.1} %{:>8.2} s",
-            m.limit, m.predicted, m.allowed, m.margin_percent, m.at_s
+            "{:<26}{:>12.2}{:>12.2} {:<7}{:>7.2} s  {}",
+            m.limit,
+            m.predicted,
+            m.allowed,
+            unit_of(&m.limit),
+            m.at_s,
+            margin(m.margin_percent)
         )
     }));
     lines.push(String::new());
@@ -69,4 +84,16 @@ fn text(p: &Plan) -> String {
         false => lines.extend(p.trips.iter().map(|t| format!("WOULD TRIP: {t}"))),
     }
     lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_margin_beyond_the_limit_or_beyond_zero_says_what_it_means() {
+        assert_eq!(margin(34.24), "34.2 % left");
+        assert_eq!(margin(-3.25), "exceeded by 3.2 % of the limit");
+        assert_eq!(margin(101.1), "far: on the other side of zero");
+    }
 }

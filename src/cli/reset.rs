@@ -2,7 +2,7 @@
 
 use clap::Args;
 
-use super::shared::client::DataArg;
+use super::shared::client::CommandArgs;
 use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::client_types::Nothing;
 
@@ -10,7 +10,7 @@ use crate::daemon::client_types::Nothing;
 #[derive(Debug, Args)]
 pub(super) struct ResetArgs {
     #[command(flatten)]
-    data: DataArg,
+    command: CommandArgs,
 }
 
 impl CliCommand for ResetArgs {
@@ -18,6 +18,8 @@ impl CliCommand for ResetArgs {
     const EXAMPLES: &'static [&'static str] = &["leafbench reset", "leafbench reset --data leafbench-data"];
 
     fn run(self, output: &Output) -> Result<Done, CliError> {
-        self.data.client()?.order("/api/reset", &Nothing {}, output)
+        self.command
+            .for_one_order()?
+            .order("/api/reset", &Nothing {}, output)
     }
 }

@@ -8,13 +8,13 @@ use std::time::Duration;
 
 use clap::Args;
 
-use super::shared::client::{Client, DataArg};
+use super::shared::client::{Client, CommandArgs};
 use super::shared::ctrl_c::ctrl_c_count;
 use super::shared::local::{self, WrittenKind, profile_help};
 use super::shared::progress::Progress;
 use super::{CliCommand, CliError, Done, Output, result};
 use crate::acceptance::{LimitResult, LimitVerdict, RunResult};
-use crate::daemon::client_types::{RunProgress, RunState, StartRun, Started, Status};
+use crate::daemon::client_types::{RunProgress, RunState, StartRun, Started, Status, ended_words};
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::recording::atomic_file;
 use crate::regular_file::{self, WRITTEN_MAX_BYTES};
@@ -46,7 +46,7 @@ pub(super) struct RunArgs {
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
     #[command(flatten)]
-    data: DataArg,
+    command: CommandArgs,
 }
 
 impl CliCommand for RunArgs {
@@ -73,7 +73,7 @@ impl CliCommand for RunArgs {
 impl RunArgs {
     /// Starts the run and follows it to its end.
     fn follow(self, output: &Output) -> Result<EndedRun, CliError> {
-        let client = self.data.client()?;
+        let client = self.command.to_the_end()?;
         let order = self.order()?;
         let interrupts = ctrl_c_count();
         let started = start(&client, order, &interrupts, output)?;
@@ -341,14 +341,8 @@ fn text(run: &RunProgress) -> String {
     if run.state == RunState::NeverStarted {
         return format!("run {} did not start: {}", run.run_id, run.cause);
     }
-    let mut lines = vec![format!(
-        "run {} {}",
-        run.run_id,
-        run.ending.as_deref().unwrap_or("ended")
-    )];
-    if !run.cause.is_empty() {
-        lines.push(format!("cause    {}", run.cause));
-    }
+    let ended = ended_words(run.ending.as_deref().unwrap_or("ended"), &run.cause);
+    let mut lines = vec![format!("run {} {ended}", run.run_id)];
     lines.push(format!(
         "samples  {}, {} lost, {} late; {} counted cycles",
         run.samples, run.lost, run.late, run.cycles_completed

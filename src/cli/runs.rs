@@ -5,7 +5,7 @@ use jiff::Timestamp;
 
 use super::shared::client::DataArg;
 use super::{CliCommand, CliError, Done, Output};
-use crate::daemon::client_types::RunSummary;
+use crate::daemon::client_types::{RunSummary, ended_words};
 use crate::daemon::run_search::{self, RunQuery, RunResult};
 use crate::daemon::store::Store;
 
@@ -145,8 +145,7 @@ fn text(runs: &[RunSummary], none_yet: bool) -> String {
     )];
     lines.extend(runs.iter().map(|r| {
         let ended = match (r.problem.as_str(), r.cause.as_str()) {
-            ("", "") => r.ending.clone(),
-            ("", cause) => format!("{}: {cause}", r.ending),
+            ("", cause) => ended_words(&r.ending, cause),
             (problem, "") => format!("{}: {problem}", r.ending),
             (problem, cause) => format!("{}: {problem} ({cause})", r.ending),
         };

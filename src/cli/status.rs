@@ -9,7 +9,7 @@ use super::shared::progress::duration;
 use super::{CliCommand, CliError, Done, Output};
 use crate::control::realtime::LoopHealth;
 use crate::control::{Phase, ZeroRemedy};
-use crate::daemon::client_types::Status;
+use crate::daemon::client_types::{Status, ended_words};
 use crate::protocol::message::Cause;
 
 /// Pause between two looks while waiting.
@@ -153,11 +153,8 @@ fn run_lines(s: &Status) -> Vec<String> {
             duration(s.rig.remaining_s)
         ));
     } else if let Some(run) = &s.run {
-        let ending = run.ending.as_deref().unwrap_or("not started");
-        lines.push(format!(
-            "last run      {} ({}), {ending} {}",
-            run.run_id, run.profile, run.cause
-        ));
+        let ended = ended_words(run.ending.as_deref().unwrap_or("not started"), &run.cause);
+        lines.push(format!("last run      {} ({}), {ended}", run.run_id, run.profile));
     }
     let problem = s.run.as_ref().map(|run| &run.disk_problem);
     if let Some(problem) = problem.filter(|text| !text.is_empty()) {
@@ -198,6 +195,12 @@ fn text(s: &Status, page: &str) -> String {
             "preparing     a run: its profile is being checked; `leafbench stop` withdraws it".to_owned(),
         );
     }
+    if let Some(commander) = &s.commander {
+        lines.push(format!(
+            "command       {}, since {}",
+            commander.name, commander.since_utc
+        ));
+    }
     if s.rig.cause != Cause::None {
         lines.push(format!("cause         {}", word(&s.rig.cause)));
     }
@@ -237,6 +240,7 @@ mod tests {
             warnings: Vec::new(),
             plot: crate::daemon::client_types::PlotScale::default(),
             preparing: false,
+            commander: None,
             rig: RigStatus::unknown(),
             control_loop: LoopHealth::default(),
             run: None,

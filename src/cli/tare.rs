@@ -2,7 +2,7 @@
 
 use clap::Args;
 
-use super::shared::client::DataArg;
+use super::shared::client::CommandArgs;
 use super::{CliCommand, CliError, Done, Output};
 use crate::control::TareReport;
 use crate::daemon::client_types::Nothing;
@@ -11,7 +11,7 @@ use crate::daemon::client_types::Nothing;
 #[derive(Debug, Args)]
 pub(super) struct TareArgs {
     #[command(flatten)]
-    data: DataArg,
+    command: CommandArgs,
 }
 
 impl CliCommand for TareArgs {
@@ -19,7 +19,7 @@ impl CliCommand for TareArgs {
     const EXAMPLES: &'static [&'static str] = &["leafbench tare", "leafbench tare --json"];
 
     fn run(self, output: &Output) -> Result<Done, CliError> {
-        let report: TareReport = self.data.client()?.post("/api/tare", &Nothing {})?;
+        let report: TareReport = self.command.for_one_order()?.post("/api/tare", &Nothing {})?;
         output.result(&report, || text(&report))?;
         Ok(Done::Success)
     }

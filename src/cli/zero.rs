@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 
-use super::shared::client::DataArg;
+use super::shared::client::CommandArgs;
 use super::shared::ctrl_c::ctrl_c_flag;
 use super::{CliCommand, CliError, Done, Output};
 use crate::control::Phase;
@@ -18,7 +18,7 @@ const LOOK_PERIOD: Duration = Duration::from_millis(100);
 #[derive(Debug, Args)]
 pub(super) struct ZeroArgs {
     #[command(flatten)]
-    data: DataArg,
+    command: CommandArgs,
 }
 
 impl CliCommand for ZeroArgs {
@@ -26,7 +26,7 @@ impl CliCommand for ZeroArgs {
     const EXAMPLES: &'static [&'static str] = &["leafbench zero", "leafbench zero --json"];
 
     fn run(self, output: &Output) -> Result<Done, CliError> {
-        let client = self.data.client()?;
+        let client = self.command.to_the_end()?;
         let stop = ctrl_c_flag();
         let _: Accepted = client.post("/api/zero", &Nothing {})?;
         let mut stopped = false;

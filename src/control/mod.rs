@@ -164,6 +164,8 @@ pub(crate) struct Rig {
     counters: Counters,
     notice: String,
     last_poll_ns: Option<u64>,
+    /// Time and length in ms of the last long pause between two polls.
+    long_gap: Option<(u64, u64)>,
 }
 
 /// What one poll works with.
@@ -214,6 +216,7 @@ impl Rig {
             counters: Counters::default(),
             notice: String::new(),
             last_poll_ns: None,
+            long_gap: None,
             config,
         }
     }
@@ -250,6 +253,10 @@ impl Rig {
             let gap_ms = now_ns.saturating_sub(last) / NS_PER_MS;
             self.counters.worst_poll_gap_ms = self.counters.worst_poll_gap_ms.max(gap_ms);
             self.counters.late_polls += u64::from(gap_ms > LATE_POLL_MS);
+            // A shorter gap within the time in which it counts does not hide the longer one before.
+            if gap_ms > LATE_POLL_MS && gap_ms >= self.recent_gap_ms() {
+                self.long_gap = Some((now_ns, gap_ms));
+            }
         }
         self.last_poll_ns = Some(now_ns);
     }
@@ -318,6 +325,16 @@ impl Rig {
         if code != 0 {
             self.on_state(state, cause, turn);
         }
+    }
+
+    /// Records what an operator did beside the motion.
+    pub(crate) fn note(&self, text: String, now_ns: u64, link: &mut Link, recorder: &mut dyn Recorder) {
+        let turn = &mut Turn {
+            now_ns,
+            link,
+            recorder,
+        };
+        self.event(turn, EventKind::Operator, text);
     }
 
     /// Records an event of the run under way.

@@ -53,6 +53,8 @@ pub(crate) enum Request {
     Jog(f64),
     /// The same, if a jog is under way.
     JogOn(f64),
+    /// Writes an event of the operator into the run under way; without a run nothing happens.
+    Note(String),
     /// The link was lost and is open again. The rig is only observed until the next start.
     Relink(Box<Link>),
     /// Ends the control thread. Commands stop and the lease lapses, so it must follow a stop.
@@ -308,6 +310,12 @@ impl ControlLoop {
             Request::Zero => accepted(self.rig.zero().inspect(|()| self.recorder = None)),
             Request::Jog(step_mm) => accepted(self.rig.jog(step_mm)),
             Request::JogOn(step_mm) => accepted(self.rig.jog_on(step_mm)),
+            Request::Note(text) => {
+                if let Some(recorder) = &mut self.recorder {
+                    self.rig.note(text, now_ns, &mut self.link, recorder.as_mut());
+                }
+                Ok(Reply::Accepted)
+            }
             Request::Relink(link) => {
                 self.link = *link;
                 self.pace = self.link.is_stepped().then(|| Pace::new(now_ns));

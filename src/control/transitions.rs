@@ -3,6 +3,11 @@
 use super::{Activity, Channels, Rig, Turn};
 use crate::protocol::message::{Cause, NmtState, RequestCode, RigState};
 use crate::recording::{Ending, EventKind};
+use crate::units::NS_PER_S;
+
+/// A delay of this computer this long ago can be why the rig ends a run: its lease, the queue of commands and the way of the
+/// status are together shorter. Twice as long would blame this computer for a cable that was pulled a second later.
+const RECENT_NS: u64 = NS_PER_S;
 
 impl Rig {
     pub(super) fn on_state(&mut self, state: RigState, cause: Cause, turn: &mut Turn) {
@@ -11,7 +16,11 @@ impl Rig {
         if before == Some(state) {
             return;
         }
-        self.event(turn, EventKind::RigState, format!("rig {state}, cause {cause}"));
+        let text = match cause {
+            Cause::None => format!("rig {state}"),
+            cause => format!("rig {state}, cause {cause}"),
+        };
+        self.event(turn, EventKind::RigState, text);
         match (&mut self.activity, state) {
             (Activity::Running(run), RigState::Hold) => {
                 run.hold(self.ticks.newest().unwrap_or(0));
@@ -28,7 +37,10 @@ impl Rig {
                 self.stop_run(Ending::Aborted, text, turn.now_ns);
             }
             (Activity::Arming { .. }, RigState::Tripped | RigState::Unload) => {
-                self.notice = format!("the rig did not arm ({cause}): remove the cause, then start again");
+                self.notice = match cause {
+                    Cause::None => "the rig did not arm and gives no cause: start again".to_owned(),
+                    cause => format!("the rig did not arm ({cause}): remove the cause, then start again"),
+                };
                 self.activity = Activity::Idle;
             }
             _ => {}
@@ -38,13 +50,23 @@ impl Rig {
     /// The cause of a run that the rig ended. A lease that lapsed because this computer was late is not the rig's fault.
     fn why_the_rig_ended_it(&self, cause: Cause) -> String {
         let lease_ms = u64::try_from(self.config.limits.lease_ms).unwrap_or(0);
-        let gap_ms = self.counters.worst_poll_gap_ms;
+        let gap_ms = self.recent_gap_ms();
+        if cause == Cause::None {
+            return "the rig ended the run and gives no cause: check the rig".to_owned();
+        }
         if matches!(cause, Cause::LeaseLapsed | Cause::QueueDry) && 2 * gap_ms > lease_ms {
             return format!(
                 "the rig ended the run: {cause}; control was delayed by {gap_ms} ms on this computer (lease {lease_ms} ms): end other programs or allow real-time priority"
             );
         }
         format!("the rig ended the run: {cause}")
+    }
+
+    /// The longest pause between two polls of late, ms: a pause of long ago did not end this run.
+    pub(super) fn recent_gap_ms(&self) -> u64 {
+        let now_ns = self.last_poll_ns.unwrap_or(0);
+        let recent = |(at_ns, _): &(u64, u64)| now_ns.saturating_sub(*at_ns) <= RECENT_NS;
+        self.long_gap.filter(recent).map_or(0, |(_, gap_ms)| gap_ms)
     }
 
     /// The rig is armed again after a hold.

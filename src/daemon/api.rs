@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{self, DefaultBodyLimit, FromRequest, Path, Query, State};
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{MethodFilter, MethodRouter, on};
 use axum::{Json, Router};
@@ -14,9 +14,10 @@ use utoipa::OpenApi;
 
 use super::blocking::blocking;
 use super::client_types::{
-    Accepted, Failure, JogRequest, Nothing, PlanRequest, ProfileSummary, RunDetail, SensorReadings, StartRun,
-    Started, Status, StopRequest,
+    Accepted, Caller, Failure, JogRequest, Nothing, PlanRequest, ProfileSummary, RunDetail, SensorReadings,
+    StartRun, Started, Status, StopRequest,
 };
+use super::commander::{self, Commanding};
 use super::download::{self, DownloadFormat, DownloadPart};
 use super::error::ApiError;
 use super::guard::{self, RequestGuard};
@@ -25,7 +26,9 @@ use super::request_body::JsonBody;
 use super::server::STOP_PATH;
 use super::state::{App, DaemonState};
 use super::wanted::Wanted;
-use super::{compare, diagnosis_api, metrics, page, result, run_list, runs as run_life, socket};
+use super::{
+    compare, diagnosis_api, editor, imports, metrics, page, result, run_list, runs as run_life, socket,
+};
 use crate::control::TareReport;
 use crate::control::realtime::{Reply, Request};
 use crate::recording::export::TableFormat;
@@ -66,6 +69,7 @@ fn routes() -> Vec<Route> {
     };
     vec![
         get("/api/status", |m| on(m, status)),
+        post("/api/command", |m| on(m, command)),
         post("/api/run", |m| on(m, run)),
         post(STOP_PATH, |m| on(m, stop)),
         post("/api/hold", |m| on(m, hold)),
@@ -85,6 +89,10 @@ fn routes() -> Vec<Route> {
         get("/api/runs/{run_id}/mf4", |m| on(m, run_mf4)),
         get("/api/runs/{run_id}/parquet", |m| on(m, run_parquet)),
         get("/api/profiles", |m| on(m, profiles)),
+        post("/api/profiles", |m| on(m, editor::save)),
+        get("/api/profiles/{name}", |m| on(m, editor::text)),
+        delete("/api/profiles/{name}", |m| on(m, editor::delete)),
+        post("/api/outline", |m| on(m, editor::outline)),
         post("/api/plan", |m| on(m, plan_profile)),
         get("/api/compare", |m| on(m, compare::compare)),
         get("/api/diagnoses", |m| on(m, diagnosis_api::list)),
@@ -93,10 +101,19 @@ fn routes() -> Vec<Route> {
         delete("/api/diagnoses/{id}", |m| on(m, diagnosis_api::end)),
         get("/api/diagnoses/{id}/{file}", |m| on(m, diagnosis_api::file)),
         post("/api/twin", |m| on(m, diagnosis_api::choose_twin)),
+        get("/api/imports", |m| on(m, imports::list)),
+        post("/api/imports", |m| large(on(m, imports::take))),
+        post("/api/imports/preview", |m| large(on(m, imports::preview))),
+        get("/api/imports/{name}", |m| on(m, imports::csv)),
         get("/api/openapi.json", |m| on(m, openapi)),
         get("/api/live", |m| on(m, socket::live)),
         get("/metrics", |m| on(m, metrics_text)),
     ]
+}
+
+/// A route that takes a table of another program.
+fn large(route: MethodRouter<Arc<DaemonState>>) -> MethodRouter<Arc<DaemonState>> {
+    route.layer(DefaultBodyLimit::max(imports::TABLE_LIMIT))
 }
 
 #[derive(OpenApi)]
@@ -107,6 +124,7 @@ fn routes() -> Vec<Route> {
     ),
     paths(
         status,
+        command,
         run,
         stop,
         hold,
@@ -124,6 +142,10 @@ fn routes() -> Vec<Route> {
         run_mf4,
         run_parquet,
         profiles,
+        editor::save,
+        editor::text,
+        editor::delete,
+        editor::outline,
         plan_profile,
         compare::compare,
         diagnosis_api::list,
@@ -132,6 +154,10 @@ fn routes() -> Vec<Route> {
         diagnosis_api::end,
         diagnosis_api::file,
         diagnosis_api::choose_twin,
+        imports::list,
+        imports::take,
+        imports::preview,
+        imports::csv,
         openapi,
         socket::live,
         metrics_text
@@ -160,10 +186,27 @@ pub(super) fn router(address: SocketAddr, state: Arc<DaemonState>) -> Router {
         .with_state(state)
 }
 
-/// The bench and the run under way.
+/// The bench and the run under way. A client that commands and asks for it with the header `leafbench-caller` keeps the
+/// command.
 #[utoipa::path(get, path = "/api/status", responses((status = 200, body = Status)))]
-async fn status(State(state): App) -> Json<Status> {
-    Json(state.status())
+async fn status(State(state): App, headers: HeaderMap) -> Result<Json<Status>> {
+    let caller = commander::caller(&headers)?;
+    let _presence = caller.map(|caller| state.commander.presence(&caller.id));
+    Ok(Json(state.status()))
+}
+
+/// Takes the command of the bench, and does nothing else. Every order takes it too, if it is free. The header
+/// `leafbench-caller` says who sends the request, as JSON in ASCII: `{"id", "name", "stays", "take_over"}`. While another
+/// client commands, an order is refused with 409 unless `take_over` is true. A client that stays away for 5 s loses it.
+#[utoipa::path(post, path = "/api/command", request_body = Nothing,
+    params(("leafbench-caller" = Option<Caller>, Header)),
+    responses((status = 200, body = Accepted), (status = 409, body = Failure)))]
+async fn command(_: Commanding, State(state): App) -> Json<Accepted> {
+    let message = match state.commander.status() {
+        Some(commander) => format!("{} commands the bench", commander.name),
+        None => "nobody commands the bench".to_owned(),
+    };
+    Json(Accepted { message })
 }
 
 /// Figures for Prometheus, in its text format.
@@ -180,6 +223,7 @@ async fn metrics_text(State(state): App) -> impl IntoResponse {
 #[utoipa::path(post, path = "/api/run", request_body = StartRun,
     responses((status = 202, body = Started), (status = 409, body = Failure), (status = 422, body = Failure)))]
 async fn run(
+    _: Commanding,
     State(state): App,
     JsonBody(request): JsonBody<StartRun>,
 ) -> Result<(StatusCode, Json<Started>)> {
@@ -212,21 +256,21 @@ async fn stop(State(state): App, request: extract::Request) -> Result<Json<Accep
 /// Keeps the position. The firmware unloads the rig by itself if the hold lasts too long.
 #[utoipa::path(post, path = "/api/hold", request_body = Nothing,
     responses((status = 200, body = Accepted), (status = 409, body = Failure)))]
-async fn hold(State(state): App) -> Result<Json<Accepted>> {
+async fn hold(_: Commanding, State(state): App) -> Result<Json<Accepted>> {
     ask(&state, Request::Hold, "the rig holds its position").await
 }
 
 /// Continues the run after a hold.
 #[utoipa::path(post, path = "/api/resume", request_body = Nothing,
     responses((status = 200, body = Accepted), (status = 409, body = Failure)))]
-async fn resume(State(state): App) -> Result<Json<Accepted>> {
+async fn resume(_: Commanding, State(state): App) -> Result<Json<Accepted>> {
     ask(&state, Request::Resume, "the run continues").await
 }
 
 /// Clears the interlock. Nothing moves.
 #[utoipa::path(post, path = "/api/reset", request_body = Nothing,
     responses((status = 200, body = Accepted), (status = 409, body = Failure)))]
-async fn reset(State(state): App) -> Result<Json<Accepted>> {
+async fn reset(_: Commanding, State(state): App) -> Result<Json<Accepted>> {
     ask(
         &state,
         Request::Reset,
@@ -238,7 +282,7 @@ async fn reset(State(state): App) -> Result<Json<Accepted>> {
 /// Takes the mean of the last half second as zero on both channels.
 #[utoipa::path(post, path = "/api/tare", request_body = Nothing,
     responses((status = 200, body = TareReport), (status = 409, body = Failure)))]
-async fn tare(State(state): App) -> Result<Json<TareReport>> {
+async fn tare(_: Commanding, State(state): App) -> Result<Json<TareReport>> {
     match state.control.ask(Request::Tare).await? {
         Reply::Tared(report) => Ok(Json(report)),
         Reply::Accepted => Err(ApiError::internal("control accepted the tare but sent no report")),
@@ -248,7 +292,7 @@ async fn tare(State(state): App) -> Result<Json<TareReport>> {
 /// Returns to the tared zero of the LVDT, slowly and with all limits on. Nothing is recorded.
 #[utoipa::path(post, path = "/api/zero", request_body = Nothing,
     responses((status = 200, body = Accepted), (status = 409, body = Failure)))]
-async fn zero(State(state): App) -> Result<Json<Accepted>> {
+async fn zero(_: Commanding, State(state): App) -> Result<Json<Accepted>> {
     run_life::move_slowly(&state, Request::Zero).await?;
     Ok(Json(Accepted {
         message: "the rig returns to the tared zero and unloads".to_owned(),
@@ -259,7 +303,11 @@ async fn zero(State(state): App) -> Result<Json<Accepted>> {
 /// unloads, unless another step follows. A step of 0 ends the motion at once.
 #[utoipa::path(post, path = "/api/jog", request_body = JogRequest,
     responses((status = 200, body = Accepted), (status = 409, body = Failure), (status = 422, body = Failure)))]
-async fn jog(State(state): App, JsonBody(request): JsonBody<JogRequest>) -> Result<Json<Accepted>> {
+async fn jog(
+    _: Commanding,
+    State(state): App,
+    JsonBody(request): JsonBody<JogRequest>,
+) -> Result<Json<Accepted>> {
     let step = match request.goes_on {
         true => Request::JogOn(request.step_mm),
         false => Request::Jog(request.step_mm),
@@ -399,10 +447,10 @@ async fn plan_profile(State(state): App, JsonBody(request): JsonBody<PlanRequest
         let (profile, _) = state
             .library
             .find(&request.profile)
-            .map_err(|e| ApiError::invalid(&e))?;
+            .map_err(|e| ApiError::profile(&e))?;
         let is_wanted = || wanted.withdrawn().is_none() && !state.starts.is_pending();
         let bench = state.twin.applied_to(&state.settings.bench);
-        match plan::check_while(&bench, &profile, &is_wanted) {
+        match plan::check_while(&bench, &profile, request.course, &is_wanted) {
             Err(PlanError::BrokenOff) => Err(unavailable("a run is being started")),
             checked => checked.map(Json).map_err(|e| ApiError::invalid(&e)),
         }
@@ -476,6 +524,7 @@ mod tests {
                        duration_s = 3.6e6\n";
         let request = PlanRequest {
             profile: profile.to_owned(),
+            course: false,
         };
         plan_profile(State(Arc::clone(state)), JsonBody(request))
     }

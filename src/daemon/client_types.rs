@@ -26,6 +26,48 @@ pub(crate) struct Failure {
     /// What to do, if `error` does not say it.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub what_to_do: String,
+    /// Where in the text of a profile, if the error is at one place.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub place: Option<TextPlace>,
+}
+
+/// A place in a text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct TextPlace {
+    /// Line, from 1.
+    pub line: usize,
+    /// Column in characters, from 1.
+    pub column: usize,
+}
+
+/// Header in which a client says who it is: [`Caller`] as JSON in ASCII.
+pub(crate) const CALLER_HEADER: &str = "leafbench-caller";
+
+/// Who sends a request. An order without it is taken while nobody commands.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Caller {
+    /// Chosen by the client, and the same in all its requests.
+    pub id: String,
+    /// Who it is, for people: `page of A. Technician`.
+    pub name: String,
+    /// The client keeps the command as long as it is there. Otherwise the order stands alone.
+    #[serde(default)]
+    pub stays: bool,
+    /// Takes the command over from whoever has it.
+    #[serde(default)]
+    pub take_over: bool,
+}
+
+/// The client that commands the bench.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct CommanderStatus {
+    /// Id of the client.
+    pub id: String,
+    /// Who it is, for people.
+    pub name: String,
+    /// Since when it commands, UTC, RFC 3339.
+    pub since_utc: String,
 }
 
 /// The daemon and the bench at one moment.
@@ -57,6 +99,9 @@ pub(crate) struct Status {
     /// A run was asked for and has not begun: its profile is being checked. A stop withdraws it.
     #[serde(default)]
     pub preparing: bool,
+    /// Who commands the bench; `null` if the command is free. Everybody may stop it.
+    #[serde(default)]
+    pub commander: Option<CommanderStatus>,
     /// State of the rig and of the run under way.
     pub rig: RigStatus,
     /// Timing of the control loop.
@@ -227,6 +272,9 @@ pub(crate) struct StartRun {
 pub(crate) struct PlanRequest {
     /// Name of a profile, or the text of a profile file.
     pub profile: String,
+    /// The answer also has the course of command, force and displacement, for a drawing.
+    #[serde(default)]
+    pub course: bool,
 }
 
 /// A run that was started.
@@ -311,12 +359,7 @@ impl From<RunListing> for RunSummary {
         };
         let told = [&run.problem, &run.unsaved];
         if let Some(at) = told.iter().position(|text| !text.is_empty()) {
-            let ended = [ending, cause.as_str(), run.unsaved.as_str()];
-            cause = ended
-                .into_iter()
-                .filter(|s| !s.is_empty())
-                .collect::<Vec<_>>()
-                .join(": ");
+            cause = ended_words(&ended_words(ending, &cause), &run.unsaved);
             ending = match (at, run.started_utc.as_str()) {
                 (0, "") => "unreadable",
                 (0, _) => "damaged",
@@ -353,6 +396,22 @@ pub(super) fn ending_word(ending: Ending) -> &'static str {
     }
 }
 
+/// How a run ended and why, in words: `stopped by an operator`, `aborted: the rig ended the run: force limit`, `completed`.
+pub(crate) fn ended_words(ending: &str, cause: &str) -> String {
+    match cause {
+        "" => ending.to_owned(),
+        // The cause begins with the word for the ending.
+        cause
+            if cause
+                .strip_prefix(ending)
+                .is_some_and(|rest| rest.starts_with(' ')) =>
+        {
+            cause.to_owned()
+        }
+        cause => format!("{ending}: {cause}"),
+    }
+}
+
 /// A recorded run with its header and events.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct RunDetail {
@@ -379,4 +438,77 @@ pub(crate) struct ProfileSummary {
     pub cycles: u32,
     /// Why the profile cannot be used; empty if it can be used.
     pub problem: String,
+    /// Where the profile comes from.
+    pub origin: ProfileOrigin,
+    /// True for an own profile that stands in the place of a shipped one.
+    pub replaces_shipped: bool,
+    /// The file.
+    pub file: String,
+}
+
+/// Where a profile comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum ProfileOrigin {
+    /// The folder of profiles of the daemon: shipped with leafbench, or that of `--profiles`.
+    Shipped,
+    /// Saved by the technician, in the data folder.
+    Own,
+}
+
+/// The text of a profile.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct ProfileText {
+    /// Name of the profile.
+    pub name: String,
+    /// Where the profile comes from.
+    pub origin: ProfileOrigin,
+    /// The file.
+    pub file: String,
+    /// Its text, TOML.
+    pub text: String,
+}
+
+/// What to save.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SaveProfile {
+    /// The text of a profile file. It is saved under the name in it.
+    pub text: String,
+    /// Another profile of this name may be replaced. A shipped one stays as it is; the own one goes before it.
+    #[serde(default)]
+    pub replace: bool,
+}
+
+/// A text to take apart.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct OutlineRequest {
+    /// The text of a profile file.
+    pub text: String,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_word_for_an_ending_is_said_once() {
+        for (ending, cause, words) in [
+            ("stopped", "stopped by an operator", "stopped by an operator"),
+            (
+                "stopped",
+                "Stop button of the page",
+                "stopped: Stop button of the page",
+            ),
+            (
+                "aborted",
+                "the rig ended the run: force limit",
+                "aborted: the rig ended the run: force limit",
+            ),
+            ("completed", "", "completed"),
+        ] {
+            assert_eq!(ended_words(ending, cause), words);
+        }
+    }
 }

@@ -8,7 +8,7 @@ use axum::extract::rejection::{JsonRejection, QueryRejection};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 
-use super::client_types::Failure;
+use super::client_types::{Failure, TextPlace};
 use super::library::LibraryError;
 use super::store::FindRunError;
 use crate::control::realtime::RequestError;
@@ -70,8 +70,24 @@ impl ApiError {
     pub(super) fn new(status: StatusCode, error: String, what_to_do: String) -> Self {
         ApiError {
             status,
-            failure: Failure { error, what_to_do },
+            failure: Failure {
+                error,
+                what_to_do,
+                place: None,
+            },
         }
+    }
+
+    /// A profile cannot be found, used, saved or deleted. The error of a text has its place.
+    pub(super) fn profile(error: &LibraryError) -> Self {
+        let status = match error {
+            LibraryError::Exists { .. } | LibraryError::NotOwn { .. } => StatusCode::CONFLICT,
+            LibraryError::Write { .. } => StatusCode::INTERNAL_SERVER_ERROR,
+            _ => StatusCode::UNPROCESSABLE_ENTITY,
+        };
+        let mut refusal = ApiError::new(status, chain(error), String::new());
+        refusal.failure.place = error.place().map(|(line, column)| TextPlace { line, column });
+        refusal
     }
 
     /// 422: the request is well-formed but its content cannot be used.

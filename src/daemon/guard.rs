@@ -1,5 +1,6 @@
 //! Protects the rig from requests of other web pages. The daemon listens on loopback only, but a browser on the same
-//! computer sends requests of any page there. A request must have our address as host, come from our page, and be JSON.
+//! computer sends requests of any page there. A request must have our address as host, come from our page, and be JSON or bytes
+//! that are named so.
 
 use std::net::SocketAddr;
 
@@ -50,15 +51,14 @@ impl RequestGuard {
         if origin.is_some_and(|o| !self.hosts.iter().any(|h| o == format!("http://{h}"))) {
             return forbidden("the request comes from another web page");
         }
-        // A form of another page cannot send this type without a preflight request.
-        let json = text(headers, header::CONTENT_TYPE).is_some_and(|t| {
-            t.split(';')
-                .next()
-                .unwrap_or_default()
-                .trim()
-                .eq_ignore_ascii_case("application/json")
+        // A form of another page cannot send these types without a preflight request.
+        let taken = text(headers, header::CONTENT_TYPE).is_some_and(|t| {
+            let kind = t.split(';').next().unwrap_or_default().trim();
+            ["application/json", "application/octet-stream"]
+                .iter()
+                .any(|taken| kind.eq_ignore_ascii_case(taken))
         });
-        (method == Method::POST && !json).then(|| {
+        (method == Method::POST && !taken).then(|| {
             ApiError::new(
                 StatusCode::UNSUPPORTED_MEDIA_TYPE,
                 "the request is not JSON".to_owned(),
@@ -178,7 +178,9 @@ mod tests {
             refused(Method::POST, std::slice::from_ref(&host)),
             Some(StatusCode::UNSUPPORTED_MEDIA_TYPE)
         );
-        let json = [host, (header::CONTENT_TYPE, "application/json; charset=utf-8")];
-        assert_eq!(refused(Method::POST, &json), None);
+        for taken in ["application/json; charset=utf-8", "application/octet-stream"] {
+            let headers = [host.clone(), (header::CONTENT_TYPE, taken)];
+            assert_eq!(refused(Method::POST, &headers), None, "{taken}");
+        }
     }
 }

@@ -15,12 +15,14 @@
 //! | `lock`, `endpoint` | one daemon per rig, the file by which commands find it |
 //! | `connections`, `server`, `request_body`, `guard` | limits of connections and requests, protection from other web pages |
 //! | `wanted`, `starts`, `orders` | work that may be withdrawn, order of starts and stops, orders that control must get |
-//! | `plan`, `download` | check of a profile, export |
+//! | `course`, `plan`, `download` | thinned course of a predicted run, check of a profile, export |
+//! | `editor`, `imports` | own profiles for the page's editor, tables of other programs |
 //! | `permission` | calibrations, specimen, and who answers for a start all the same |
 //! | `diagnoses`, `twin_choice` | diagnoses as processes of their own, the model of the next run's twin |
 //! | `newest_run`, `tally`, `state` | what the handlers and the runs share |
 //! | `blocking` | work of a handler that reads files |
 //! | `metrics`, `notify` | figures for Prometheus; signs of life for systemd |
+//! | `commander` | who commands, who watches |
 //! | `resume`, `progress`, `prepare` | what a run needs before it can start |
 //! | `runs`, `socket`, `page` | life of a run, live view, the technician's page |
 //! | `run_list`, `compare`, `diagnosis_api` | runs in pages with the thread of their index, two runs over each other, diagnoses over HTTP |
@@ -30,17 +32,21 @@ mod api;
 mod backlog;
 mod blocking;
 pub(crate) mod client_types;
+mod commander;
 mod compare;
 mod connections;
+mod course;
 mod diagnoses;
 mod diagnosis_api;
 mod disk_space;
 mod disk_watch;
 mod download;
+mod editor;
 mod endpoint;
 mod error;
 mod guard;
 pub(crate) mod header;
+mod imports;
 pub(crate) mod library;
 mod live;
 mod lock;
@@ -103,6 +109,8 @@ pub(crate) use state::DaemonSettings;
 /// Longest wait for the rig to unload when the daemon ends. Unloading from 15 mm at 5 mm/s takes 3 s; the daemon must end
 /// within 5 s.
 const UNLOAD_AT_EXIT: Duration = Duration::from_millis(4200);
+/// Folder of the technician's own profiles in the data folder.
+const OWN_PROFILES: &str = "profiles";
 /// Time between two attempts to open a lost link.
 const RELINK_PERIOD: Duration = Duration::from_secs(1);
 /// Time between two looks at the free space of the disk.
@@ -149,7 +157,8 @@ impl Daemon {
             source,
         })?;
         settings.listen = address;
-        let library = Library::open(&settings.profiles_folder)?;
+        let library =
+            Library::open(&settings.profiles_folder)?.with_own(settings.data_folder.join(OWN_PROFILES));
         let store = Store::new(&settings.data_folder);
         for sentence in store.close_left_open()? {
             tracing::warn!("{sentence}");

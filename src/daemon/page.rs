@@ -21,7 +21,7 @@ pub(super) fn router() -> Router<Arc<DaemonState>> {
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Path, type and text of each file.
-const FILES: [(&str, &str, &str); 16] = [
+const FILES: [(&str, &str, &str); 22] = [
     ("/", "text/html; charset=utf-8", include_str!("page/index.html")),
     (
         "/page.css",
@@ -33,7 +33,13 @@ const FILES: [(&str, &str, &str); 16] = [
         "text/css; charset=utf-8",
         include_str!("page/history.css"),
     ),
+    (
+        "/editor.css",
+        "text/css; charset=utf-8",
+        include_str!("page/editor.css"),
+    ),
     ("/ask.js", SCRIPT, include_str!("page/ask.js")),
+    ("/commander.js", SCRIPT, include_str!("page/commander.js")),
     ("/words.js", SCRIPT, include_str!("page/words.js")),
     ("/plot.js", SCRIPT, include_str!("page/plot.js")),
     ("/scope.js", SCRIPT, include_str!("page/scope.js")),
@@ -44,6 +50,10 @@ const FILES: [(&str, &str, &str); 16] = [
         include_str!("page/result.css"),
     ),
     ("/result.js", SCRIPT, include_str!("page/result.js")),
+    ("/editor_text.js", SCRIPT, include_str!("page/editor_text.js")),
+    ("/editor_form.js", SCRIPT, include_str!("page/editor_form.js")),
+    ("/editor.js", SCRIPT, include_str!("page/editor.js")),
+    ("/import.js", SCRIPT, include_str!("page/import.js")),
     ("/page.js", SCRIPT, include_str!("page/page.js")),
     ("/history.js", SCRIPT, include_str!("page/history.js")),
     ("/compare.js", SCRIPT, include_str!("page/compare.js")),

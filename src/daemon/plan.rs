@@ -5,10 +5,11 @@ use std::ops::ControlFlow;
 use axum::http::StatusCode;
 use serde::{Deserialize, Serialize};
 
+use super::course::{CourseThinner, PlannedCourse};
 use super::error::ApiError;
 use crate::config::Bench;
 use crate::model::BuildError;
-use crate::profile::{Profile, ProfileError};
+use crate::profile::{Player, Profile, ProfileError};
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::twin::{self, dry_run_with};
 
@@ -37,6 +38,9 @@ pub(crate) struct Plan {
     pub margins: Vec<PlanMargin>,
     /// Limits that the profile would exceed, one sentence each; empty if the profile may run.
     pub trips: Vec<String>,
+    /// Commanded and predicted values over time, if they were asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub course: Option<PlannedCourse>,
 }
 
 /// Distance between a predicted extreme and its limit.
@@ -71,23 +75,30 @@ const LOOK_TICKS: u32 = 1000;
 
 /// Predicts what `profile` does on the bench's model, and which limits it would exceed.
 pub(crate) fn check(bench: &Bench, profile: &Profile) -> Result<Plan, PlanError> {
-    check_while(bench, profile, &|| true)
+    check_while(bench, profile, false, &|| true)
 }
 
-/// [`check`] that ends soon after `is_wanted` turns false.
+/// [`check`] that ends soon after `is_wanted` turns false. `with_course`: the plan also has the course over time.
 pub(crate) fn check_while(
     bench: &Bench,
     profile: &Profile,
+    with_course: bool,
     is_wanted: &dyn Fn() -> bool,
 ) -> Result<Plan, PlanError> {
     let plant = bench.model.plant()?;
     let (mut ticks, mut broken_off) = (0_u32, false);
+    let rate_hz = f64::from(SAMPLE_RATE_HZ);
+    let total_ticks = Player::new(profile, 0.0, rate_hz)?.total_ticks();
+    let mut course = with_course.then(|| CourseThinner::new(total_ticks, rate_hz));
     let run = dry_run_with(
         profile,
         plant.as_ref(),
         &bench.profile_limits(),
-        f64::from(SAMPLE_RATE_HZ),
-        &mut |_| {
+        rate_hz,
+        &mut |predicted| {
+            if let Some(course) = &mut course {
+                course.take(predicted);
+            }
             ticks = (ticks + 1) % LOOK_TICKS;
             broken_off = ticks == 0 && !is_wanted();
             match broken_off {
@@ -118,6 +129,7 @@ pub(crate) fn check_while(
         energy_j: run.energy_j,
         margins: run.margins.iter().map(margin).collect(),
         trips: run.predicted_trips.iter().map(ToString::to_string).collect(),
+        course: course.map(CourseThinner::end),
     })
 }
 
@@ -141,6 +153,7 @@ pub(crate) fn refuse_predicted_trip(plan: &Plan) -> Result<(), ApiError> {
 mod tests {
     use std::cell::Cell;
 
+    use super::super::course::STRETCHES;
     use super::*;
 
     #[test]
@@ -153,8 +166,32 @@ mod tests {
             looks.set(looks.get() + 1);
             looks.get() < 3
         };
-        let ended = check_while(&Bench::shipped().expect("built in"), &profile, &is_wanted);
+        let ended = check_while(&Bench::shipped().expect("built in"), &profile, false, &is_wanted);
         assert!(matches!(ended, Err(PlanError::BrokenOff)), "{ended:?}");
         assert_eq!(looks.get(), 3);
+    }
+
+    #[test]
+    fn the_course_of_every_shipped_profile_keeps_its_peaks_in_few_points() {
+        let bench = Bench::shipped().expect("built in");
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("bench-configs/profiles");
+        for entry in std::fs::read_dir(folder).expect("shipped") {
+            let path = entry.expect("readable").path();
+            let name = path.display().to_string();
+            let text = std::fs::read_to_string(&path).expect("readable");
+            let profile = Profile::from_toml(&text, &name).expect("shipped");
+            let plan = check_while(&bench, &profile, true, &|| true).expect("checked");
+            let course = plan.course.expect("asked for");
+            assert!(course.time_s.len() as u64 <= 2 * STRETCHES, "{name}");
+            assert!(course.time_s.is_sorted(), "{name}");
+            let highest = |values: &[f64]| values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            let span_n = plan.force_max_n - plan.force_min_n;
+            assert!(
+                plan.force_max_n - highest(&course.force_n) < 0.02 * span_n,
+                "{name}"
+            );
+            let late_s = plan.duration_s - highest(&course.time_s);
+            assert!(late_s.abs() < 0.01 * plan.duration_s, "{name}: {late_s} s");
+        }
     }
 }

@@ -76,7 +76,7 @@ pub(super) fn prepare(
     let bench = &state.twin.applied_to(&state.settings.bench);
     let today = now.to_zoned(TimeZone::UTC).date();
     let overrides = permission::remarks(bench, &chosen.specimen, today, request.override_by.as_deref())?;
-    let plan = plan::check_while(bench, &chosen.profile, &|| wanted.withdrawn().is_none());
+    let plan = plan::check_while(bench, &chosen.profile, false, &|| wanted.withdrawn().is_none());
     wanted.check()?;
     let plan = plan.map_err(|e| ApiError::invalid(&e))?;
     plan::refuse_predicted_trip(&plan)?;

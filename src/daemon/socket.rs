@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Extension;
-use axum::extract::State;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use axum::extract::{Query, State};
 use axum::response::Response;
 use tokio::sync::broadcast::error::RecvError;
 
@@ -21,6 +21,14 @@ const STATUS_PERIOD: Duration = Duration::from_millis(100);
 const SEND_TIMEOUT: Duration = Duration::from_secs(10);
 /// Longest message from a viewer, bytes. Viewers send nothing; a longer message ends the connection.
 const LARGEST_MESSAGE: usize = 1024;
+
+/// Who watches.
+#[derive(Debug, Default, serde::Deserialize, utoipa::IntoParams)]
+pub(super) struct Viewer {
+    /// Id of the client, as in the header `leafbench-caller`: it keeps the command while its socket is open.
+    #[serde(default)]
+    caller: Option<String>,
+}
 
 /// One message to a viewer.
 #[derive(serde::Serialize)]
@@ -37,16 +45,18 @@ enum LiveMessage<'a> {
 }
 
 /// Live samples and status over a WebSocket: messages `{"type":"samples"}` and `{"type":"status"}`.
-#[utoipa::path(get, path = "/api/live", responses((status = 101, description = "WebSocket of JSON messages")))]
+#[utoipa::path(get, path = "/api/live", params(Viewer), responses((status = 101, description = "WebSocket of JSON messages")))]
 pub(super) async fn live(
     State(state): App,
     Extension(connection): Extension<Arc<Connection>>,
+    Query(viewer): Query<Viewer>,
     upgrade: WebSocketUpgrade,
 ) -> Response {
     let in_use = connection.begin_request();
     upgrade
         .max_message_size(LARGEST_MESSAGE)
         .on_upgrade(move |socket| async move {
+            let _presence = viewer.caller.map(|id| state.commander.presence(&id));
             serve(socket, state).await;
             drop(in_use);
         })

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::client_types::{PlotScale, Status};
+use super::commander::Commander;
 use super::diagnoses::Diagnoses;
 use super::disk_space::DiskSpace;
 use super::library::Library;
@@ -53,6 +54,8 @@ pub(super) struct DaemonState {
     pub disk: DiskSpace,
     /// The run that is being prepared, and the order of starts and stops.
     pub starts: Starts,
+    /// Who commands the bench.
+    pub commander: Commander,
     /// Taken while a profile is checked for the page: one at a time.
     pub planning: Arc<tokio::sync::Semaphore>,
     link_health: Mutex<Arc<LinkHealth>>,
@@ -85,6 +88,7 @@ impl DaemonState {
             newest_run: NewestRun::default(),
             tally: Tally::default(),
             starts: Starts::default(),
+            commander: Commander::default(),
             planning: Arc::new(tokio::sync::Semaphore::new(1)),
             link_health: Mutex::new(link_health),
             wire_log: None,
@@ -125,6 +129,7 @@ impl DaemonState {
             warnings: self.warnings(),
             plot: PlotScale::of(&settings.bench),
             preparing: self.starts.is_pending(),
+            commander: self.commander.status(),
             rig,
             control_loop,
             run: self.newest_run.progress(),
@@ -150,7 +155,9 @@ impl DaemonState {
             listen: ([127, 0, 0, 1], 0).into(),
             bench,
         };
-        let library = Library::open(folder).expect("a folder");
+        let library = Library::open(folder)
+            .expect("a folder")
+            .with_own(folder.join("profiles"));
         Arc::new(DaemonState::new(
             settings,
             control,

@@ -28,9 +28,9 @@ pub(crate) const ACCELERATION_WINDOW_S: f64 = 0.02;
 /// A limit that the profile would break, with its worst value and the time of it.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, thiserror::Error)]
 #[error(
-    "profile {profile} reaches {:.3} at {:.3} s (segment {}), beyond {} = {}: change the profile, or the limit if rig and \
-     specimen allow it",
-    worst.value, worst.time_s, worst.segment, worst.name, worst.limit
+    "profile {profile} reaches {:.3} {} at {:.3} s (segment {}), beyond {} = {} {}: change the profile, or the limit if rig \
+     and specimen allow it",
+    worst.value, worst.unit(), worst.time_s, worst.segment, worst.name, worst.limit, worst.unit()
 )]
 pub(crate) struct Violation {
     /// Name of the profile.
@@ -73,6 +73,11 @@ impl Extreme {
         }
     }
 
+    /// Unit of the limit, from the ending of its key.
+    pub(crate) fn unit(&self) -> &'static str {
+        unit_of(self.name)
+    }
+
     /// Distance to the limit in percent of the limit; negative beyond it.
     pub(crate) fn margin_percent(&self) -> f64 {
         self.sign * (self.limit - self.value) / self.limit.abs() * 100.0
@@ -81,6 +86,17 @@ impl Extreme {
     /// True beyond the limit. A value at the limit is allowed.
     pub(crate) fn is_broken(&self) -> bool {
         self.value * self.sign > self.limit * self.sign
+    }
+}
+
+/// Unit of a dimensioned key, from its ending.
+pub(crate) fn unit_of(key: &str) -> &'static str {
+    match key {
+        key if key.ends_with("_mm_s2") => "mm/s\u{b2}",
+        key if key.ends_with("_mm_s") => "mm/s",
+        key if key.ends_with("_mm") => "mm",
+        key if key.ends_with("_n") => "N",
+        _ => "",
     }
 }
 

@@ -29,24 +29,24 @@ const CHECK_RATE_HZ: f64 = 1000.0;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct RawProfile {
-    name: Spanned<String>,
+pub(super) struct RawProfile {
+    pub(super) name: Spanned<String>,
     #[serde(default)]
-    description: String,
-    control: Mode,
+    pub(super) description: Option<Spanned<String>>,
+    pub(super) control: Spanned<Mode>,
     #[serde(default)]
-    block: Vec<RawBlock>,
+    pub(super) block: Vec<Spanned<RawBlock>>,
     #[serde(default)]
     accept: Vec<Spanned<RawAccept>>,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct RawBlock {
+pub(super) struct RawBlock {
     #[serde(default = "once")]
-    repeat: Spanned<u32>,
+    pub(super) repeat: Spanned<u32>,
     #[serde(default)]
-    segment: Vec<Spanned<RawSegment>>,
+    pub(super) segment: Vec<Spanned<RawSegment>>,
 }
 
 fn once() -> Spanned<u32> {
@@ -60,8 +60,16 @@ impl Profile {
             text,
             name: name_for_messages,
         };
+        reader.profile(reader.raw()?)
+    }
+}
+
+impl Reader<'_> {
+    /// The keys and values of the text, which are not judged yet.
+    pub(super) fn raw(&self) -> Result<RawProfile, ProfileError> {
+        let text = self.text;
         if text.len() as u64 > WRITTEN_MAX_BYTES {
-            return Err(reader.refuse(
+            return Err(self.refuse(
                 0..0,
                 format!(
                     "the file has {} bytes: a profile may have at most {WRITTEN_MAX_BYTES}",
@@ -69,13 +77,10 @@ impl Profile {
                 ),
             ));
         }
-        let raw: RawProfile = toml::from_str(text)
-            .map_err(|e| reader.refuse(e.span().unwrap_or(0..0), e.message().replace('\n', "; ")))?;
-        reader.profile(raw)
+        toml::from_str(text)
+            .map_err(|e| self.refuse(e.span().unwrap_or(0..0), e.message().replace('\n', "; ")))
     }
-}
 
-impl Reader<'_> {
     fn profile(&self, raw: RawProfile) -> Result<Profile, ProfileError> {
         let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '.' | '_');
         if raw.name.get_ref().is_empty()
@@ -85,25 +90,25 @@ impl Reader<'_> {
             let reason = "the name of the profile is not allowed: use 1 to 64 letters, digits, dashes, points and underscores";
             return Err(self.refuse(raw.name.span(), reason));
         }
+        let mode = raw.control.into_inner();
         let mut blocks = Vec::new();
         let mut spans = Vec::new();
-        for block in raw.block {
+        for block in raw.block.into_iter().map(Spanned::into_inner) {
             if *block.repeat.get_ref() == 0 {
                 return Err(self.refuse(block.repeat.span(), "repeat = 0: enter 1 or more"));
             }
             spans.push(block.segment.iter().map(Spanned::span).collect::<Vec<_>>());
-            let segments = block.segment.into_iter().map(|s| self.segment(s, raw.control));
+            let segments = block.segment.into_iter().map(|s| self.segment(s, mode));
             blocks.push(Block {
                 repeat: block.repeat.into_inner(),
                 segments: segments.collect::<Result<_, _>>()?,
             });
         }
         let accept = accept::read(self, raw.accept, &blocks)?;
-        let (name, description) = (raw.name.into_inner(), raw.description);
         let profile = Profile {
-            name,
-            description,
-            mode: raw.control,
+            name: raw.name.into_inner(),
+            description: raw.description.map(Spanned::into_inner).unwrap_or_default(),
+            mode,
             blocks,
             accept,
         };

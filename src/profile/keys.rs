@@ -23,6 +23,13 @@ macro_rules! segment_keys {
         }
 
         impl RawSegment {
+            /// The keys that are written, with the places of their values.
+            pub(super) fn places(&self) -> Vec<(&'static str, Range<usize>)> {
+                let kind = self.kind.as_ref().map(|value| ("kind", value.span()));
+                let others = [$(self.$key.as_ref().map(|value| (stringify!($key), value.span())),)*];
+                others.into_iter().chain([kind]).flatten().collect()
+            }
+
             /// A key that the kind of the segment does not take, and its place.
             pub(super) fn left_over(&self) -> Option<(&'static str, Range<usize>)> {
                 None$(.or_else(|| self.$key.as_ref().map(|value| (stringify!($key), value.span()))))*

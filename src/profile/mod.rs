@@ -1,6 +1,7 @@
 //! Profiles: what the rig is commanded to do over time. A profile is a list of blocks, a block is a list of segments that repeat.
 //!
-//! `file` and `keys` read the TOML form, `accept` the limits that a run is judged by, `pieces` resolves levels and repeats, `player` gives one command per tick,
+//! `file` and `keys` read the TOML form, `accept` the limits that a run is judged by, `outline` says where in the text each value stands,
+//! `pieces` resolves levels and repeats, `player` gives one command per tick,
 //! `correction` keeps amplitude and mean of a sine at their targets, `check` holds a profile against limits. Measuring the
 //! rig and stopping it is left to `control`, the force of the spring to the models.
 
@@ -9,6 +10,7 @@ pub(crate) mod check;
 pub(crate) mod correction;
 pub(crate) mod file;
 mod keys;
+pub(crate) mod outline;
 mod pieces;
 pub(crate) mod player;
 pub(crate) mod reader;
@@ -74,6 +76,16 @@ pub enum ProfileError {
     /// A run is to resume at a cycle that the profile does not count.
     #[error("cycle {cycle} cannot be resumed: profile {name} counts cycles 1 to {total}, choose one of them")]
     NoSuchCycle { name: String, cycle: u32, total: u32 },
+}
+
+impl ProfileError {
+    /// Line and column in the file, from 1, if the error is at one place.
+    pub(crate) fn place(&self) -> Option<(usize, usize)> {
+        match self {
+            ProfileError::File { line, column, .. } => Some((*line, *column)),
+            _ => None,
+        }
+    }
 }
 
 /// A test as it is written in a profile file. docs/profiles-and-benches.md lists its keys.

@@ -34,12 +34,29 @@ pub(crate) fn build(run: &RunFile, survey: &Survey, resource: &Resource) -> Valu
     let header = run.header();
     let mut details = details(run, survey, &resource.selection);
     details["rows"] = resource.rows.into();
-    let slug = slug(&header.run_id);
+    of_table(
+        &header.run_id,
+        &format!("{} on {}", header.profile_name, header.specimen),
+        &header.started_utc,
+        resource,
+        details,
+    )
+}
+
+/// The package of a table: name, title, time of its origin, and what has no standard field.
+pub(crate) fn of_table(
+    name: &str,
+    title: &str,
+    created_utc: &str,
+    resource: &Resource,
+    details: Value,
+) -> Value {
+    let slug = slug(name);
     json!({
         "profile": "data-package",
         "name": slug,
-        "title": format!("{} on {}", header.profile_name, header.specimen),
-        "created": header.started_utc,
+        "title": title,
+        "created": created_utc,
         "resources": [{
             "profile": "tabular-data-resource",
             "name": slug,

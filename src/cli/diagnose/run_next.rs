@@ -17,7 +17,7 @@ use crate::cli::virtual_bench::record_run;
 use crate::cli::{CliError, Done, Output, run};
 use crate::config::Bench;
 use crate::control::Phase;
-use crate::daemon::client_types::{StartRun, Status};
+use crate::daemon::client_types::{StartRun, Status, ended_words};
 use crate::daemon::plan;
 use crate::diagnose::Verdict;
 use crate::diagnose::diagnosis::{Diagnosis, NextTest};
@@ -63,7 +63,7 @@ pub(super) fn tester<'a>(
     Ok(match rig {
         NextTestRig::Virtual => Box::new(VirtualRig::new(job, interrupts)),
         NextTestRig::Live => Box::new(LiveRig {
-            client: data.client()?,
+            client: data.client()?.calling(true, false),
             data: data.folder.clone(),
             interrupts,
         }),
@@ -107,13 +107,14 @@ impl Tester for LiveRig {
         }
         let ended = run::wait(&self.client, &started.run_id, &self.interrupts, output)?;
         if !ended.is_whole() {
-            let ending = ended.ending.as_deref().unwrap_or("did not start");
-            let why = [ended.cause.as_str(), ended.disk_problem.as_str()];
-            let why: Vec<&str> = why.into_iter().filter(|text| !text.is_empty()).collect();
+            let ended_as = ended.ending.as_deref().unwrap_or("did not start");
+            let mut why = ended_words(ended_as, &ended.cause);
+            if !ended.disk_problem.is_empty() {
+                why = format!("{why}; {}", ended.disk_problem);
+            }
             return Ok(Tested::CutShort(format!(
-                "run {0} {ending}: {1}; what it recorded is kept: leafbench export {0}",
-                started.run_id,
-                why.join("; ")
+                "run {0} {why}; what it recorded is kept: leafbench export {0}",
+                started.run_id
             )));
         }
         let listing = local::find_run(&self.data, &started.run_id)?;

@@ -1,5 +1,6 @@
 //! Talks to the daemon of a data folder over HTTP.
 
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -10,7 +11,9 @@ use serde::de::DeserializeOwned;
 use super::super::{Done, Output};
 use super::error::CliError;
 use crate::daemon::ENDPOINT_FILE;
-use crate::daemon::client_types::{Accepted, Endpoint, Failure, StartRun, Started, StopRequest};
+use crate::daemon::client_types::{
+    Accepted, CALLER_HEADER, Caller, Endpoint, Failure, StartRun, Started, StopRequest,
+};
 use crate::regular_file;
 
 /// Environment variable in place of `--data`.
@@ -40,6 +43,69 @@ impl DataArg {
     }
 }
 
+/// How a command gives orders to the bench.
+#[derive(Debug, Args)]
+pub(crate) struct CommandArgs {
+    #[command(flatten)]
+    data: DataArg,
+    /// Take the command over from the page or command line that has it; it is told there and recorded in the run
+    #[arg(long)]
+    take_over: bool,
+}
+
+impl CommandArgs {
+    /// A client for one order.
+    pub(crate) fn for_one_order(&self) -> Result<Client, CliError> {
+        Ok(self.data.client()?.calling(false, self.take_over))
+    }
+
+    /// A client that keeps the command until this process ends.
+    pub(crate) fn to_the_end(&self) -> Result<Client, CliError> {
+        Ok(self.data.client()?.calling(true, self.take_over))
+    }
+}
+
+/// The command lines of one user are one client: a run of one terminal can be held from another.
+fn caller(stays: bool, take_over: bool) -> Caller {
+    let user = ["USER", "LOGNAME"]
+        .iter()
+        .find_map(|name| std::env::var(name).ok());
+    let user: String = user
+        .unwrap_or_default()
+        .chars()
+        .filter(|c| !c.is_control())
+        .take(40)
+        .collect();
+    let name = match user.as_str() {
+        "" => "the command line".to_owned(),
+        user => format!("the command line of {user}"),
+    };
+    let ascii = |c: char| if c.is_ascii() { c } else { '_' };
+    Caller {
+        id: name.chars().map(ascii).collect(),
+        name,
+        stays,
+        take_over,
+    }
+}
+
+/// JSON that a header can carry: other characters than ASCII are escaped.
+fn header_of(caller: &Caller) -> String {
+    let json = serde_json::to_string(caller).unwrap_or_default();
+    let mut text = String::with_capacity(json.len());
+    for c in json.chars() {
+        if c.is_ascii() {
+            text.push(c);
+            continue;
+        }
+        for unit in c.encode_utf16(&mut [0; 2]) {
+            // Writing into a text does not fail.
+            let _ = write!(text, "\\u{unit:04x}");
+        }
+    }
+    text
+}
+
 /// A stop is sent again so often if the daemon closed its connection, as it may do under a flood of connections.
 const STOP_TRIES: u32 = 5;
 /// Pause before a stop is sent again.
@@ -51,6 +117,8 @@ pub(crate) struct Client {
     agent: ureq::Agent,
     url: String,
     folder: PathBuf,
+    /// Who gives the orders; `None` for a client that only reads and stops.
+    caller: Option<Caller>,
 }
 
 impl Client {
@@ -73,7 +141,23 @@ impl Client {
             agent,
             url: endpoint.url,
             folder: folder.to_owned(),
+            caller: None,
         })
+    }
+
+    /// The same with a name, for orders. `stays`: it keeps the command while it asks for the status.
+    pub(crate) fn calling(self, stays: bool, take_over: bool) -> Client {
+        Client {
+            caller: Some(caller(stays, take_over)),
+            ..self
+        }
+    }
+
+    fn named<B>(&self, request: ureq::RequestBuilder<B>) -> ureq::RequestBuilder<B> {
+        match &self.caller {
+            Some(caller) => request.header(CALLER_HEADER, header_of(caller)),
+            None => request,
+        }
     }
 
     /// Address of the technician's page.
@@ -83,18 +167,19 @@ impl Client {
 
     /// Reads from the daemon (HTTP GET).
     pub(crate) fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, CliError> {
-        self.answer(self.agent.get(format!("{}{path}", self.url)).call())
+        self.answer(self.named(self.agent.get(format!("{}{path}", self.url))).call())
     }
 
     /// Sends to the daemon (HTTP POST).
     pub(crate) fn post<T: DeserializeOwned>(&self, path: &str, body: &impl Serialize) -> Result<T, CliError> {
-        self.answer(self.agent.post(format!("{}{path}", self.url)).send_json(body))
+        let request = self.named(self.agent.post(format!("{}{path}", self.url)));
+        self.answer(request.send_json(body))
     }
 
     /// Asks for a run. The daemon answers once its profile is checked, which takes as long as it takes: the caller may end it
     /// with [`Client::stop`], and the end of this process ends it too.
     pub(crate) fn start(&self, order: &StartRun) -> Result<Started, CliError> {
-        let request = self.agent.post(format!("{}/api/run", self.url));
+        let request = self.named(self.agent.post(format!("{}/api/run", self.url)));
         self.answer(request.config().timeout_global(None).build().send_json(order))
     }
 
@@ -137,6 +222,7 @@ impl Client {
         let failure: Failure = answer.body_mut().read_json().unwrap_or_else(|_| Failure {
             error: format!("the daemon answered {status}"),
             what_to_do: String::new(),
+            place: None,
         });
         let parts = [failure.error, failure.what_to_do];
         Err(CliError::Refused(
@@ -146,5 +232,22 @@ impl Client {
                 .collect::<Vec<_>>()
                 .join(": "),
         ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_with_any_letters_goes_through_a_header_of_ascii() {
+        let named = Caller {
+            id: "a".to_owned(),
+            name: "the command line of J\u{fc}rgen \u{1f600}".to_owned(),
+            ..Caller::default()
+        };
+        let header = header_of(&named);
+        assert!(header.is_ascii(), "{header}");
+        assert_eq!(serde_json::from_str::<Caller>(&header).expect("JSON"), named);
     }
 }

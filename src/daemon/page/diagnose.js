@@ -63,7 +63,7 @@ function jobElement(id) {
       setTimeout(showDiagnoses, SURELY_MS);
       return;
     }
-    await ask(`api/diagnoses/${id}`, undefined, undefined, "DELETE");
+    await ask(`api/diagnoses/${id}`, undefined, 0, { method: "DELETE" });
     await loadDiagnoses();
   });
   const root = make("li", { id: `job-${id}` }, name, words, error, bar, step, buttons, frame);

@@ -74,39 +74,63 @@ function showOffered() {
   }
 }
 
-async function loadProfiles() {
-  const profiles = await ask("api/profiles");
-  $("profile").replaceChildren(...profiles.map(p => {
-    const option = document.createElement("option");
-    option.value = p.name;
-    option.disabled = !!p.problem;
-    option.textContent = p.problem ? `${p.name} (cannot be used)` : p.name;
-    option.title = p.problem || p.description;
-    return option;
-  }));
+let profiles = [];
+
+// The list shows where a profile comes from.
+async function loadProfiles(chosen) {
+  profiles = await ask("api/profiles");
+  const option = p => Object.assign(document.createElement("option"), {
+    value: p.name, textContent: [p.name, p.problem && "(cannot be used)", p.replaces_shipped && "(in place of the shipped one)"]
+      .filter(Boolean).join(" "), title: `${p.problem || p.description}\n${p.file}` });
+  const group = (label, origin) => {
+    const list = Object.assign(document.createElement("optgroup"), { label });
+    list.append(...profiles.filter(p => p.origin === origin).map(option));
+    return list;
+  };
+  $("profile").replaceChildren(...[group("Your profiles", "own"), group("Shipped profiles", "shipped")].filter(g => g.children.length));
   showOffered();
-  const wanted = localStorage.getItem("profile");
+  const wanted = chosen || localStorage.getItem("profile");
   const first = [wanted, "static-ramp"].find(name => offered.has(name) || profiles.some(p => p.name === name && !p.problem));
   if (first) $("profile").value = first;
   plan();
 }
 
 async function plan() {
-  const name = $("profile").value, text = $("plan");
+  const name = $("profile").value;
   if (!name) return;
   localStorage.setItem("profile", name);
+  planned = { name, text: "", refused: false };
   try {
     const p = await ask("api/plan", { profile: chosenProfile() });
     if ($("profile").value !== name) return;
-    text.classList.toggle("bad", p.trips.length > 0);
-    text.textContent = p.trips.length > 0 ? "Cannot run: " + p.trips.join("; ") :
-      `${duration(p.duration_s)}. Predicted: ${number(p.force_max_n, 0)} N peak, ${number(p.displacement_min_mm, 1)} to ` +
-      `${number(p.displacement_max_mm, 1)} mm, ${number(p.velocity_max_mm_s, 0)} mm/s` +
-      (p.cycles ? `, ${p.cycles} cycles.` : ".");
+    planned = { name, text: planWords(p), refused: p.trips.length > 0 };
   } catch (error) {
-    text.classList.add("bad");
-    text.textContent = error.message;
+    // A profile that cannot be used; another answer says nothing about the profile.
+    planned = { name, text: error.message, refused: error.status === 422 };
   }
+  showPlan();
+}
+
+// The prediction of the chosen profile, and whether it forbids a run.
+let planned = { name: "", text: "", refused: false };
+
+function planWords(p) {
+  return p.trips.length > 0 ? "Cannot run: " + p.trips.join("; ") + "." :
+    `${duration(p.duration_s)}. Predicted: ${number(p.force_max_n, 0)} N peak, ${number(p.displacement_min_mm, 1)} to ` +
+    `${number(p.displacement_max_mm, 1)} mm, ${number(p.velocity_max_mm_s, 0)} mm/s` + (p.cycles ? `, ${p.cycles} cycles.` : ".");
+}
+
+// Why the chosen profile may not run now; empty if it may.
+function runRefusal() {
+  const unsaved = unsavedOf($("profile").value);
+  return unsaved || (planned.refused ? planned.text : "");
+}
+
+function showPlan() {
+  const refusal = runRefusal();
+  $("plan").classList.toggle("bad", !!refusal);
+  write("plan", refusal || planned.text);
+  show();
 }
 $("profile").addEventListener("change", plan);
 for (const id of ["specimen", "operator"]) {
@@ -131,6 +155,7 @@ function show() {
   write("force", number(rig && rig.force_n, 1));
   write("displacement", number(rig && rig.displacement_mm, 3));
   showPeaks();
+  showCommander();
   allowButtons(rig, phase);
   showRun(rig);
   followResult();
@@ -147,14 +172,14 @@ function show() {
 // Stop is never disabled. A button that is held to move is not taken away while it is held.
 function allowButtons(rig, phase) {
   const preparing = !!(status && status.preparing);
-  const allow = (id, ...phases) => { $(id).disabled = !phases.includes(phase); };
+  const allow = (id, ...phases) => { $(id).disabled = isWatching() || !phases.includes(phase); };
   const ready = preparing ? [] : ["ready"];
   allow("hold", "running");
   allow("resume", "held");
   allow("reset", "interlocked");
   allow("tare", "ready", "interlocked");
   allow("zero", ...ready);
-  allow("run", ...ready);
+  allow("run", ...(runRefusal() ? [] : ready));
   const jogs = rig && rig.motion === "jog" ? ["arming", "running"] : [];
   allow("jog-up", ...ready, ...jogs);
   allow("jog-down", ...ready, ...jogs);
@@ -203,12 +228,13 @@ const SILENT_MS = 2000;
 let heardAt = 0;
 
 function connect() {
-  const socket = new WebSocket(`ws://${location.host}/api/live`);
+  const socket = new WebSocket(`ws://${location.host}/api/live?caller=${callerId}`);
   socket.onopen = () => {
     everConnected = true;
     loadProfiles().catch(error => say(error.message));
     showRuns();
     showDiagnoses();
+    loadImports().catch(error => say(error.message));
   };
   socket.onmessage = event => {
     const message = JSON.parse(event.data);

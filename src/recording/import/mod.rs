@@ -1,21 +1,25 @@
 //! Foreign tables as recordings: other column names, units, separators and decimal signs, a preamble, no time, a wrong sign.
 //!
 //! `text` decodes the bytes, `layout` finds the table, `mapping` says which column is what (with `unit`), `values` reads the
-//! cells (with `number`). Everything that was decided is in [`Imported`], so that the caller can show it: nothing is guessed
+//! cells (with `number`); `view` shows the table before that, `save` writes the recording. Everything that was decided is in [`Imported`], so that the caller can show it: nothing is guessed
 //! silently.
 
 mod error;
 mod layout;
 mod mapping;
 mod number;
+mod save;
 mod text;
 mod unit;
 mod values;
+mod view;
 
 pub(crate) use error::ImportError;
 pub(crate) use mapping::{MapEntry, MapTarget, MappedColumn, parse_map};
 pub(crate) use number::DecimalSign;
+pub(crate) use save::{ImportSource, save};
 pub(crate) use text::TextEncoding;
+pub(crate) use view::view;
 
 use super::Recording;
 use values::ValueReader;

@@ -1,7 +1,7 @@
 //! Numbers as other programs write them: decimal point or comma, and marks between groups of three digits.
 
 /// The character between the whole number and its decimals.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum DecimalSign {
     /// 1234.5, also 1,234.5
