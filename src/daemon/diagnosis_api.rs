@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::blocking::blocking;
+use super::commander::Commanding;
 use super::client_types::{Accepted, Failure};
 use super::diagnoses::JobError;
 use super::diagnoses::job::{DiagnosisJob, IMPROVED, JobState};
@@ -175,6 +176,7 @@ pub(super) async fn file(
 #[utoipa::path(post, path = "/api/twin", request_body = TwinRequest,
     responses((status = 200, body = Accepted), (status = 404, body = Failure), (status = 409, body = Failure)))]
 pub(super) async fn choose_twin(
+    _: Commanding,
     State(state): App,
     JsonBody(request): JsonBody<TwinRequest>,
 ) -> Result<Json<Accepted>, ApiError> {

@@ -97,8 +97,9 @@ async function openRun(opener) {
 
 function runDetails(run, detail) {
   const header = detail.header, links = make("div", { className: "chips" });
-  const button = (text, action) => {
-    const b = make("button", { textContent: text });
+  const button = (text, action, isOrder) => {
+    const b = make("button", { textContent: text, disabled: !!isOrder && isWatching() });
+    if (isOrder) b.dataset.order = "";
     b.addEventListener("click", async () => {
       say("");
       try { await action(); } catch (error) { say(error.message); }
@@ -113,7 +114,7 @@ function runDetails(run, detail) {
     if (whole) { link("MF4", "mf4"); link("Parquet", "parquet"); }
   }
   if (run.cycles_completed > 0 && (run.ending === "stopped" || run.ending === "aborted")) {
-    button(`Continue after cycle ${run.cycles_completed}`, () => start({ profile: null, resume_run: run.run_id }));
+    button(`Continue after cycle ${run.cycles_completed}`, () => start({ profile: null, resume_run: run.run_id }), true);
   }
   if (run.started_utc && run.ending !== "open") button("Diagnose this run", () => askForDiagnosis([run.run_id]));
   const facts = make("dl", { className: "facts" });
