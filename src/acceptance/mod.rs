@@ -86,7 +86,7 @@ pub(crate) struct LimitResult {
     pub what: String,
     /// `min` or `max`.
     pub side: LimitSide,
-    /// The limit.
+    /// The limit, in `unit`.
     pub limit: f64,
     /// Unit of limit and measured value; empty for a pure number.
     pub unit: String,
@@ -127,9 +127,9 @@ pub(crate) struct ValueSummary {
     pub first: f64,
     /// Value of the last cycle.
     pub last: f64,
-    /// Smallest value.
+    /// Smallest value of a cycle.
     pub min: f64,
-    /// Largest value.
+    /// Largest value of a cycle.
     pub max: f64,
     /// Mean over the cycles.
     pub mean: f64,

@@ -6,6 +6,7 @@ use std::io;
 use maud::{Markup, PreEscaped, html};
 use sha2::{Digest, Sha256};
 
+use super::figures::figure;
 use super::html::{document, legend};
 use super::svg::{HALF, Ink, Plot, PlotCurve};
 use crate::acceptance::{
@@ -16,15 +17,17 @@ use crate::recording::run_file::RunFile;
 use crate::recording::{ChannelScale, Ending, Event, EventKind, FirmwareIdentity, Header};
 
 /// Rows of the table of limits; the broken ones come first.
-const MOST_LIMITS: usize = 10;
+const MOST_LIMITS: usize = 8;
 /// Lines of the notes.
-const MOST_NOTES: usize = 6;
+const MOST_NOTES: usize = 5;
 /// Text values of the calibration of one sensor.
-const MOST_FACTS: usize = 8;
+const MOST_FACTS: usize = 7;
 /// Longest text of a person or a name, characters.
-const LONGEST_NAME: usize = 80;
+const LONGEST_NAME: usize = 60;
+/// Longest text of a calibration: a SHA-256 in hex.
+const LONGEST_FACT: usize = 64;
 /// Longest note, characters.
-const LONGEST_NOTE: usize = 170;
+const LONGEST_NOTE: usize = 96;
 
 /// The certificate of a run file as HTML text. Fails only if the run file cannot be read for its hash.
 pub(crate) fn page(run: &RunFile) -> io::Result<String> {
@@ -180,7 +183,7 @@ fn values(result: &RunResult) -> Markup {
     let (loops, many) = (result.loops().len(), result.loops().len() > 1);
     let trend = |v: &ValueSummary| {
         v.trend.map_or("\u{2013}".to_owned(), |t| {
-            format!("{} {}", digits(t), v.trend_unit)
+            format!("{} {}", figure(t), v.trend_unit)
         })
     };
     html! {
@@ -267,16 +270,14 @@ fn calibrations(header: &Header) -> Markup {
     html! {
         @for (sensor, table, scale, unit) in sensors {
             h2 { (sensor) }
-            dl.one {
+            p.facts {
                 @for (name, value) in texts(bench.get(table)).into_iter().take(MOST_FACTS) {
-                    dt { (name) } dd { (shortened(&value, LONGEST_NAME)) }
+                    (name) " " b { (shortened(&value, LONGEST_FACT)) } "; "
                 }
-                dt { "scale" } dd { (scaling(scale, unit)) }
+                (scaling(scale, unit))
             }
         }
-        dl.one {
-            dt { "calibration hash" } dd { (format!("{:#010x}", header.firmware.calibration_hash)) " (firmware)" }
-        }
+        p.facts { "Calibration hash of the firmware " b { (format!("{:#010x}", header.firmware.calibration_hash)) } }
     }
 }
 
