@@ -226,7 +226,7 @@ fn runs_that_cannot_be_diagnosed_are_refused_in_words() {
     let (_, started) = posted(
         &daemon,
         "/api/run",
-        &json!({ "profile": SHORT, "specimen": "leaf 1" }),
+        &json!({ "profile": SHORT, "specimen": "leaf 1", "override_by": "test" }),
     );
     let first = started["run_id"].as_str().expect("an id").to_owned();
     daemon.until_phase("running");
@@ -234,7 +234,7 @@ fn runs_that_cannot_be_diagnosed_are_refused_in_words() {
     let (_, started) = posted(
         &daemon,
         "/api/run",
-        &json!({ "profile": SHORT, "specimen": "leaf 2" }),
+        &json!({ "profile": SHORT, "specimen": "leaf 2", "override_by": "test" }),
     );
     let second = started["run_id"].as_str().expect("an id").to_owned();
     daemon.until_phase("running");

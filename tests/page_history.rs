@@ -68,8 +68,8 @@ fn runs_are_searched_paged_opened_and_compared() {
 
     write(&mut page, "find-operator", "bob");
     page.until("document.getElementById('runs-count').textContent === '1 to 23 of 23'");
-    write(&mut page, "find-text", "leaf 3");
-    page.until("document.getElementById('runs-count').textContent.endsWith(' of 4')");
+    write(&mut page, "find-specimen", "leaf 3");
+    page.until("document.getElementById('runs-count').textContent === '1 to 3 of 3'");
     write(&mut page, "find-text", "no such thing");
     page.until("document.getElementById('runs-count').textContent === 'No run fits.'");
     click(&mut page, "find-clear");

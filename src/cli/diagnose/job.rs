@@ -1,4 +1,4 @@
-//! `diagnose --job`: a diagnosis that the daemon started. It takes the lowest priority, prints its progress as lines of JSON,
+//! `diagnose --job`: a diagnosis that the daemon started. It takes a low priority, prints its progress as lines of JSON,
 //! and ends when the daemon ends.
 
 use std::io::{Read, Write};
@@ -10,7 +10,7 @@ const LEAST_GROWTH: f64 = 0.005;
 
 /// Gives way to everything else on this computer, and ends this process when its stdin is closed.
 pub(super) fn begin() {
-    take_lowest_priority();
+    give_way();
     // If memory runs out, this process is ended, not the daemon. Linux without /proc decides by itself.
     let _ = std::fs::write("/proc/self/oom_score_adj", "1000");
     std::thread::spawn(|| {
@@ -19,14 +19,22 @@ pub(super) fn begin() {
     });
 }
 
-/// This thread, and the threads that it starts, get the smallest share of the processor while others want it. It is not
-/// the policy `Idle`: beside any other busy program a diagnosis would never end.
-fn take_lowest_priority() {
-    use thread_priority::{NormalThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy};
-    // Linux allows it to every program; without it the control thread still has its real-time priority.
+/// Niceness 10 on the scale 0 to 99 of the crate, 99 being the most urgent. Niceness 0 gets nine times the share of the
+/// processor; at 19 it would get seventy times, and a diagnosis beside another busy program would not end.
+const NICE_10: u8 = 22;
+
+/// This thread, and the threads that it starts, give way to others. The control thread has its real-time priority besides.
+fn give_way() {
+    use thread_priority::{
+        NormalThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
+    };
+    let Ok(low) = ThreadPriorityValue::try_from(NICE_10) else {
+        return;
+    };
+    // Fails where this program is nicer already.
     let _ = thread_priority::set_thread_priority_and_policy(
         thread_priority::thread_native_id(),
-        ThreadPriority::Min,
+        ThreadPriority::Crossplatform(low),
         ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Batch),
     );
 }

@@ -112,7 +112,7 @@ pub(super) struct DiagnoseArgs {
     /// Take recordings of different specimens together: they are the same spring under several names
     #[arg(long, conflicts_with = "targets")]
     mixed_specimens: bool,
-    /// Run as a job of the daemon: at the lowest priority, with progress as lines of JSON, until stdin is closed
+    /// Run as a job of the daemon: at a low priority, with progress as lines of JSON, until stdin is closed
     #[arg(long, hide = true, conflicts_with_all = ["targets", "run_next"])]
     job: bool,
     #[command(flatten)]

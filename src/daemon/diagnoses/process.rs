@@ -1,5 +1,5 @@
 //! A diagnosis as a process of its own: `leafbench diagnose --job`. What it does to processor and memory stays away from
-//! control; it takes the lowest priority itself, and it ends when this program ends.
+//! control; it takes a low priority itself, and it ends when this program ends.
 
 use std::io::{BufRead, BufReader, Read};
 use std::os::unix::process::CommandExt;

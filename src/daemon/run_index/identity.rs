@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 const S: i64 = 1_000_000_000;
 /// A file that changed less than this before it was read may change again within the same time stamp, ns. File systems have
 /// steps of some milliseconds, simple ones of a second.
-const FRESH_NS: i64 = S;
+const FRESH_NS: u64 = S.unsigned_abs();
 
 /// Tells two states of a run file apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -33,11 +33,13 @@ struct FileStamp {
 impl FileStamp {
     fn of(path: &Path) -> Option<FileStamp> {
         let metadata = std::fs::metadata(path).ok()?;
+        // A time that does not fit is still another one than before.
+        let ns = |s: i64, ns: i64| s.wrapping_mul(S).wrapping_add(ns);
         Some(FileStamp {
             bytes: metadata.len(),
             inode: metadata.ino(),
-            modified_ns: i64::from(metadata.mtime()) * S + i64::from(metadata.mtime_nsec()),
-            changed_ns: i64::from(metadata.ctime()) * S + i64::from(metadata.ctime_nsec()),
+            modified_ns: ns(metadata.mtime(), metadata.mtime_nsec()),
+            changed_ns: ns(metadata.ctime(), metadata.ctime_nsec()),
         })
     }
 }
@@ -65,6 +67,6 @@ impl FileIdentity {
     pub(super) fn is_fresh(&self, now: SystemTime) -> bool {
         let now_ns = now.duration_since(UNIX_EPOCH).map_or(0, |d| d.as_nanos() as i64);
         let mut stamps = [Some(self.file), self.log].into_iter().flatten();
-        stamps.any(|stamp| (now_ns - stamp.changed_ns).abs() < FRESH_NS)
+        stamps.any(|stamp| now_ns.abs_diff(stamp.changed_ns) < FRESH_NS)
     }
 }
