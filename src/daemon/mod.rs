@@ -17,9 +17,10 @@
 //! | `course`, `plan`, `download` | thinned course of a predicted run, check of a profile, export |
 //! | `editor`, `imports` | own profiles for the page's editor, tables of other programs |
 //! | `permission` | calibrations, specimen, and who answers for a start all the same |
+//! | `commander` | who commands, who watches |
 //! | `newest_run`, `tally`, `state` | what the handlers and the runs share |
 //! | `metrics`, `notify` | figures for Prometheus; signs of life for systemd |
-//! | `commander` | who commands, who watches |
+//! | `commanding` | who sends an order, and whether that client commands |
 //! | `resume`, `progress`, `prepare` | what a run needs before it can start |
 //! | `runs`, `socket`, `page` | life of a run, live view, the technician's page |
 //! | `api` | routes and handlers |
@@ -28,6 +29,7 @@ mod api;
 mod backlog;
 pub(crate) mod client_types;
 mod commander;
+mod commanding;
 mod connections;
 mod course;
 mod disk_space;
