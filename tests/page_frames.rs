@@ -9,10 +9,10 @@ use super::support::browser::Page;
 use super::support::http::{answer, post};
 use super::support::{Daemon, json as command, until};
 
-/// Sixty cycles at 5 Hz: fifty are over after 12 s.
+/// Cycles at 5 Hz: fifty are over after 12 s, and the run goes on while frames are counted.
 const FIFTY: &str = "name = \"fifty\"\ncontrol = \"displacement\"\n[[block]]\n[[block.segment]]\nkind = \"ramp\"\nto_mm = 4.0\n\
                      duration_s = 1.0\n[[block.segment]]\nkind = \"sine\"\nmean_mm = 4.0\namplitude_mm = 1.5\nfrequency_hz = 5.0\n\
-                     cycles = 80\n[[block.segment]]\nkind = \"ramp\"\nto_mm = 0.0\nduration_s = 2.0\n";
+                     cycles = 400\n[[block.segment]]\nkind = \"ramp\"\nto_mm = 0.0\nduration_s = 2.0\n";
 /// Frames per second that a moving plot needs.
 const TARGET_FPS: f64 = 30.0;
 const FRAMES: usize = 120;

@@ -17,7 +17,7 @@ use super::client_types::{
     Accepted, Caller, Failure, JogRequest, Nothing, PlanRequest, ProfileSummary, RunDetail, SensorReadings,
     StartRun, Started, Status, StopRequest,
 };
-use super::commander::{self, Commanding};
+use super::commanding::{self, Commanding};
 use super::download::{self, DownloadFormat, DownloadPart};
 use super::error::ApiError;
 use super::guard::{self, RequestGuard};
@@ -190,7 +190,7 @@ pub(super) fn router(address: SocketAddr, state: Arc<DaemonState>) -> Router {
 /// command.
 #[utoipa::path(get, path = "/api/status", responses((status = 200, body = Status)))]
 async fn status(State(state): App, headers: HeaderMap) -> Result<Json<Status>> {
-    let caller = commander::caller(&headers)?;
+    let caller = commanding::caller(&headers)?;
     let _presence = caller.map(|caller| state.commander.presence(&caller.id));
     Ok(Json(state.status()))
 }

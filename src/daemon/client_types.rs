@@ -442,7 +442,7 @@ pub(crate) struct ProfileSummary {
     pub origin: ProfileOrigin,
     /// True for an own profile that stands in the place of a shipped one.
     pub replaces_shipped: bool,
-    /// The file.
+    /// Path of the profile file.
     pub file: String,
 }
 
@@ -463,7 +463,7 @@ pub(crate) struct ProfileText {
     pub name: String,
     /// Where the profile comes from.
     pub origin: ProfileOrigin,
-    /// The file.
+    /// Path of the profile file.
     pub file: String,
     /// Its text, TOML.
     pub text: String,

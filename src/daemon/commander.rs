@@ -8,24 +8,15 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use axum::extract::FromRequestParts;
-use axum::http::request::Parts;
-use axum::http::{HeaderMap, StatusCode};
+use axum::http::StatusCode;
 use jiff::Timestamp;
 
-use super::client_types::{CALLER_HEADER, Caller, CommanderStatus};
+use super::client_types::{Caller, CommanderStatus};
 use super::error::ApiError;
-use super::orders;
-use super::state::DaemonState;
-use crate::control::realtime::Request;
 
 /// A commanding client that is gone for this long has lost the command. Half of it is too short for a page that is reloaded on
 /// a busy computer; twice as long keeps the next person waiting.
 const GONE: Duration = Duration::from_secs(5);
-/// Longest id of a client, bytes.
-const ID_MAX_BYTES: usize = 64;
-/// Longest name of a client, characters.
-const NAME_MAX_CHARS: usize = 120;
 
 /// The command of the bench. Clones share it.
 #[derive(Clone, Default)]
@@ -82,7 +73,7 @@ impl Commander {
 
     /// Takes an order of `caller`, and the command with it where it is free or asked for. Returns one sentence if the command
     /// has changed hands.
-    fn claim(&self, caller: &Caller, now: Instant) -> Result<Option<String>, ApiError> {
+    pub(super) fn claim(&self, caller: &Caller, now: Instant) -> Result<Option<String>, ApiError> {
         let mut desk = self.lock();
         desk.forget_gone(now);
         let before = match &mut desk.holder {
@@ -145,56 +136,6 @@ fn refusal(holder: &Holder) -> ApiError {
         "ask there first; then take over, with the button of the page or with --take-over; a stop is taken from everyone"
             .to_owned(),
     )
-}
-
-/// Who sent a request; `None` if it does not say so.
-pub(super) fn caller(headers: &HeaderMap) -> Result<Option<Caller>, ApiError> {
-    let Some(text) = headers.get(CALLER_HEADER) else {
-        return Ok(None);
-    };
-    let read: Option<Caller> = text
-        .to_str()
-        .ok()
-        .and_then(|text| serde_json::from_str(text).ok());
-    let is_right = |caller: &Caller| {
-        (1..=ID_MAX_BYTES).contains(&caller.id.len())
-            && (1..=NAME_MAX_CHARS).contains(&caller.name.chars().count())
-            && !caller.name.chars().any(char::is_control)
-    };
-    read.filter(is_right).map(Some).ok_or_else(|| {
-        ApiError::new(
-            StatusCode::BAD_REQUEST,
-            format!("the header {CALLER_HEADER} does not say who sends the request"),
-            format!(
-                "send JSON in ASCII: {{\"id\": 1 to {ID_MAX_BYTES} bytes, \"name\": 1 to {NAME_MAX_CHARS} characters}}"
-            ),
-        )
-    })
-}
-
-/// As an argument of a handler: the request is an order, and its client has the command. It is there while the order is
-/// served.
-pub(super) struct Commanding {
-    _presence: Option<Presence>,
-}
-
-impl FromRequestParts<Arc<DaemonState>> for Commanding {
-    type Rejection = ApiError;
-
-    async fn from_request_parts(parts: &mut Parts, state: &Arc<DaemonState>) -> Result<Self, ApiError> {
-        let named = caller(&parts.headers)?;
-        let presence = named.as_ref().map(|caller| state.commander.presence(&caller.id));
-        if let Some(told) = state
-            .commander
-            .claim(&named.unwrap_or_default(), Instant::now())?
-        {
-            tracing::info!("{told}");
-            if let Err(error) = orders::insist(&state.control, || Request::Note(told.clone())).await {
-                tracing::warn!("the run under way has no event of it: {error}");
-            }
-        }
-        Ok(Commanding { _presence: presence })
-    }
 }
 
 #[cfg(test)]
@@ -279,31 +220,5 @@ mod tests {
         assert!(commander.claim(&page("B"), left + 10 * GONE).is_err());
         drop(again);
         assert!(commander.claim(&page("B"), Instant::now() + GONE).is_ok());
-    }
-
-    #[test]
-    fn a_header_that_names_nobody_is_refused_with_what_to_send() {
-        let read = |text: &str| {
-            let value = axum::http::HeaderValue::from_str(text).expect("a header");
-            caller(&HeaderMap::from_iter([(
-                axum::http::HeaderName::from_static(CALLER_HEADER),
-                value,
-            )]))
-        };
-        let long = format!(r#"{{"id":"{}","name":"x"}}"#, "i".repeat(65));
-        for wrong in [
-            "",
-            "page",
-            "{}",
-            r#"{"id":"","name":"x"}"#,
-            r#"{"id":"a","name":"\n"}"#,
-            &long,
-        ] {
-            let refused = read(wrong).expect_err(wrong);
-            assert_eq!(refused.status(), StatusCode::BAD_REQUEST);
-        }
-        let told = read(r#"{"id":"a","name":"page of J. Meyer","stays":true}"#);
-        assert_eq!(told.expect("right").expect("named").name, "page of J. Meyer");
-        assert!(caller(&HeaderMap::new()).expect("nobody").is_none());
     }
 }

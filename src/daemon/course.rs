@@ -85,7 +85,7 @@ impl CourseThinner {
         self.course.force_n.push(predicted.force_n);
     }
 
-    /// The course.
+    /// The course of all ticks that were taken.
     pub(super) fn end(mut self) -> PlannedCourse {
         self.close();
         self.course

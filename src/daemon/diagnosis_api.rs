@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::blocking::blocking;
-use super::commander::Commanding;
+use super::commanding::Commanding;
 use super::client_types::{Accepted, Failure};
 use super::diagnoses::JobError;
 use super::diagnoses::job::{DiagnosisJob, IMPROVED, JobState};

@@ -11,12 +11,10 @@ use super::request_body::JsonBody;
 use super::state::App;
 use crate::profile::outline::{self as profile_outline, ProfileOutline};
 
-type Result<T> = std::result::Result<Json<T>, ApiError>;
-
 /// The text of a profile.
 #[utoipa::path(get, path = "/api/profiles/{name}", params(("name" = String, Path)),
     responses((status = 200, body = ProfileText), (status = 422, body = Failure)))]
-pub(super) async fn text(State(state): App, Path(name): Path<String>) -> Result<ProfileText> {
+pub(super) async fn text(State(state): App, Path(name): Path<String>) -> Result<Json<ProfileText>, ApiError> {
     blocking(&state, move |state| {
         let found = state.library.text(&name);
         found.map(Json).map_err(|e| ApiError::profile(&e))
@@ -31,7 +29,7 @@ pub(super) async fn text(State(state): App, Path(name): Path<String>) -> Result<
 pub(super) async fn save(
     State(state): App,
     JsonBody(request): JsonBody<SaveProfile>,
-) -> Result<ProfileSummary> {
+) -> Result<Json<ProfileSummary>, ApiError> {
     blocking(&state, move |state| {
         let saved = state.library.save(&request.text, request.replace);
         saved.map(Json).map_err(|e| ApiError::profile(&e))
@@ -42,7 +40,7 @@ pub(super) async fn save(
 /// Deletes an own profile. A shipped one of the same name takes its place again.
 #[utoipa::path(delete, path = "/api/profiles/{name}", params(("name" = String, Path)),
     responses((status = 200, body = Accepted), (status = 409, body = Failure), (status = 422, body = Failure)))]
-pub(super) async fn delete(State(state): App, Path(name): Path<String>) -> Result<Accepted> {
+pub(super) async fn delete(State(state): App, Path(name): Path<String>) -> Result<Json<Accepted>, ApiError> {
     blocking(&state, move |state| {
         state.library.delete(&name).map_err(|e| ApiError::profile(&e))?;
         Ok(Json(Accepted {
@@ -56,7 +54,9 @@ pub(super) async fn delete(State(state): App, Path(name): Path<String>) -> Resul
 /// Values are not judged here: `POST /api/plan` does that.
 #[utoipa::path(post, path = "/api/outline", request_body = OutlineRequest,
     responses((status = 200, body = ProfileOutline), (status = 422, body = Failure)))]
-pub(super) async fn outline(JsonBody(request): JsonBody<OutlineRequest>) -> Result<ProfileOutline> {
+pub(super) async fn outline(
+    JsonBody(request): JsonBody<OutlineRequest>,
+) -> Result<Json<ProfileOutline>, ApiError> {
     let found = profile_outline::outline(&request.text, "text");
     found
         .map(Json)

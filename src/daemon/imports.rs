@@ -34,7 +34,7 @@ const PREVIEW_ROWS: usize = 8;
 /// Longest name of a recording, characters.
 const NAME_MAX_CHARS: usize = 64;
 
-type Result<T> = std::result::Result<T, ApiError>;
+type Answer<T> = Result<T, ApiError>;
 
 /// How to read a foreign table.
 #[derive(Debug, Clone, Default, Deserialize, IntoParams)]
@@ -130,7 +130,7 @@ pub(super) struct ImportColumn {
 pub(super) struct ImportSummary {
     /// Name of the recording.
     name: String,
-    /// The CSV.
+    /// Path of the CSV.
     csv: String,
     /// Number of samples; 0 if the data package does not say it.
     samples: u64,
@@ -141,7 +141,7 @@ pub(super) struct ImportSummary {
 }
 
 impl ImportQuery {
-    fn options(&self) -> Result<ImportOptions> {
+    fn options(&self) -> Answer<ImportOptions> {
         if let Some(dt) = self.dt.filter(|s| !(*s > 0.0 && *s <= 86_400.0)) {
             return Err(refused(
                 format!("{dt} is no time between two samples"),
@@ -158,7 +158,7 @@ impl ImportQuery {
     }
 
     /// The CSV to write.
-    fn csv(&self, state: &DaemonState) -> Result<PathBuf> {
+    fn csv(&self, state: &DaemonState) -> Answer<PathBuf> {
         let allowed = |c: char| c.is_ascii_alphanumeric() || "-._".contains(c);
         let right = self.name.len() <= NAME_MAX_CHARS
             && self.name.chars().all(allowed)
@@ -181,22 +181,31 @@ fn refused(error: String, what_to_do: &str) -> ApiError {
     ApiError::new(StatusCode::UNPROCESSABLE_ENTITY, error, what_to_do.to_owned())
 }
 
+fn too_large() -> ApiError {
+    ApiError::new(
+        StatusCode::PAYLOAD_TOO_LARGE,
+        format!("the table has more than {} MiB", TABLE_LIMIT >> 20),
+        "import it on the command line: leafbench import FILE".to_owned(),
+    )
+}
+
 /// The bytes of a table, within the limits of size and time.
 pub(super) struct TableBody(Bytes);
 
 impl<S: Send + Sync> FromRequest<S> for TableBody {
     type Rejection = ApiError;
 
-    async fn from_request(request: Request, state: &S) -> Result<Self> {
+    async fn from_request(request: Request, state: &S) -> Answer<Self> {
+        let told = request.headers().get(header::CONTENT_LENGTH);
+        let length: Option<usize> = told.and_then(|value| value.to_str().ok()?.parse().ok());
+        if length.is_some_and(|bytes| bytes > TABLE_LIMIT) {
+            return Err(too_large());
+        }
         let limits = request.extensions().get::<ServerLimits>().copied();
         let limit = limits.unwrap_or_default().body;
         match tokio::time::timeout(limit, Bytes::from_request(request, state)).await {
             Ok(Ok(bytes)) => Ok(TableBody(bytes)),
-            Ok(Err(rejection)) if rejection.status() == StatusCode::PAYLOAD_TOO_LARGE => Err(ApiError::new(
-                StatusCode::PAYLOAD_TOO_LARGE,
-                format!("the table has more than {} MiB", TABLE_LIMIT >> 20),
-                "import it on the command line: leafbench import FILE".to_owned(),
-            )),
+            Ok(Err(rejection)) if rejection.status() == StatusCode::PAYLOAD_TOO_LARGE => Err(too_large()),
             Ok(Err(rejection)) => Err(ApiError::new(
                 rejection.status(),
                 rejection.body_text(),
@@ -217,9 +226,9 @@ impl<S: Send + Sync> FromRequest<S> for TableBody {
     responses((status = 200, body = ImportPreview), (status = 413, body = Failure), (status = 422, body = Failure)))]
 pub(super) async fn preview(
     State(state): App,
-    query: std::result::Result<Query<ImportQuery>, QueryRejection>,
+    query: Result<Query<ImportQuery>, QueryRejection>,
     TableBody(bytes): TableBody,
-) -> Result<Json<ImportPreview>> {
+) -> Answer<Json<ImportPreview>> {
     let query = query?.0;
     blocking(&state, move |_| {
         let seen = view(&query.file, &bytes).map_err(|error| refused(for_the_page(&error), ""))?;
@@ -245,9 +254,9 @@ pub(super) async fn preview(
         (status = 422, body = Failure)))]
 pub(super) async fn take(
     State(state): App,
-    query: std::result::Result<Query<ImportQuery>, QueryRejection>,
+    query: Result<Query<ImportQuery>, QueryRejection>,
     TableBody(bytes): TableBody,
-) -> Result<Json<ImportSummary>> {
+) -> Answer<Json<ImportSummary>> {
     let query = query?.0;
     blocking(&state, move |state| {
         let csv = query.csv(state)?;
@@ -283,7 +292,7 @@ fn not_written(csv: &Path, error: &std::io::Error) -> ApiError {
 
 /// The imported recordings, by name.
 #[utoipa::path(get, path = "/api/imports", responses((status = 200, body = Vec<ImportSummary>)))]
-pub(super) async fn list(State(state): App) -> Result<Json<Vec<ImportSummary>>> {
+pub(super) async fn list(State(state): App) -> Answer<Json<Vec<ImportSummary>>> {
     blocking(&state, |state| {
         // Before the first import there is no folder.
         let entries = std::fs::read_dir(folder(state)).into_iter().flatten().flatten();
@@ -298,7 +307,7 @@ pub(super) async fn list(State(state): App) -> Result<Json<Vec<ImportSummary>>> 
 /// An imported recording as CSV.
 #[utoipa::path(get, path = "/api/imports/{name}", params(("name" = String, Path)),
     responses((status = 200, content_type = "text/csv", body = String), (status = 404, body = Failure)))]
-pub(super) async fn csv(State(state): App, extract::Path(name): extract::Path<String>) -> Result<Response> {
+pub(super) async fn csv(State(state): App, extract::Path(name): extract::Path<String>) -> Answer<Response> {
     let file_name = format!("{name}.csv");
     let bytes = blocking(&state, move |state| {
         let query = ImportQuery {

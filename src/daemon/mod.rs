@@ -19,10 +19,11 @@
 //! | `editor`, `imports` | own profiles for the page's editor, tables of other programs |
 //! | `permission` | calibrations, specimen, and who answers for a start all the same |
 //! | `diagnoses`, `twin_choice` | diagnoses as processes of their own, the model of the next run's twin |
+//! | `commander` | who commands, who watches |
 //! | `newest_run`, `tally`, `state` | what the handlers and the runs share |
 //! | `blocking` | work of a handler that reads files |
 //! | `metrics`, `notify` | figures for Prometheus; signs of life for systemd |
-//! | `commander` | who commands, who watches |
+//! | `commanding` | who sends an order, and whether that client commands |
 //! | `resume`, `progress`, `prepare` | what a run needs before it can start |
 //! | `runs`, `socket`, `page` | life of a run, live view, the technician's page |
 //! | `run_list`, `compare`, `diagnosis_api` | runs in pages with the thread of their index, two runs over each other, diagnoses over HTTP |
@@ -33,6 +34,7 @@ mod backlog;
 mod blocking;
 pub(crate) mod client_types;
 mod commander;
+mod commanding;
 mod compare;
 mod connections;
 mod course;

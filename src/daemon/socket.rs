@@ -22,7 +22,7 @@ const SEND_TIMEOUT: Duration = Duration::from_secs(10);
 /// Longest message from a viewer, bytes. Viewers send nothing; a longer message ends the connection.
 const LARGEST_MESSAGE: usize = 1024;
 
-/// Who watches.
+/// The client that opens the socket.
 #[derive(Debug, Default, serde::Deserialize, utoipa::IntoParams)]
 pub(super) struct Viewer {
     /// Id of the client, as in the header `leafbench-caller`: it keeps the command while its socket is open.

@@ -23,7 +23,7 @@ async function askWithHeaders(path, body, withinMs, more = {}) {
   }
   const reply = await answer.json().catch(() => ({}));
   if (!answer.ok) {
-    const text = [reply.error || `HTTP ${answer.status}`, reply.what_to_do].filter(Boolean).join(". ");
+    const text = [reply.error || `HTTP ${answer.status}`, reply.what_to_do].filter(Boolean).map(sentence).join(" ");
     throw Object.assign(new Error(text), { status: answer.status, place: reply.place });
   }
   return { reply, headers: answer.headers };

@@ -92,7 +92,7 @@ async function save(replace) {
     $("editor-told").textContent = `Saved as ${saved.name}.`;
     await loadProfiles(saved.name);
   } catch (error) {
-    if (error.status === 409 && !replace) inquire("editor-ask", `${error.message}. Replace it? A shipped file itself stays as it is.`, "Replace", () => save(true));
+    if (error.status === 409 && !replace) inquire("editor-ask", `${error.message} Replace it? A shipped file itself stays as it is.`, "Replace", () => save(true));
     else { if (error.place) showError(error); told(error); }
   }
 }

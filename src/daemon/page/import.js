@@ -124,7 +124,7 @@ async function saveImport(replace) {
     $("import-told").textContent = `Imported as ${saved.name}: ${saved.samples} samples in ${saved.csv}.`;
     await loadImports();
   } catch (error) {
-    if (error.status === 409 && !replace) inquire("import-ask", `${error.message}. Replace it?`, "Replace", () => saveImport(true));
+    if (error.status === 409 && !replace) inquire("import-ask", `${error.message} Replace it?`, "Replace", () => saveImport(true));
     else $("import-told").textContent = error.message;
   }
 }

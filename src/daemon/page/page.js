@@ -75,6 +75,8 @@ function showOffered() {
 }
 
 let profiles = [];
+// A check that had to wait for another one, or for the start of a run, is asked for again after this time, ms.
+const PLAN_AGAIN_MS = 2000;
 
 // The list shows where a profile comes from.
 async function loadProfiles(chosen) {
@@ -107,6 +109,7 @@ async function plan() {
   } catch (error) {
     // A profile that cannot be used; another answer says nothing about the profile.
     planned = { name, text: error.message, refused: error.status === 422 };
+    if (error.status === 503) setTimeout(() => { if ($("profile").value === name) plan(); }, PLAN_AGAIN_MS);
   }
   showPlan();
 }

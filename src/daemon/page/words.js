@@ -52,7 +52,8 @@ function duration(seconds) {
   return minutes ? `${minutes} min ${String(s % 60).padStart(2, "0")} s` : `${s} s`;
 }
 
-const sentence = text => text ? text[0].toUpperCase() + text.slice(1) + (/[.!?]$/.test(text) ? "" : ".") : "";
+// A first word that is a name, as of a file or a key, keeps its small letter.
+const sentence = text => text ? (/^\S*[._\d]/.test(text) ? text[0] : text[0].toUpperCase()) + text.slice(1) + (/[.!?]$/.test(text) ? "" : ".") : "";
 
 // The cause of an ending without the word for the ending, which stands before it: "stopped" and "stopped by an operator".
 const withoutWord = (cause, ending) => ending && cause.startsWith(ending + " ") ? cause.slice(ending.length + 1) : cause;

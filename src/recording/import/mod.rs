@@ -5,6 +5,7 @@
 //! silently.
 
 mod error;
+mod imported;
 mod layout;
 mod mapping;
 mod number;
@@ -15,10 +16,10 @@ mod values;
 mod view;
 
 pub(crate) use error::ImportError;
+pub(crate) use imported::Imported;
 pub(crate) use mapping::{MapEntry, MapTarget, MappedColumn, parse_map};
 pub(crate) use number::DecimalSign;
 pub(crate) use save::{ImportSource, save};
-pub(crate) use text::TextEncoding;
 pub(crate) use view::view;
 
 use super::Recording;
@@ -43,46 +44,6 @@ pub(crate) struct ImportOptions {
     pub flip_force: bool,
     /// Turns the sign of the displacement.
     pub flip_displacement: bool,
-}
-
-/// A recording from a foreign table, with all that was decided on the way.
-#[derive(Debug, Clone, serde::Serialize)]
-pub(crate) struct Imported {
-    #[serde(skip)]
-    pub recording: Recording,
-    /// How the bytes were read as text.
-    pub encoding: TextEncoding,
-    /// Character between the columns.
-    pub separator: char,
-    /// Decimal sign of the numbers.
-    pub decimal: DecimalSign,
-    /// Line of the header, from 1; `None` if there is none.
-    pub header_row: Option<usize>,
-    /// Line of the first sample, from 1.
-    pub first_row: usize,
-    /// The columns that were read.
-    pub mapped: Vec<MappedColumn>,
-    /// True where names and units decided, false where the user did.
-    pub guessed: bool,
-    /// Names of the columns that were not read.
-    pub unused: Vec<String>,
-    /// Time between two samples in s, where there is no column of time.
-    pub interval_s: Option<f64>,
-    /// Columns whose sign was turned.
-    pub flipped: Vec<&'static str>,
-    /// What the user should look at, one sentence each.
-    pub notes: Vec<String>,
-}
-
-impl Imported {
-    /// The text for `--map` that gives the same columns again.
-    pub(crate) fn map_text(&self) -> String {
-        let entries = self.mapped.iter().map(|m| match m.factor {
-            1.0 => format!("{}={}", m.column, m.target.name()),
-            factor => format!("{}={}*{factor}", m.column, m.target.name()),
-        });
-        entries.collect::<Vec<_>>().join(",")
-    }
 }
 
 /// Reads a foreign table. `name` is for messages.

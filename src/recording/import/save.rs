@@ -6,7 +6,8 @@ use std::path::Path;
 use serde_json::json;
 use sha2::{Digest, Sha256};
 
-use super::{Imported, MapTarget};
+use super::imported::Imported;
+use super::mapping::MapTarget;
 use crate::recording::datapackage::{self, Resource};
 use crate::recording::{atomic_file, csv};
 
@@ -15,7 +16,7 @@ use crate::recording::{atomic_file, csv};
 pub(crate) struct ImportSource<'a> {
     /// Name of the foreign file.
     pub file_name: &'a str,
-    /// Its content.
+    /// Content of that file.
     pub bytes: &'a [u8],
     /// Time of the import, UTC, RFC 3339.
     pub imported_utc: &'a str,

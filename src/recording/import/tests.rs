@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::super::csv;
+use super::text::TextEncoding;
 use super::*;
 use crate::regular_file;
 
