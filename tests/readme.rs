@@ -12,19 +12,19 @@ use crate::cli;
 const PARSED_ONLY: &[(&str, &str)] = &[
     (
         "leafbench mock-rig --bench bench-configs/benches/mock-vcan.toml",
-        "needs CAN (vcan0); tests/vcan.rs runs it",
+        "needs CAN (vcan0); tests/two_processes.rs runs it",
     ),
     (
         "leafbench daemon --bench bench-configs/benches/mock-vcan.toml",
-        "needs CAN (vcan0); tests/vcan.rs runs it",
+        "needs CAN (vcan0); tests/two_processes.rs runs it",
     ),
     (
         "leafbench rig-check --link serial:/dev/ttyUSB0",
-        "needs a rig at a serial port; tests/rig_check runs it",
+        "needs a rig at a serial port; tests/rig_check runs it over a pseudo-terminal",
     ),
     (
         "leafbench papers",
-        "computes for minutes; tests/documents.rs and the tests of `papers` check its results",
+        "computes for minutes; the tests of `papers` and `identify` check its results",
     ),
 ];
 /// Commands of cargo that build or test: this test is one of them.

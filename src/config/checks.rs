@@ -326,7 +326,7 @@ pub(super) fn calibration(document: &Document, file: &CalibrationFile) -> Result
         .flat_map(|p| [p.reference, p.up, p.down.unwrap_or(0.0), p.reference_down()]);
     if numbers
         .into_iter()
-        .any(|number| !(number.abs() <= 2.0 * file.capacity))
+        .any(|number| number.is_nan() || number.abs() > 2.0 * file.capacity)
     {
         return Err(document.refuse("point", "a point is above twice the capacity: check the unit"));
     }

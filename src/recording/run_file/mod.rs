@@ -192,11 +192,7 @@ pub(crate) mod test_support {
                 tare: 0.012_34,
                 curve: [0.0; 2],
             },
-            force_sensor: SensorIdentity {
-                certificate: "LC-41".into(),
-                serial: "41".into(),
-                ..SensorIdentity::default()
-            },
+            force_sensor: SensorIdentity::default(),
             displacement_sensor: SensorIdentity::default(),
             twin: "equivalent".into(),
             first_cycle: 1,
