@@ -20,6 +20,9 @@ use crate::recording::{ChannelScale, Ending, Event, EventKind, FirmwareIdentity,
 const MOST_LIMITS: usize = 8;
 /// Lines of the notes.
 const MOST_NOTES: usize = 5;
+/// With more limits or notes than these the print is smaller, so that all of it is on the sheet.
+const FEW_LIMITS: usize = 4;
+const FEW_NOTES: usize = 2;
 /// Text values of the calibration of one sensor.
 const MOST_FACTS: usize = 7;
 /// Longest text of a person or a name, characters.
@@ -33,24 +36,28 @@ const LONGEST_NOTE: usize = 96;
 pub(crate) fn page(run: &RunFile) -> io::Result<String> {
     let (result, header) = (RunResult::of(run), run.header());
     let hash = run_file_sha256(run)?;
+    let notes = notes(&result, header, &run.events());
+    let dense = result.limits.len() > FEW_LIMITS || notes.len() > FEW_NOTES;
     let body = html! {
-        header {
-            h1 { "Test certificate" small { "Run " (header.run_id) } }
-            div class={ "verdict " (verdict_class(result.verdict)) } { (result.verdict.words()) }
-        }
-        p { b { (shortened(&sentence(&result.why), 2 * LONGEST_NOTE)) } }
-        (facts(&result, header))
-        (limits(&result.limits))
-        (values(&result))
-        div.pair {
-            (loops(&traces(run, &result)))
-            div { (calibrations(header)) }
-        }
-        (notes(&result, header, &run.events()))
-        (hashes(header, hash.as_deref()))
-        footer {
-            span { "leafbench " (header.program_version) ", firmware " (firmware(&header.firmware)) }
-            span { "Signed: ______________________________" }
+        div.dense[dense] {
+            header {
+                h1 { "Test certificate" small { "Run " (header.run_id) } }
+                div class={ "verdict " (verdict_class(result.verdict)) } { (result.verdict.words()) }
+            }
+            p { b { (shortened(&sentence(&result.why), 2 * LONGEST_NOTE)) } }
+            (facts(&result, header))
+            (limits(&result.limits))
+            (values(&result))
+            div.pair {
+                (loops(&traces(run, &result)))
+                div { (calibrations(header)) }
+            }
+            (notes_list(&notes))
+            (hashes(header, hash.as_deref()))
+            footer {
+                span { "leafbench " (header.program_version) ", firmware " (firmware(&header.firmware)) }
+                span { "Signed: ______________________________" }
+            }
         }
     };
     let title = format!("Certificate of run {}", header.run_id);
@@ -308,7 +315,7 @@ fn scaling(scale: ChannelScale, unit: &str) -> String {
 }
 
 /// What a reader must know beside the numbers: overrides, what tripped, what is missing.
-fn notes(result: &RunResult, header: &Header, events: &[Event]) -> Markup {
+fn notes(result: &RunResult, header: &Header, events: &[Event]) -> Vec<String> {
     let mut notes = header.remarks.clone();
     // A person who answers for something comes first.
     notes.sort_by_key(|remark| !remark.starts_with("override"));
@@ -329,6 +336,10 @@ fn notes(result: &RunResult, header: &Header, events: &[Event]) -> Markup {
         EventKind::ModelMismatch,
         EventKind::Operator,
     ]));
+    notes
+}
+
+fn notes_list(notes: &[String]) -> Markup {
     let more = notes.len().saturating_sub(MOST_NOTES);
     html! {
         @if !notes.is_empty() {

@@ -447,7 +447,22 @@ mod tests {
     use super::*;
     use crate::diagnose::{Baseline, DiagnoseOptions, diagnose};
     use crate::model::equivalent;
+    use crate::recording::Recording;
     use crate::truth::Case;
+
+    /// Takes a tenth of the samples away, in the middle.
+    fn lose_a_tenth(recording: &mut Recording) {
+        let (from, to) = (recording.len() * 9 / 20, recording.len() * 11 / 20);
+        for column in [
+            &mut recording.time_s,
+            &mut recording.displacement_mm,
+            &mut recording.force_n,
+        ] {
+            column.drain(from..to);
+        }
+        (recording.command, recording.command_mode) = (None, None);
+        (recording.cycle, recording.flags) = (None, None);
+    }
 
     #[test]
     fn the_page_is_complete_escapes_text_and_loads_nothing_from_elsewhere() {
@@ -457,13 +472,16 @@ mod tests {
             threads: 1,
             limits: None,
         };
+        let mut recordings = case.recordings[..2].to_vec();
+        lose_a_tenth(&mut recordings[0]);
         let d = diagnose(
-            &case.recordings[..2],
+            &recordings,
             &Baseline::of(&equivalent::MODEL),
             &options,
             &mut |_, _| {},
         )
         .expect("sound data");
+        assert!(!d.curves[0].breaks.is_empty(), "the line is broken at the gap");
         let inputs = [InputFile {
             name: "x".to_owned(),
             sha256: Some("0123abcd".to_owned()),
