@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use nix::sys::time::TimeValLike;
 
 use super::support::{Daemon, http, json, until};
-use crate::daemon::run_search::{RunQuery, RunResult};
+use crate::daemon::run_search::{RunQuery, WantedEnding};
 use crate::daemon::store::Store;
 use crate::recording::Recorder;
 use crate::recording::run_file::test_support::{header, outcome, sample};
@@ -119,7 +119,7 @@ fn the_list_follows_runs_that_begin_end_and_go() {
     // A run under way, then its end.
     let mut writer = begin(folder, 9);
     let open = RunQuery {
-        result: Some(RunResult::Open),
+        result: Some(WantedEnding::Open),
         ..RunQuery::default()
     };
     assert_eq!(ids(&store, folder, &open), newest_first(&[9]));
@@ -199,7 +199,7 @@ fn a_file_that_is_damaged_later_is_listed_as_damaged() {
     fill(folder, 4);
     let store = Store::new(folder);
     let damaged = RunQuery {
-        result: Some(RunResult::Damaged),
+        result: Some(WantedEnding::Damaged),
         ..RunQuery::default()
     };
     assert_eq!(ids(&store, folder, &damaged), Vec::<String>::new());
@@ -207,7 +207,7 @@ fn a_file_that_is_damaged_later_is_listed_as_damaged() {
     assert_eq!(ids(&store, folder, &damaged), [id(2)]);
     std::fs::write(path(folder, 1), "no run").expect("written");
     let unreadable = RunQuery {
-        result: Some(RunResult::Unreadable),
+        result: Some(WantedEnding::Unreadable),
         ..RunQuery::default()
     };
     assert_eq!(ids(&store, folder, &unreadable), [id(1)]);
@@ -251,7 +251,7 @@ fn searches(page: &RunQuery) -> [(&'static str, RunQuery); 5] {
                 specimen: Some("leaf 3".to_owned()),
                 operator: Some("ann".to_owned()),
                 since: Some("2026-01-02T00:00:00Z".parse().expect("a time")),
-                result: Some(RunResult::Completed),
+                result: Some(WantedEnding::Completed),
                 ..page.clone()
             },
         ),

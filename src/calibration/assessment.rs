@@ -87,7 +87,7 @@ impl Assessment {
 }
 
 /// Values of one criterion: reference and magnitude, N or mm.
-type Found = (Criterion, Vec<(f64, f64)>);
+type CriterionValues = (Criterion, Vec<(f64, f64)>);
 
 /// Assesses points with the polynomial that corrects them. `None` without a level above zero.
 pub(crate) fn assess(
@@ -118,7 +118,7 @@ pub(crate) fn assess(
         .map(|found| judged(found, standard))
         .collect();
     let allowed_by_all = |class: &&AccuracyClass| {
-        let holds = |(criterion, values): &Found| holds(class, *criterion, values);
+        let holds = |(criterion, values): &CriterionValues| holds(class, *criterion, values);
         found.iter().all(holds)
     };
     let class = standard.classes.iter().find(allowed_by_all);
@@ -162,7 +162,7 @@ fn found(
     figures: &SensorFigures,
     greatest: f64,
     series: u32,
-) -> Vec<Found> {
+) -> Vec<CriterionValues> {
     let each = |value: &dyn Fn(&LevelErrors) -> Option<f64>| -> Vec<(f64, f64)> {
         let values = levels.iter().filter_map(|l| Some((l.reference, value(l)?.abs())));
         values.collect()
@@ -212,7 +212,7 @@ fn holds(class: &AccuracyClass, criterion: Criterion, values: &[(f64, f64)]) -> 
     })
 }
 
-fn judged((criterion, values): &Found, standard: &Standard) -> CriterionResult {
+fn judged((criterion, values): &CriterionValues, standard: &Standard) -> CriterionResult {
     let share = |(reference, value): &(f64, f64)| value / reference.abs();
     let worst = values.iter().max_by(|a, b| share(a).total_cmp(&share(b)));
     let class = standard

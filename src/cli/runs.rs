@@ -6,7 +6,7 @@ use jiff::Timestamp;
 use super::shared::client::DataArg;
 use super::{CliCommand, CliError, Done, Output};
 use crate::daemon::client_types::{RunSummary, ended_words};
-use crate::daemon::run_search::{self, RunQuery, RunResult};
+use crate::daemon::run_search::{self, RunQuery, WantedEnding};
 use crate::daemon::store::Store;
 
 /// Characters of a time up to its seconds: `2026-11-23T09:16:21`.
@@ -69,16 +69,16 @@ enum ListedResult {
     Unreadable,
 }
 
-impl From<ListedResult> for RunResult {
-    fn from(result: ListedResult) -> RunResult {
+impl From<ListedResult> for WantedEnding {
+    fn from(result: ListedResult) -> WantedEnding {
         match result {
-            ListedResult::Completed => RunResult::Completed,
-            ListedResult::Stopped => RunResult::Stopped,
-            ListedResult::Aborted => RunResult::Aborted,
-            ListedResult::Open => RunResult::Open,
-            ListedResult::Incomplete => RunResult::Incomplete,
-            ListedResult::Damaged => RunResult::Damaged,
-            ListedResult::Unreadable => RunResult::Unreadable,
+            ListedResult::Completed => WantedEnding::Completed,
+            ListedResult::Stopped => WantedEnding::Stopped,
+            ListedResult::Aborted => WantedEnding::Aborted,
+            ListedResult::Open => WantedEnding::Open,
+            ListedResult::Incomplete => WantedEnding::Incomplete,
+            ListedResult::Damaged => WantedEnding::Damaged,
+            ListedResult::Unreadable => WantedEnding::Unreadable,
         }
     }
 }
@@ -93,7 +93,7 @@ impl FilterArgs {
             text: self.text,
             since: self.since,
             until: self.until,
-            result: self.result.map(RunResult::from),
+            result: self.result.map(WantedEnding::from),
             limit: limit.map(|limit| limit as usize),
             after: None,
         }

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::blocking::blocking;
-use super::commanding::Commanding;
 use super::client_types::{Accepted, Failure};
+use super::commanding::Commanding;
 use super::diagnoses::JobError;
 use super::diagnoses::job::{DiagnosisJob, IMPROVED, JobState};
 use super::error::ApiError;

@@ -21,7 +21,7 @@ const QUICK_BYTES: u64 = 6_000_000;
 /// How a run ended: the words of `ending`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum RunResult {
+pub(crate) enum WantedEnding {
     /// All segments ran.
     Completed,
     /// An operator stopped it.
@@ -38,17 +38,17 @@ pub(crate) enum RunResult {
     Unreadable,
 }
 
-impl RunResult {
+impl WantedEnding {
     /// The word in `ending`.
     fn word(self) -> &'static str {
         match self {
-            RunResult::Completed => "completed",
-            RunResult::Stopped => "stopped",
-            RunResult::Aborted => "aborted",
-            RunResult::Open => "open",
-            RunResult::Incomplete => "incomplete",
-            RunResult::Damaged => "damaged",
-            RunResult::Unreadable => "unreadable",
+            WantedEnding::Completed => "completed",
+            WantedEnding::Stopped => "stopped",
+            WantedEnding::Aborted => "aborted",
+            WantedEnding::Open => "open",
+            WantedEnding::Incomplete => "incomplete",
+            WantedEnding::Damaged => "damaged",
+            WantedEnding::Unreadable => "unreadable",
         }
     }
 }
@@ -76,7 +76,7 @@ pub(crate) struct RunQuery {
     pub until: Option<Timestamp>,
     /// How the run ended.
     #[param(inline)]
-    pub result: Option<RunResult>,
+    pub result: Option<WantedEnding>,
     /// Most runs of the answer; all without it.
     pub limit: Option<usize>,
     /// The answer goes on after this place: the header `leafbench-next` of the answer before.
