@@ -34,7 +34,7 @@ const PREVIEW_ROWS: usize = 8;
 /// Longest name of a recording, characters.
 const NAME_MAX_CHARS: usize = 64;
 
-type Answer<T> = Result<T, ApiError>;
+type HttpAnswer<T> = Result<T, ApiError>;
 
 /// How to read a foreign table.
 #[derive(Debug, Clone, Default, Deserialize, IntoParams)]
@@ -141,7 +141,7 @@ pub(super) struct ImportSummary {
 }
 
 impl ImportQuery {
-    fn options(&self) -> Answer<ImportOptions> {
+    fn options(&self) -> HttpAnswer<ImportOptions> {
         if let Some(dt) = self.dt.filter(|s| !(*s > 0.0 && *s <= 86_400.0)) {
             return Err(refused(
                 format!("{dt} is no time between two samples"),
@@ -158,7 +158,7 @@ impl ImportQuery {
     }
 
     /// The CSV to write.
-    fn csv(&self, state: &DaemonState) -> Answer<PathBuf> {
+    fn csv(&self, state: &DaemonState) -> HttpAnswer<PathBuf> {
         let allowed = |c: char| c.is_ascii_alphanumeric() || "-._".contains(c);
         let right = self.name.len() <= NAME_MAX_CHARS
             && self.name.chars().all(allowed)
@@ -195,7 +195,7 @@ pub(super) struct TableBody(Bytes);
 impl<S: Send + Sync> FromRequest<S> for TableBody {
     type Rejection = ApiError;
 
-    async fn from_request(request: Request, state: &S) -> Answer<Self> {
+    async fn from_request(request: Request, state: &S) -> HttpAnswer<Self> {
         let told = request.headers().get(header::CONTENT_LENGTH);
         let length: Option<usize> = told.and_then(|value| value.to_str().ok()?.parse().ok());
         if length.is_some_and(|bytes| bytes > TABLE_LIMIT) {
@@ -228,7 +228,7 @@ pub(super) async fn preview(
     State(state): App,
     query: Result<Query<ImportQuery>, QueryRejection>,
     TableBody(bytes): TableBody,
-) -> Answer<Json<ImportPreview>> {
+) -> HttpAnswer<Json<ImportPreview>> {
     let query = query?.0;
     blocking(&state, move |_| {
         let seen = view(&query.file, &bytes).map_err(|error| refused(for_the_page(&error), ""))?;
@@ -256,7 +256,7 @@ pub(super) async fn take(
     State(state): App,
     query: Result<Query<ImportQuery>, QueryRejection>,
     TableBody(bytes): TableBody,
-) -> Answer<Json<ImportSummary>> {
+) -> HttpAnswer<Json<ImportSummary>> {
     let query = query?.0;
     blocking(&state, move |state| {
         let csv = query.csv(state)?;
@@ -292,7 +292,7 @@ fn not_written(csv: &Path, error: &std::io::Error) -> ApiError {
 
 /// The imported recordings, by name.
 #[utoipa::path(get, path = "/api/imports", responses((status = 200, body = Vec<ImportSummary>)))]
-pub(super) async fn list(State(state): App) -> Answer<Json<Vec<ImportSummary>>> {
+pub(super) async fn list(State(state): App) -> HttpAnswer<Json<Vec<ImportSummary>>> {
     blocking(&state, |state| {
         // Before the first import there is no folder.
         let entries = std::fs::read_dir(folder(state)).into_iter().flatten().flatten();
@@ -307,7 +307,10 @@ pub(super) async fn list(State(state): App) -> Answer<Json<Vec<ImportSummary>>> 
 /// An imported recording as CSV.
 #[utoipa::path(get, path = "/api/imports/{name}", params(("name" = String, Path)),
     responses((status = 200, content_type = "text/csv", body = String), (status = 404, body = Failure)))]
-pub(super) async fn csv(State(state): App, extract::Path(name): extract::Path<String>) -> Answer<Response> {
+pub(super) async fn csv(
+    State(state): App,
+    extract::Path(name): extract::Path<String>,
+) -> HttpAnswer<Response> {
     let file_name = format!("{name}.csv");
     let bytes = blocking(&state, move |state| {
         let query = ImportQuery {

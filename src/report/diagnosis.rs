@@ -113,7 +113,7 @@ fn inputs(inputs: &[InputFile]) -> Markup {
                 tr { th { "File" } th { "Specimen" } th { "SHA-256" } }
                 @for i in inputs {
                     tr {
-                        td { (i.name) }
+                        td { (file_name(&i.name)) }
                         td { (i.specimen.as_deref().unwrap_or("not named")) }
                         td.hash { (i.sha256.as_deref().unwrap_or("none: the file is still being written")) }
                     }
@@ -121,6 +121,14 @@ fn inputs(inputs: &[InputFile]) -> Markup {
             }
         }
     }
+}
+
+/// The last part of a path: the hash tells files of one name apart.
+fn file_name(path: &str) -> &str {
+    std::path::Path::new(path)
+        .file_name()
+        .and_then(|name| name.to_str())
+        .unwrap_or(path)
 }
 
 fn counted(n: usize, what: &str) -> String {
