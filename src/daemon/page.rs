@@ -174,4 +174,24 @@ mod tests {
             }
         }
     }
+
+    /// All scripts share one scope: a name that two of them declare stops the second one.
+    #[test]
+    fn no_two_scripts_declare_one_name() {
+        let mut names: Vec<&str> = Vec::new();
+        for (_, kind, text) in FILES {
+            for line in text.lines().filter(|_| kind == SCRIPT) {
+                let declared = ["const ", "let ", "function ", "async function "]
+                    .iter()
+                    .find_map(|word| line.strip_prefix(word));
+                let end = |c: char| !(c.is_alphanumeric() || c == '_' || c == '$');
+                names.extend(declared.and_then(|rest| rest.split(end).next()));
+            }
+        }
+        let count = names.len();
+        assert!(count > 50, "{count} names found");
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), count, "rename one of two");
+    }
 }

@@ -3,7 +3,7 @@
 
 // JOBS_SHOWN newest diagnoses are shown. SURELY_MS: time for the second press on Remove, ms.
 const JOBS_SHOWN = 10, JOBS_PERIOD_MS = 700, SURELY_MS = 4000;
-const VERDICTS = { adequate: "The model is adequate", missing_physics: "The model lacks physics", unexplained: "Not explained" };
+const FOUND_WORDS = { adequate: "The model is adequate", missing_physics: "The model lacks physics", unexplained: "Not explained" };
 // Elements of the jobs by id. They stay, so that focus and report stay where they are.
 const jobElements = new Map();
 let jobsTimer = 0, jobsNumber = 0;
@@ -71,7 +71,7 @@ function jobElement(id) {
     const pending = job.state === "queued" || job.state === "running", found = job.found;
     const set = (element, text) => { if (element.textContent !== text) element.textContent = text; element.hidden = !text; };
     set(name, `Diagnosis of ${job.runs.length === 1 ? "run" : `${job.runs.length} runs:`} ${job.runs.join(", ")}`);
-    set(words, found ? `${VERDICTS[found.verdict] || found.verdict}. ${found.summary}` :
+    set(words, found ? `${FOUND_WORDS[found.verdict] || found.verdict}. ${found.summary}` :
       { queued: "It waits for the diagnosis before it.", running: "", failed: "It failed.", cancelled: "It was cancelled." }[job.state] || "");
     set(error, sentence(job.error));
     bar.hidden = !pending;
