@@ -152,7 +152,9 @@ fn tab_reaches_everything_in_order_with_a_visible_focus() {
             .as_u64()
             .expect("a number");
         let (mut places, mut wrong) = (Vec::new(), Vec::new());
-        for _ in 0..count {
+        // A field of a date has a stop for day, month, year and calendar.
+        let dates = page.value("document.querySelectorAll('input[type=date]').length");
+        for _ in 0..count + 3 * dates.as_u64().expect("a number") {
             tab(&mut page);
             let focused = page.value(&FOCUSED.replace("LIST", REACHABLE));
             places.push(focused[0].as_i64().expect("a place"));
@@ -160,6 +162,7 @@ fn tab_reaches_everything_in_order_with_a_visible_focus() {
                 wrong.push(focused.to_string());
             }
         }
+        places.dedup();
         let expected: Vec<i64> = (0..count as i64).collect();
         assert_eq!(places, expected, "{width}x{height}");
         assert_eq!(wrong, Vec::<String>::new(), "{width}x{height}");

@@ -115,7 +115,7 @@ fn a_diagnosis_is_followed_over_a_reload_and_leads_to_the_twin_and_to_the_next_t
     page.until("document.querySelector('#jobs li')");
     page.value("location.reload()");
     page.until("document.readyState === 'complete' && document.querySelector('#jobs li')");
-    page.until("document.querySelector('#jobs .hint').textContent.includes(' %: ') || document.querySelector('#jobs progress').hidden");
+    page.until("document.querySelector('#jobs .hint') && (document.querySelector('#jobs .hint').textContent.includes(' %: ') || document.querySelector('#jobs progress').hidden)");
     check(&mut page, "a diagnosis under way");
     page.until("document.querySelector('#jobs progress').hidden");
     let button = |words: &str| {

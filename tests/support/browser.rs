@@ -139,7 +139,10 @@ const MISPLACED: &str = "(() => {
   for (const e of document.querySelectorAll('button, strong, dd, dt, p, figcaption, th, label, li, #state-detail, #notice'))
     if (shown(e) && e.clientWidth && e.scrollWidth > e.clientWidth + 1) found.push(`cut: ${e.id || e.textContent}`);
   if (document.documentElement.scrollWidth > innerWidth) found.push(`the page is ${document.documentElement.scrollWidth} wide`);
-  const main = [...document.querySelectorAll('main button, main input, main select, main a')].filter(shown);
+  // What a list has scrolled out of sight lies over nothing.
+  const inSight = e => { const box = e.closest('.scroll'); if (!box) return true;
+    const [r, b] = [e.getBoundingClientRect(), box.getBoundingClientRect()]; return r.bottom <= b.bottom + 1 && r.top >= b.top - 1; };
+  const main = [...document.querySelectorAll('main button, main input, main select, main a')].filter(e => shown(e) && inSight(e));
   const head = [...document.querySelectorAll('header button, header output, header strong')].filter(shown);
   for (const group of [main, head]) for (const a of group) for (const b of group) if (a !== b) {
     const [p, q] = [a.getBoundingClientRect(), b.getBoundingClientRect()];
