@@ -4,7 +4,7 @@
 //! axe-core comes from npm and is no part of the project: `LEAFBENCH_AXE` is the path of its `axe.min.js`. Without it that test
 //! passes without running, unless `LEAFBENCH_REQUIRE_CHROMIUM` is set, as in CI.
 
-use serde_json::{Value, json};
+use serde_json::json;
 
 use super::support::Daemon;
 use super::support::browser::Page;
