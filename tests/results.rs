@@ -356,8 +356,9 @@ fn the_page_shows_the_result_over_the_plots_and_nothing_jumps() {
         return;
     };
     page.until_state("Ready");
-    let places = "JSON.stringify(['stop', 'run', 'legend-end', 'counts'].map(id => document.getElementById(id)).filter(Boolean)\
+    let places = "JSON.stringify(['stop', 'run', 'profile', 'loop', 'clear-peaks', 'counts'].map(id => document.getElementById(id))\
                   .map(e => [e.id, e.offsetLeft, e.offsetTop]))";
+    page.until("document.getElementById('band').innerText.includes('N') && document.getElementById('counts').innerText !== ''");
     let before = page.value(places);
     let text = std::fs::read_to_string(short_sine(folder.path())).expect("written");
     let started = post(&daemon, "/api/run", &serde_json::json!({ "profile": text }));

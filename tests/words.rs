@@ -8,6 +8,8 @@ use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 
 use super::support::{config, leafbench};
+use sha2::{Digest, Sha256};
+
 use crate::recording::Recording;
 use crate::truth::{Case, Family, sensors};
 
@@ -279,6 +281,11 @@ fn numbers_become_number_signs_and_words_stay() {
     );
 }
 
+/// True for a SHA-256 in hex.
+fn is_hash(text: &str) -> bool {
+    text.len() == 64 && text.chars().all(|c| c.is_ascii_hexdigit())
+}
+
 /// The terminal's text and the words of the report after a command.
 fn reported(arguments: &[&str], folder: &Path) -> String {
     let (code, stdout, stderr) = said(arguments, folder);
@@ -288,6 +295,11 @@ fn reported(arguments: &[&str], folder: &Path) -> String {
         "=== terminal\n{}\n\n=== report.html\n{}\n",
         stdout.trim_end(),
         without_tags(&page)
+            .replace(folder.to_str().expect("UTF-8"), "DIR")
+            .lines()
+            .map(|line| if is_hash(line) { "HASH" } else { line })
+            .collect::<Vec<_>>()
+            .join("\n")
     );
     // Runs of blanks depend on the width of numbers.
     let words = without_numbers(&words);
@@ -315,7 +327,14 @@ fn diagnosed(case: &Case, recordings: usize, every: usize) -> String {
     }
     let mut arguments = vec!["diagnose", "--out", "DIR/out"];
     arguments.extend(paths.iter().map(String::as_str));
-    reported(&arguments, folder.path())
+    let words = reported(&arguments, folder.path());
+    let page = std::fs::read_to_string(folder.path().join("out/report.html")).expect("written");
+    for path in &paths {
+        let hash = Sha256::digest(std::fs::read(path).expect("written"));
+        let hash: String = hash.iter().map(|byte| format!("{byte:02x}")).collect();
+        assert!(page.contains(&hash), "the report has no hash of {path}");
+    }
+    words
 }
 
 #[test]

@@ -38,6 +38,7 @@ function closeResult() {
   if (!resultShown) return;
   resultShown = null;
   $("result").hidden = true;
+  $("result-open").hidden = false;
 }
 
 function showResult(r) {
@@ -60,6 +61,7 @@ function showResult(r) {
   $("result-values").replaceChildren(...r.values.map(v => valueRow(v, counted)),
     countRow(`${r.samples} samples, ${r.lost} lost, ${r.late} late, ${r.flagged} flagged`, counted));
   $("result").hidden = false;
+  $("result-open").hidden = true;
   drawResult();
 }
 
