@@ -203,8 +203,10 @@ def check_facts(facts, run):
     assert hashlib.sha256(run.path.read_bytes()).hexdigest() == facts["run_file_sha256"]
     assert int(facts["calibration_hash"], 16) == header["firmware"]["calibration_hash"]
     calibration = json.loads(facts["calibration"])
-    assert calibration["force_n"] == header["force_channel"]
-    assert calibration["displacement_mm"] == header["displacement_channel"]
+    for column, name in (("force_n", "force"), ("displacement_mm", "displacement")):
+        # The scale with the identity of the sensor (serial number, certificate), where the bench states one.
+        sensor = {key: value for key, value in header.get(f"{name}_sensor", {}).items() if value != ""}
+        assert calibration[column] == {**header[f"{name}_channel"], **sensor}, calibration[column]
     assert float(facts["sample_rate_hz"]) == header["sample_rate_hz"]
     details = json.loads(facts["leafbench"])
     assert details["outcome"] == run.outcome and details["run_id"] == header["run_id"]
