@@ -60,6 +60,7 @@ mod templates;
 mod twin_sensitivity;
 mod two_processes;
 mod vcan;
+mod whole_day;
 mod wire_log;
 mod words;
 mod worlds;

@@ -94,8 +94,7 @@ fn axe_core_finds_no_serious_violation_in_any_state_and_theme() {
     page.value(FROZEN);
     let mut found = String::new();
     for theme in ["light", "dark"] {
-        let features = json!([{ "name": "prefers-color-scheme", "value": theme }]);
-        page.ask("Emulation.setEmulatedMedia", &json!({ "features": features }));
+        page.theme(theme);
         for (state, script) in STATES {
             page.value(&format!("{script}; true"));
             match state {

@@ -126,6 +126,20 @@ impl Page {
         self.mouse("mouseReleased", id);
     }
 
+    /// What the window shows, as a PNG file.
+    pub fn screenshot(&mut self, file: &std::path::Path) {
+        let answer = self.ask("Page.captureScreenshot", &json!({ "format": "png" }));
+        let data = answer["data"].as_str().expect("an image");
+        let image = data_encoding::BASE64.decode(data.as_bytes()).expect("base64");
+        std::fs::write(file, image).expect("written");
+    }
+
+    /// Shows the page as a computer with this theme does: `light` or `dark`.
+    pub fn theme(&mut self, theme: &str) {
+        let features = json!([{ "name": "prefers-color-scheme", "value": theme }]);
+        self.ask("Emulation.setEmulatedMedia", &json!({ "features": features }));
+    }
+
     /// Everything that is cut off, lies outside of the window, or lies over something else that can be pressed.
     pub fn misplaced(&mut self) -> String {
         let found = self.value(MISPLACED);

@@ -107,6 +107,9 @@ function runDetails(run, detail) {
     links.append(b);
   };
   const link = (text, path) => links.append(make("a", { textContent: text, href: `api/runs/${run.run_id}/${path}` }));
+  // The panel lies over the plots: it is brought into sight.
+  button("Result", async () => { await openResult(run.run_id); $("result").scrollIntoView({ block: "center" }); $("result-close").focus(); });
+  link("Certificate", "certificate");
   const whole = run.ending !== "damaged" && run.ending !== "incomplete";
   if (run.ending !== "open") {
     link(whole ? "CSV" : "CSV, what is left", whole ? "csv" : "csv?partial=1");

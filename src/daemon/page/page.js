@@ -138,7 +138,8 @@ function showPlan() {
 $("profile").addEventListener("change", plan);
 for (const id of ["specimen", "operator"]) {
   $(id).value = localStorage.getItem(id) || "";
-  $(id).addEventListener("change", () => localStorage.setItem(id, $(id).value));
+  // At each letter: a page that is loaded again while somebody writes forgets nothing.
+  $(id).addEventListener("input", () => localStorage.setItem(id, $(id).value));
 }
 
 // ---- status
