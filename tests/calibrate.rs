@@ -300,6 +300,10 @@ fn bring(daemon: &Daemon, reading_mm: f64) -> f64 {
         let away = reading_mm - now()?;
         if away.abs() > 0.05 {
             json(&daemon.data, &["jog", &format!("{:.4}", away.clamp(-2.0, 2.0))]);
+            // A further step while it moves would be added to this one.
+            until("the end of the step", || {
+                daemon.status()["rig"]["hold_left_s"].is_number().then_some(())
+            });
         }
         let window: serde_json::Value = http::get_json(daemon, "/api/reading");
         let sensor = &window["displacement"];

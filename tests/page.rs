@@ -80,7 +80,7 @@ fn escape_stops_from_everywhere_and_space_where_nobody_types() {
     assert_eq!(page.text("state"), "Running");
     page.key("Escape", "");
     page.until_state("Ready");
-    assert_eq!(causes(folder.path()), ["key Esc on the page"]);
+    assert_eq!(causes(folder.path()), ["stopped by key Esc on the page"]);
 
     // A button that was clicked keeps the focus: Space stops all the same, and does not press it again.
     run(&daemon, &mut page);
@@ -89,7 +89,13 @@ fn escape_stops_from_everywhere_and_space_where_nobody_types() {
     page.until_state("Ready");
     let mut told = causes(folder.path());
     told.sort();
-    assert_eq!(told, ["key Esc on the page", "key Space on the page"]);
+    assert_eq!(
+        told,
+        [
+            "stopped by key Esc on the page",
+            "stopped by key Space on the page"
+        ]
+    );
 }
 
 #[test]

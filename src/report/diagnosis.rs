@@ -145,9 +145,9 @@ fn notes(d: &Diagnosis) -> Markup {
                 @for n in &d.notes {
                     tr {
                         td { (n.recording) }
-                        td { (n.kind.word()) }
+                        td.word { (n.kind.word()) }
                         td.n { (figure(n.size.value)) " " (n.size.unit) }
-                        td { (n.done.word()) }
+                        td.word { (n.done.word()) }
                         td { (n.text) }
                     }
                 }

@@ -17,7 +17,7 @@ async function stop(reason) {
   try { await ask("api/stop", { reason }); } catch (error) { say(`Stop was not taken: ${error.message}`); }
 }
 
-$("stop").addEventListener("click", () => stop("Stop button of the page"));
+$("stop").addEventListener("click", () => stop("stopped by the Stop button of the page"));
 
 // Escape stops always, Space where nobody types or chooses. A button that has the focus is pressed by Enter.
 const isField = element => !!element && element.matches("input, select, textarea");
@@ -25,7 +25,7 @@ document.addEventListener("keydown", event => {
   const stops = event.key === "Escape" || (event.key === " " && !isField(event.target));
   if (!stops) return;
   event.preventDefault();
-  if (!event.repeat) stop(`key ${event.key === " " ? "Space" : "Esc"} on the page`);
+  if (!event.repeat) stop(`stopped by key ${event.key === " " ? "Space" : "Esc"} on the page`);
 }, true);
 document.addEventListener("keyup", event => {
   if (event.key === " " && !isField(event.target)) event.preventDefault();

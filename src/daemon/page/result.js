@@ -97,6 +97,9 @@ function countRow(text, counted) {
 function drawResult() {
   if (!resultShown) return;
   const rows = resultOf.cycles.filter(c => c.complete);
+  // One cycle has no trend: the tables get the room.
+  $("result-plots").hidden = rows.length < 2;
+  if (rows.length < 2) return;
   resultPlots = resultPlots.length ? resultPlots : [
     ["result-peak", "force_peak_n", "peak force"], ["result-energy", "loop_energy_j", "loop energy"],
     ["result-rate", "secant_rate_n_per_mm", "secant rate"]].map(([id, key, what]) => ({ id, key, what }));
@@ -106,7 +109,6 @@ function drawResult() {
     const plot = new Plot($(id), "", "", 3, least);
     plot.draw([{ x: rows.map(c => c.cycle), y, colour: style("--measured"), width: 2.5 }], {
       yLimits: resultOf.limits.filter(l => l.what === what).map(l => l.limit),
-      silent: rows.length > 1 ? "" : "fewer than two cycles",
     });
   }
 }
