@@ -238,6 +238,25 @@ fn new_files_pass_the_plan_as_they_are() {
 }
 
 #[test]
+fn a_profile_that_was_saved_on_the_page_is_found_by_its_name() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    std::fs::create_dir_all(folder.join("my-data/profiles")).expect("made");
+    assert_eq!(run_in(folder, &["new", "profile", "my-own"]).0, 0);
+    std::fs::rename(
+        folder.join("my-own.toml"),
+        folder.join("my-data/profiles/my-own.toml"),
+    )
+    .expect("moved");
+    let (code, told) = run_in(folder, &["plan", "my-own"]);
+    assert!(code == 2 && told.contains("there is no profile"), "{told}");
+    let (code, told) = run_in(folder, &["plan", "my-own", "--data", "my-data"]);
+    assert!(code == 0 && told.contains("stays within every limit"), "{told}");
+    let (code, told) = run_in(folder, &["plan", "static-ramp", "--data", "my-data"]);
+    assert!(code == 0, "{told}");
+}
+
+#[test]
 fn mistyped_names_are_asked_about() {
     for (arguments, meant) in [
         (&["plan", "static-rmp"][..], "did you mean static-ramp?"),

@@ -12,6 +12,9 @@ use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::recording::atomic_file;
 use crate::regular_file::{self, WRITTEN_MAX_BYTES};
 
+/// Folder of the technician's own profiles in the data folder.
+pub(crate) const OWN_PROFILES: &str = "profiles";
+
 /// Why a profile cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum LibraryError {

@@ -15,12 +15,12 @@ use crate::units::Mode;
 
 /// Samples per second that a viewer gets: 80 for each loop at 2.5 Hz.
 const POINTS_PER_S: f64 = 200.0;
-/// Samples in one message: 25 messages per second.
-const POINTS_A_BATCH: usize = 8;
-/// Batches that a viewer may lag behind: about 2.5 s.
-const RING_BATCHES: usize = 64;
+/// Samples in one message: 40 messages per second, because the page draws at each, and 30 drawings per second look smooth.
+const POINTS_A_BATCH: usize = 5;
+/// Batches that a viewer may lag behind: about 3 s.
+const RING_BATCHES: usize = 128;
 /// Batches that a new viewer gets: the last 20 s.
-const RECENT_BATCHES: usize = 500;
+const RECENT_BATCHES: usize = 800;
 
 /// Thinned samples of one run, as columns of equal length.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
@@ -233,9 +233,9 @@ mod tests {
         let live = Live::default();
         let (_, mut viewer) = live.subscribe();
         let mut recorder = recorder(&live);
-        (0..40).for_each(|tick| recorder.sample(&sample(tick)));
+        (0..25).for_each(|tick| recorder.sample(&sample(tick)));
         let batch = viewer.try_recv().expect("a batch");
-        assert_eq!(batch.time_s, [0.0, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03, 0.035]);
+        assert_eq!(batch.time_s, [0.0, 0.005, 0.01, 0.015, 0.02]);
     }
 
     #[test]
@@ -276,10 +276,10 @@ mod tests {
                 got += 1;
             }
         }
-        assert_eq!(got, 1000);
+        assert_eq!(got, 1600);
         assert!(
-            matches!(slow.try_recv(), Err(TryRecvError::Lagged(936))),
-            "64 of 1000 are kept"
+            matches!(slow.try_recv(), Err(TryRecvError::Lagged(1472))),
+            "128 of 1600 are kept"
         );
         assert!(slow.try_recv().is_ok());
         assert_eq!(

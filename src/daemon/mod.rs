@@ -111,8 +111,6 @@ pub(crate) use state::DaemonSettings;
 /// Longest wait for the rig to unload when the daemon ends. Unloading from 15 mm at 5 mm/s takes 3 s; the daemon must end
 /// within 5 s.
 const UNLOAD_AT_EXIT: Duration = Duration::from_millis(4200);
-/// Folder of the technician's own profiles in the data folder.
-const OWN_PROFILES: &str = "profiles";
 /// Time between two attempts to open a lost link.
 const RELINK_PERIOD: Duration = Duration::from_secs(1);
 /// Time between two looks at the free space of the disk.
@@ -159,8 +157,8 @@ impl Daemon {
             source,
         })?;
         settings.listen = address;
-        let library =
-            Library::open(&settings.profiles_folder)?.with_own(settings.data_folder.join(OWN_PROFILES));
+        let library = Library::open(&settings.profiles_folder)?
+            .with_own(settings.data_folder.join(library::OWN_PROFILES));
         let store = Store::new(&settings.data_folder);
         for sentence in store.close_left_open()? {
             tracing::warn!("{sentence}");

@@ -1,4 +1,4 @@
-//! `/api/live`: a WebSocket that sends thinned samples 25 times per second and the status 10 times per second. A viewer
+//! `/api/live`: a WebSocket that sends thinned samples 40 times per second and the status 10 times per second. A viewer
 //! that reads too slowly is told how many samples it missed, and does not delay the others.
 
 use std::sync::Arc;

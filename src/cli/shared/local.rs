@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::client::DATA_VARIABLE;
 use super::error::CliError;
 use crate::config::Bench;
 use crate::daemon::library::{self, Library};
@@ -74,17 +75,28 @@ pub(crate) struct ProfileArgs {
     profile: String,
     #[command(flatten)]
     folder: ProfilesArg,
+    /// Data folder of a daemon, whose own profiles are found by name too
+    #[arg(
+        long = "data",
+        value_name = "DIR",
+        env = DATA_VARIABLE,
+        default_value = "leafbench-data"
+    )]
+    data: PathBuf,
 }
 
 impl ProfileArgs {
-    /// The profile and its text, from its file, or by name from the folder of profiles.
+    /// The profile and its text, from its file, or by name from the technician's own ones and the folder of profiles.
     pub(crate) fn load(&self) -> Result<(Profile, String), CliError> {
         let path = Path::new(&self.profile);
         if path.extension().is_some_and(|e| e == "toml") {
             require_file(path, WrittenKind::Profile)?;
             return Ok(library::read(path)?);
         }
-        Ok(Library::open(&self.folder.folder()?)?.find(&self.profile)?)
+        let library = Library::open(&self.folder.folder()?)?;
+        Ok(library
+            .with_own(self.data.join(library::OWN_PROFILES))
+            .find(&self.profile)?)
     }
 }
 
