@@ -260,6 +260,11 @@ fn run_with_hold_and_reload(daemon: &Daemon, day: &mut Day) {
         .until("document.readyState === 'complete' && typeof points === 'object'");
     day.page.until_state("Running");
     day.page.until("points.t.length > 100 && isMine()");
+    assert_eq!(
+        day.page.value("points.t[0] < 1"),
+        true,
+        "the page shows the run from its start again"
+    );
     day.station("loaded-again", "loop");
     day.page.until("!document.getElementById('result').hidden");
     day.page.until_state("Ready");
@@ -272,6 +277,11 @@ fn run_with_hold_and_reload(daemon: &Daemon, day: &mut Day) {
     let mut certificate = Page::open(address.as_str().expect("a link"), 820, 1160).expect("as the first one");
     certificate
         .until("document.readyState === 'complete' && document.body.innerText.includes('samurai-front 7')");
+    assert_eq!(
+        certificate.value("document.body.innerText.includes('8 of 8 complete')"),
+        true,
+        "the cycle that was held and repeated counts once"
+    );
     certificate.screenshot(&day.folder.join("certificate.png"));
     day.press("result-close");
 }

@@ -93,7 +93,7 @@ pub(crate) struct CycleSummary {
     pub lost: u64,
     /// Samples left out of the values below because of their flags.
     pub excluded: u64,
-    /// False if the run ended within it.
+    /// False if the run ended within it, or a hold interrupted it and it was repeated.
     pub complete: bool,
     /// Peak and valley of the displacement in mm.
     pub displacement_mm: Range,
@@ -121,6 +121,10 @@ struct OpenCycle {
     from_s: f64,
     to_s: f64,
     samples: u64,
+    /// Samples of holds within it.
+    held: u64,
+    /// Samples since its newest one, all of a hold or of an unloading.
+    paused: u64,
     excluded: u64,
     displacement_mm: Option<Range>,
     force_n: Option<Range>,
@@ -129,8 +133,15 @@ struct OpenCycle {
 }
 
 impl CycleMeter {
-    /// Takes the next sample; returns the summary of the cycle that ended before it.
+    /// Takes the next sample; returns the summary of the cycle that ended before it. A hold belongs to no cycle: a cycle that
+    /// goes on after it is one, and one that is repeated from its start leaves its first piece incomplete.
     pub(crate) fn add(&mut self, sample: &Sample) -> Option<CycleSummary> {
+        if sample.flags.contains(Flags::NOT_PROFILE) {
+            if let Some(open) = &mut self.open {
+                open.paused += 1;
+            }
+            return None;
+        }
         let mut ended = None;
         if self.open.as_ref().is_some_and(|open| open.cycle != sample.cycle) {
             ended = self.open.take().and_then(|open| open.summary(true));
@@ -158,6 +169,8 @@ impl OpenCycle {
             from_s: sample.time_s,
             to_s: sample.time_s,
             samples: 0,
+            held: 0,
+            paused: 0,
             excluded: 0,
             displacement_mm: None,
             force_n: None,
@@ -168,6 +181,7 @@ impl OpenCycle {
 
     fn add(&mut self, sample: &Sample) {
         self.samples += 1;
+        self.held += std::mem::take(&mut self.paused);
         self.last_tick = sample.tick;
         self.to_s = sample.time_s;
         if sample.flags.intersects(Flags::UNUSABLE) {
@@ -190,9 +204,9 @@ impl OpenCycle {
             from_s: self.from_s,
             to_s: self.to_s,
             samples: self.samples,
-            lost: (self.last_tick - self.first_tick + 1).saturating_sub(self.samples),
+            lost: (self.last_tick - self.first_tick + 1).saturating_sub(self.samples + self.held),
             excluded: self.excluded,
-            complete,
+            complete: complete && self.paused == 0,
             displacement_mm,
             force_n,
             loop_energy_j: self.integral.energy_j(),
@@ -320,6 +334,75 @@ mod tests {
         let last = meter.finish(false).unwrap();
         assert_eq!((last.cycle, last.complete, last.samples), (3, false, 500));
         assert_eq!(meter.finish(false), None);
+    }
+
+    /// The samples of a hold or of an unloading: in no cycle.
+    fn paused(tick: u64) -> Sample {
+        let mut s = Sample {
+            cycle: 0,
+            ..sample(tick)
+        };
+        s.flags.insert(Flags::NOT_PROFILE);
+        s
+    }
+
+    /// Number, samples, lost samples, complete.
+    fn told(ended: &[CycleSummary]) -> Vec<(u32, u64, u64, bool)> {
+        ended
+            .iter()
+            .map(|c| (c.cycle, c.samples, c.lost, c.complete))
+            .collect()
+    }
+
+    #[test]
+    fn a_cycle_that_is_repeated_after_a_hold_counts_once() {
+        let mut meter = CycleMeter::default();
+        let taper = (1800..2000).map(|tick| Sample {
+            cycle: 0,
+            ..sample(tick)
+        });
+        let again = (2000..3000).map(|tick| Sample {
+            cycle: 2,
+            ..sample(tick)
+        });
+        let run = (0..1300)
+            .map(sample)
+            .chain((1300..1800).map(paused))
+            .chain(taper)
+            .chain(again);
+        let mut ended: Vec<CycleSummary> = run.filter_map(|s| meter.add(&s)).collect();
+        ended.extend(meter.finish(true));
+        assert_eq!(
+            told(&ended),
+            [(1, 1000, 0, true), (2, 300, 0, false), (2, 1000, 0, true)]
+        );
+    }
+
+    #[test]
+    fn a_cycle_that_goes_on_after_a_hold_is_one_and_a_hold_is_no_loss() {
+        let mut meter = CycleMeter::default();
+        let later = |tick: u64| Sample {
+            tick: tick + 500,
+            ..sample(tick)
+        };
+        let run = (0..300)
+            .map(sample)
+            .chain((300..800).map(paused))
+            .chain((300..1000).map(later));
+        assert_eq!(run.filter_map(|s| meter.add(&s)).count(), 0);
+        assert_eq!(
+            told(&[meter.finish(true).expect("a cycle")]),
+            [(1, 1000, 0, true)]
+        );
+    }
+
+    #[test]
+    fn a_cycle_in_which_the_rig_was_stopped_is_not_complete() {
+        let mut meter = CycleMeter::default();
+        let run = (0..1300).map(sample).chain((1300..1800).map(paused));
+        let mut ended: Vec<CycleSummary> = run.filter_map(|s| meter.add(&s)).collect();
+        ended.extend(meter.finish(false));
+        assert_eq!(told(&ended), [(1, 1000, 0, true), (2, 300, 0, false)]);
     }
 
     #[test]

@@ -88,7 +88,7 @@ impl LoopBranch {
 impl RunOverlay {
     /// Reads a run. `survey` is that of the same file.
     pub(crate) fn of(run: &RunFile, survey: &Survey) -> RunOverlay {
-        let complete = survey.cycles.iter().filter(|span| span.complete).count();
+        let complete = survey.unbroken_cycles().count();
         let (mut points, figures) = motion(run);
         let cycles = if complete > 1 { complete } else { 0 };
         if cycles > 0 {

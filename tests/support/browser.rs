@@ -150,7 +150,7 @@ impl Page {
 /// Texts that are longer than their place, a page wider than its window, buttons that lie over each other.
 const MISPLACED: &str = "(() => {
   const found = [], shown = e => e.offsetParent !== null || getComputedStyle(e).position === 'fixed';
-  for (const e of document.querySelectorAll('button, strong, dd, dt, p, figcaption, th, label, li, #state-detail, #notice'))
+  for (const e of document.querySelectorAll('button, strong, dd, dt, p, figcaption, th, label, li, #state-detail, #notice, .clear'))
     if (shown(e) && e.clientWidth && e.scrollWidth > e.clientWidth + 1) found.push(`cut: ${e.id || e.textContent}`);
   if (document.documentElement.scrollWidth > innerWidth) found.push(`the page is ${document.documentElement.scrollWidth} wide`);
   // What a list has scrolled out of sight lies over nothing.

@@ -43,7 +43,8 @@ function thinOut() {
   }
 }
 
-const isLive = () => !!status && status.rig.phase !== "connecting" && performance.now() - samplesAt < STALE_MS;
+// A page that has just been opened gets the samples of the last seconds before the first status: they are live.
+const isLive = () => (!status || status.rig.phase !== "connecting") && performance.now() - samplesAt < STALE_MS;
 
 // The traces of a rig that is not heard any more are taken away.
 function forgetStale() {

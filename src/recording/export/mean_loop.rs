@@ -1,4 +1,4 @@
-//! The mean over the complete counted cycles, tick by tick from the start of the cycle.
+//! The mean over the complete counted cycles without a hold, tick by tick from the start of the cycle.
 
 use std::io::{self, Write};
 
@@ -71,12 +71,7 @@ impl MeanLoopBin {
 
 /// One bin for each tick after the start of a cycle. Their number is the median length of a cycle in ticks.
 pub(crate) fn mean_bins(run: &RunFile, survey: &Survey) -> Vec<MeanLoopBin> {
-    let complete: Vec<CycleSpan> = survey
-        .cycles
-        .iter()
-        .copied()
-        .filter(|span| span.complete)
-        .collect();
+    let complete: Vec<CycleSpan> = survey.unbroken_cycles().copied().collect();
     let mut lengths: Vec<u64> = complete
         .iter()
         .map(|span| span.last_tick - span.first_tick + 1)

@@ -181,7 +181,7 @@ fn check(run: &RunFile, selection: Selection, survey: &Survey) -> Result<(), Exp
     let run = run.path().to_owned();
     match selection {
         Selection::Every(0) => Err(ExportError::EveryZero),
-        Selection::MeanLoop if survey.cycles_completed() == 0 => Err(ExportError::NoLoop { run }),
+        Selection::MeanLoop if survey.unbroken_cycles().next().is_none() => Err(ExportError::NoLoop { run }),
         Selection::Cycle(cycle) if !survey.cycles.iter().any(|span| span.cycle == cycle) => {
             let advice = match (survey.cycles.first(), survey.cycles.last()) {
                 (Some(first), Some(last)) => {
@@ -408,6 +408,38 @@ mod tests {
             text.lines().nth(100).unwrap().ends_with(",3"),
             "three cycles have a sample at 0.099 s"
         );
+    }
+
+    #[test]
+    fn a_cycle_that_was_held_and_repeated_is_once_in_the_cycles_and_in_the_mean_loop() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.leafrun");
+        let mut writer = RunFileWriter::create(&path, &header()).unwrap();
+        for tick in 0..3000 {
+            let mut s = sample(tick);
+            // 300 ms of cycle 2, a hold, the taper in, and cycle 2 again.
+            match tick {
+                0..1300 => {}
+                1300..1800 => {
+                    s.cycle = 0;
+                    s.flags.insert(crate::recording::Flags::NOT_PROFILE);
+                }
+                1800..2000 => s.cycle = 0,
+                _ => s.cycle = 2,
+            }
+            writer.sample(&s);
+        }
+        writer.end(&outcome(3000));
+        let run = RunFile::open(&path).unwrap();
+        let survey = run.survey();
+        let spans: Vec<_> = survey.cycles.iter().map(|c| (c.cycle, c.complete)).collect();
+        assert_eq!(spans, [(1, true), (2, false), (2, true)]);
+        assert_eq!(survey.cycles_completed(), 2);
+        let bins = mean_loop::mean_bins(&run, &survey);
+        assert_eq!(bins.len(), 1000);
+        assert!(bins.iter().all(|bin| bin.count == 2), "each of both cycles once");
+        let rows = export_cycles(&run, &folder.path().join("cycles.csv")).unwrap();
+        assert_eq!(rows.iter().filter(|row| row.complete).count(), 2);
     }
 
     #[test]

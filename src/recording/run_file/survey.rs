@@ -15,6 +15,26 @@ pub(crate) struct CycleSpan {
     pub last_tick: u64,
     /// True if the run went on after it: it ran to its end.
     pub complete: bool,
+    /// True if a hold lies within it, after which it went on. A cycle that was repeated after a hold is two spans.
+    pub held: bool,
+    /// The rig holds or unloads since its last tick.
+    paused: bool,
+    /// Something else of the profile came after it: no sample belongs to it any more.
+    over: bool,
+}
+
+impl CycleSpan {
+    fn starting_at(sample: &Sample) -> CycleSpan {
+        CycleSpan {
+            cycle: sample.cycle,
+            first_tick: sample.tick,
+            last_tick: sample.tick,
+            complete: false,
+            held: false,
+            paused: false,
+            over: false,
+        }
+    }
 }
 
 /// Result of one pass. `samples + lost + damaged + unsaved` = ticks from first to last.
@@ -66,7 +86,7 @@ impl Survey {
         survey.ticks = ticks;
         if let (Some(outcome), Some(span)) = (outcome, survey.cycles.last_mut()) {
             // If the profile ends with a counted cycle, only the outcome says that it is complete.
-            span.complete |= outcome.ending == Ending::Completed;
+            span.complete |= outcome.ending == Ending::Completed && !span.over && !span.paused;
         }
         survey
     }
@@ -74,6 +94,11 @@ impl Survey {
     /// Counted cycles that ran to their end.
     pub(crate) fn cycles_completed(&self) -> u32 {
         self.cycles.iter().filter(|cycle| cycle.complete).count() as u32
+    }
+
+    /// The complete cycles without a hold: those that can be laid over each other tick by tick.
+    pub(crate) fn unbroken_cycles(&self) -> impl Iterator<Item = &CycleSpan> {
+        self.cycles.iter().filter(|span| span.complete && !span.held)
     }
 
     /// Why an export of this file is not all that the run recorded, as sentences; empty if it is.
@@ -102,21 +127,21 @@ impl Survey {
         {
             self.modes.push(mode);
         }
-        match self.cycles.last_mut() {
-            Some(span) if span.cycle == sample.cycle => {
-                span.last_tick = sample.tick;
+        if let Some(span) = self.cycles.last_mut().filter(|span| !span.over) {
+            if sample.flags.contains(Flags::NOT_PROFILE) {
+                span.paused = true;
                 return;
             }
-            Some(span) => span.complete = true,
-            None => {}
+            if span.cycle == sample.cycle {
+                span.last_tick = sample.tick;
+                span.held |= std::mem::take(&mut span.paused);
+                return;
+            }
+            span.over = true;
+            span.complete = !span.paused;
         }
         if sample.cycle > 0 {
-            self.cycles.push(CycleSpan {
-                cycle: sample.cycle,
-                first_tick: sample.tick,
-                last_tick: sample.tick,
-                complete: false,
-            });
+            self.cycles.push(CycleSpan::starting_at(sample));
         }
     }
 }
