@@ -259,7 +259,11 @@ fn a_certificate_is_one_sheet_however_much_there_is_to_say() {
 fn a_certificate_tells_of_a_trip_and_has_the_hash_of_the_run_file() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("run.leafrun");
-    let mut writer = RunFileWriter::create(&path, &test_support::header()).expect("created");
+    let mut header = test_support::header();
+    header.force_sensor.serial = "LC-0041".to_owned();
+    header.force_sensor.class = "0.5 of ISO 7500-1".to_owned();
+    header.force_sensor.expanded_uncertainty = Some(2.5);
+    let mut writer = RunFileWriter::create(&path, &header).expect("created");
     (0..1500).for_each(|tick| writer.sample(&test_support::sample(tick)));
     writer.event(&Event {
         tick: 1500,
@@ -274,6 +278,9 @@ fn a_certificate_tells_of_a_trip_and_has_the_hash_of_the_run_file() {
         page.contains("1.500 s: force limit: 3210 N above 3200 N"),
         "{page}"
     );
+    for wanted in ["LC-0041", "0.5 of ISO 7500-1", "2.5 N (k = 2)"] {
+        assert!(page.contains(wanted), "{wanted}");
+    }
     let sum = Command::new("sha256sum").arg(&path).output().expect("coreutils");
     let sum = String::from_utf8_lossy(&sum.stdout);
     assert!(page.contains(sum.split(' ').next().expect("a hash")));

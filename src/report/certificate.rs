@@ -14,7 +14,7 @@ use crate::acceptance::{
 };
 use crate::recording::export::run_file_sha256;
 use crate::recording::run_file::RunFile;
-use crate::recording::{ChannelScale, Ending, Event, EventKind, FirmwareIdentity, Header};
+use crate::recording::{ChannelScale, Ending, Event, EventKind, FirmwareIdentity, Header, SensorIdentity};
 
 /// Rows of the table of limits; the broken ones come first.
 const MOST_LIMITS: usize = 8;
@@ -24,7 +24,7 @@ const MOST_NOTES: usize = 5;
 const FEW_LIMITS: usize = 4;
 const FEW_NOTES: usize = 2;
 /// Text values of the calibration of one sensor.
-const MOST_FACTS: usize = 7;
+const MOST_FACTS: usize = 9;
 /// Longest text of a person or a name, characters.
 const LONGEST_NAME: usize = 60;
 /// Longest text of a calibration: a SHA-256 in hex.
@@ -271,14 +271,26 @@ fn bench_table(header: &Header) -> toml::Table {
 fn calibrations(header: &Header) -> Markup {
     let bench = bench_table(header);
     let sensors = [
-        ("Load cell", "force_channel", header.force_channel, "N"),
-        ("LVDT", "displacement_channel", header.displacement_channel, "mm"),
+        (
+            "Load cell",
+            "force_channel",
+            header.force_channel,
+            &header.force_sensor,
+            "N",
+        ),
+        (
+            "LVDT",
+            "displacement_channel",
+            header.displacement_channel,
+            &header.displacement_sensor,
+            "mm",
+        ),
     ];
     html! {
-        @for (sensor, table, scale, unit) in sensors {
+        @for (sensor, table, scale, identity, unit) in sensors {
             h2 { (sensor) }
             p.facts {
-                @for (name, value) in texts(bench.get(table)).into_iter().take(MOST_FACTS) {
+                @for (name, value) in sensor_facts(identity, bench.get(table), unit).into_iter().take(MOST_FACTS) {
                     (name) " " b { (shortened(&value, LONGEST_FACT)) } "; "
                 }
                 (scaling(scale, unit))
@@ -286,6 +298,38 @@ fn calibrations(header: &Header) -> Markup {
         }
         p.facts { "Calibration hash of the firmware " b { (format!("{:#010x}", header.firmware.calibration_hash)) } }
     }
+}
+
+/// What is known of a sensor: first what its calibration file says, then what else the bench file has.
+fn sensor_facts(
+    identity: &SensorIdentity,
+    channel: Option<&toml::Value>,
+    unit: &str,
+) -> Vec<(String, String)> {
+    let uncertainty = identity
+        .expanded_uncertainty
+        .map_or(String::new(), |value| format!("{} {unit} (k = 2)", digits(value)));
+    let named = [
+        ("sensor", &identity.sensor),
+        ("serial", &identity.serial),
+        ("certificate", &identity.certificate),
+        ("calibrated", &identity.calibrated),
+        ("due", &identity.due),
+        ("class", &identity.class),
+        ("laboratory", &identity.laboratory),
+        ("uncertainty", &uncertainty),
+    ];
+    let mut facts: Vec<(String, String)> = named
+        .into_iter()
+        .filter(|(_, value)| !value.is_empty())
+        .map(|(name, value)| (name.to_owned(), value.clone()))
+        .collect();
+    for (name, value) in texts(channel) {
+        if !facts.iter().any(|(_, known)| *known == value) {
+            facts.push((name, value));
+        }
+    }
+    facts
 }
 
 /// Every text of a channel's table and of the tables in it, by name: certificate, dates, serial number, what else is there.
