@@ -224,6 +224,13 @@ fn crowded(folder: &Path) -> RunFile {
             "bench ".repeat(40),
             "DKD-K-12345 ".repeat(20)
         );
+        for sensor in [&mut header.force_sensor, &mut header.displacement_sensor] {
+            sensor.sensor = "maker and type of a sensor ".repeat(4);
+            sensor.serial = "0041".repeat(16);
+            sensor.class = "0.5 of ISO 7500-1 ".repeat(6);
+            sensor.laboratory = "a laboratory with a long name ".repeat(4);
+            sensor.expanded_uncertainty = Some(0.123_456);
+        }
         outcome.ending = Ending::Aborted;
         outcome.cause = "the rig ended the run because of something long ".repeat(9);
     });

@@ -23,8 +23,8 @@ pub(super) fn measure(run: &RunFile) -> Measured {
     for sample in run.samples() {
         flagged += u64::from(sample.flags.intersects(Flags::UNUSABLE));
         cycles.extend(counted.add(&sample));
-        if is_of_the_profile(&sample) {
-            // One loop, whatever the profile counts.
+        if is_of_the_profile(&sample) || sample.flags.contains(Flags::NOT_PROFILE) {
+            // One loop, whatever the profile counts. It is told of holds, whose ticks are not lost.
             whole.add(&Sample { cycle: 1, ..sample });
         }
     }

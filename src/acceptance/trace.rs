@@ -37,8 +37,11 @@ pub(crate) fn traces(run: &RunFile, result: &RunResult) -> Vec<LoopTrace> {
         .map(|row| row.cycle)
         .collect();
     cycles.dedup();
-    let trace = |cycle: u32| traced(format!("cycle {cycle}"), run, &move |s: &Sample| s.cycle == cycle);
-    cycles.into_iter().map(trace).collect()
+    let survey = run.survey();
+    let spans = cycles.into_iter().filter_map(|cycle| survey.span_of(cycle));
+    spans
+        .map(|span| traced(format!("cycle {}", span.cycle), run, &|s| span.has(s)))
+        .collect()
 }
 
 fn traced(name: String, run: &RunFile, takes: &dyn Fn(&Sample) -> bool) -> LoopTrace {

@@ -4,6 +4,7 @@
 use std::io::{self, Write};
 
 use super::csv::push_fixed;
+use super::cycle_follower::{CycleFollower, CyclePlace};
 use super::metrics::{LoopIntegral, NrmseMeter, Range, secant_rate_n_per_mm};
 use super::{Flags, Sample};
 
@@ -110,21 +111,18 @@ pub(crate) struct CycleSummary {
 /// Computes the summary of each counted cycle, sample by sample.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct CycleMeter {
+    follower: CycleFollower,
     open: Option<OpenCycle>,
 }
 
 #[derive(Debug, Clone)]
 struct OpenCycle {
     cycle: u32,
-    first_tick: u64,
     last_tick: u64,
     from_s: f64,
     to_s: f64,
     samples: u64,
-    /// Samples of holds within it.
-    held: u64,
-    /// Samples since its newest one, all of a hold or of an unloading.
-    paused: u64,
+    lost: u64,
     excluded: u64,
     displacement_mm: Option<Range>,
     force_n: Option<Range>,
@@ -133,30 +131,30 @@ struct OpenCycle {
 }
 
 impl CycleMeter {
-    /// Takes the next sample; returns the summary of the cycle that ended before it. A hold belongs to no cycle: a cycle that
-    /// goes on after it is one, and one that is repeated from its start leaves its first piece incomplete.
+    /// Takes the next sample; returns the summary of the cycle that ended before it.
     pub(crate) fn add(&mut self, sample: &Sample) -> Option<CycleSummary> {
-        if sample.flags.contains(Flags::NOT_PROFILE) {
-            if let Some(open) = &mut self.open {
-                open.paused += 1;
+        let (place, ended) = self.follower.add(sample);
+        let ended = ended.and_then(|complete| self.open.take()?.summary(complete));
+        match place {
+            CyclePlace::Outside => {}
+            CyclePlace::First => self.open.insert(OpenCycle::new(sample)).add(sample),
+            CyclePlace::Further { after_hold } => {
+                if let Some(open) = &mut self.open {
+                    // The ticks of a hold are not lost.
+                    if !after_hold {
+                        open.lost += (sample.tick - open.last_tick).saturating_sub(1);
+                    }
+                    open.add(sample);
+                }
             }
-            return None;
-        }
-        let mut ended = None;
-        if self.open.as_ref().is_some_and(|open| open.cycle != sample.cycle) {
-            ended = self.open.take().and_then(|open| open.summary(true));
-        }
-        if sample.cycle > 0 {
-            self.open
-                .get_or_insert_with(|| OpenCycle::new(sample))
-                .add(sample);
         }
         ended
     }
 
     /// The run is over: returns the summary of its last cycle. `completed`: the profile ran to its end.
     pub(crate) fn finish(&mut self, completed: bool) -> Option<CycleSummary> {
-        self.open.take().and_then(|open| open.summary(completed))
+        let complete = self.follower.finish(completed)?;
+        self.open.take()?.summary(complete)
     }
 }
 
@@ -164,13 +162,11 @@ impl OpenCycle {
     fn new(sample: &Sample) -> OpenCycle {
         OpenCycle {
             cycle: sample.cycle,
-            first_tick: sample.tick,
             last_tick: sample.tick,
             from_s: sample.time_s,
             to_s: sample.time_s,
             samples: 0,
-            held: 0,
-            paused: 0,
+            lost: 0,
             excluded: 0,
             displacement_mm: None,
             force_n: None,
@@ -181,7 +177,6 @@ impl OpenCycle {
 
     fn add(&mut self, sample: &Sample) {
         self.samples += 1;
-        self.held += std::mem::take(&mut self.paused);
         self.last_tick = sample.tick;
         self.to_s = sample.time_s;
         if sample.flags.intersects(Flags::UNUSABLE) {
@@ -204,9 +199,9 @@ impl OpenCycle {
             from_s: self.from_s,
             to_s: self.to_s,
             samples: self.samples,
-            lost: (self.last_tick - self.first_tick + 1).saturating_sub(self.samples + self.held),
+            lost: self.lost,
             excluded: self.excluded,
-            complete: complete && self.paused == 0,
+            complete,
             displacement_mm,
             force_n,
             loop_energy_j: self.integral.energy_j(),

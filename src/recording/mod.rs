@@ -5,6 +5,7 @@ pub(crate) mod atomic_file;
 mod channel;
 pub(crate) mod columns;
 pub(crate) mod csv;
+mod cycle_follower;
 pub(crate) mod cycles;
 pub(crate) mod datapackage;
 pub(crate) mod export;

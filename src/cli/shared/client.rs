@@ -26,7 +26,7 @@ const TIMEOUT: Duration = Duration::from_secs(120);
 /// The data folder, through which a command finds its daemon and the runs.
 #[derive(Debug, Args)]
 pub(crate) struct DataArg {
-    /// Folder of the run files; the daemon is also found through it
+    /// Folder of the run files and of your own profiles; the daemon is also found through it
     #[arg(
         long = "data",
         value_name = "DIR",

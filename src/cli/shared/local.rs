@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::client::DATA_VARIABLE;
+use super::client::DataArg;
 use super::error::CliError;
 use crate::config::Bench;
 use crate::daemon::library::{self, Library};
@@ -55,13 +55,13 @@ impl BenchArg {
 pub(crate) struct ProfilesArg {
     /// Folder of the profiles that are called by name [default: bench-configs/profiles]
     #[arg(long = "profiles", value_name = "DIR")]
-    folder: Option<PathBuf>,
+    profiles: Option<PathBuf>,
 }
 
 impl ProfilesArg {
     /// The folder of `--profiles`, or the shipped one.
     pub(crate) fn folder(&self) -> Result<PathBuf, CliError> {
-        match &self.folder {
+        match &self.profiles {
             Some(path) => Ok(path.clone()),
             None => Ok(configs()?.join("profiles")),
         }
@@ -75,14 +75,8 @@ pub(crate) struct ProfileArgs {
     profile: String,
     #[command(flatten)]
     folder: ProfilesArg,
-    /// Data folder of a daemon, whose own profiles are found by name too
-    #[arg(
-        long = "data",
-        value_name = "DIR",
-        env = DATA_VARIABLE,
-        default_value = "leafbench-data"
-    )]
-    data: PathBuf,
+    #[command(flatten)]
+    data: DataArg,
 }
 
 impl ProfileArgs {
@@ -95,7 +89,7 @@ impl ProfileArgs {
         }
         let library = Library::open(&self.folder.folder()?)?;
         Ok(library
-            .with_own(self.data.join(library::OWN_PROFILES))
+            .with_own(self.data.folder.join(library::OWN_PROFILES))
             .find(&self.profile)?)
     }
 }

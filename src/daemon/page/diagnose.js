@@ -96,7 +96,7 @@ async function chooseTwin(diagnosis) {
 async function planNextTest(id) {
   const answer = await fetch(`api/diagnoses/${id}/next-test.toml`);
   if (!answer.ok) throw new Error("The profile of the next test cannot be read. Diagnose again.");
-  offerProfile(`next-test-${id}`, `next test, diagnosis ${id.slice(-4)}`, await answer.text());
+  offerProfile(`next-test-${id}`, `next test (${id.slice(-4)})`, await answer.text());
   say("The next test is chosen. Read its plan, then press Run.", true);
   $("profile").scrollIntoView({ block: "center" });
   $("profile").focus();

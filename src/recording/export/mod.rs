@@ -30,7 +30,7 @@ use table::Table;
 pub(crate) enum Selection {
     /// All samples of the run.
     Whole,
-    /// The counted cycle of this number.
+    /// The counted cycle of this number; if a hold interrupted it and it was repeated, the repetition.
     Cycle(u32),
     /// The mean over the complete counted cycles, for each tick after the start of the cycle.
     MeanLoop,
@@ -39,10 +39,15 @@ pub(crate) enum Selection {
 }
 
 impl Selection {
-    /// True if the sample belongs to this part. `first_tick` is that of the first sample of the run.
-    fn takes(self, first_tick: u64, sample: &Sample) -> bool {
-        match self {
-            Selection::Cycle(cycle) => sample.cycle == cycle,
+    /// Tells of a sample of the surveyed run whether it belongs to this part.
+    fn filter(self, survey: &Survey) -> impl Fn(&Sample) -> bool {
+        let first_tick = survey.ticks.map_or(0, |(first, _)| first);
+        let span = match self {
+            Selection::Cycle(cycle) => survey.span_of(cycle).copied(),
+            _ => None,
+        };
+        move |sample| match self {
+            Selection::Cycle(_) => span.is_some_and(|span| span.has(sample)),
             Selection::Every(n) => (sample.tick - first_tick).is_multiple_of(n),
             Selection::Whole | Selection::MeanLoop => true,
         }
@@ -182,7 +187,7 @@ fn check(run: &RunFile, selection: Selection, survey: &Survey) -> Result<(), Exp
     match selection {
         Selection::Every(0) => Err(ExportError::EveryZero),
         Selection::MeanLoop if survey.unbroken_cycles().next().is_none() => Err(ExportError::NoLoop { run }),
-        Selection::Cycle(cycle) if !survey.cycles.iter().any(|span| span.cycle == cycle) => {
+        Selection::Cycle(cycle) if survey.span_of(cycle).is_none() => {
             let advice = match (survey.cycles.first(), survey.cycles.last()) {
                 (Some(first), Some(last)) => {
                     format!("choose one of cycles {} to {}", first.cycle, last.cycle)
@@ -213,8 +218,7 @@ fn write_csv(
     } else {
         let columns = format.columns();
         let mut writer = CsvWriter::new(&mut sink, format)?;
-        let first_tick = survey.ticks.map_or(0, |(first, _)| first);
-        for sample in run.samples().filter(|sample| selection.takes(first_tick, sample)) {
+        for sample in run.samples().filter(selection.filter(survey)) {
             writer.sample(&sample)?;
         }
         (writer.rows(), columns)
@@ -440,6 +444,8 @@ mod tests {
         assert!(bins.iter().all(|bin| bin.count == 2), "each of both cycles once");
         let rows = export_cycles(&run, &folder.path().join("cycles.csv")).unwrap();
         assert_eq!(rows.iter().filter(|row| row.complete).count(), 2);
+        let second = export(&run, Selection::Cycle(2), &folder.path().join("second.csv")).unwrap();
+        assert_eq!(second.rows, 1000, "the repetition alone");
     }
 
     #[test]

@@ -47,13 +47,10 @@ impl<'a> Table<'a> {
             }
             return Ok(rows);
         }
-        let first_tick = self.survey.ticks.map_or(0, |(first, _)| first);
-        for sample in self.run.samples() {
-            if self.selection.takes(first_tick, &sample) {
-                cells(&sample, &self.survey.modes, &mut row);
-                take(&row)?;
-                rows += 1;
-            }
+        for sample in self.run.samples().filter(self.selection.filter(self.survey)) {
+            cells(&sample, &self.survey.modes, &mut row);
+            take(&row)?;
+            rows += 1;
         }
         Ok(rows)
     }

@@ -1,6 +1,7 @@
 //! One pass over all samples of a run file: counts, gaps, cycles, and whether the file is what was written.
 
 use super::samples::{Gap, GapCause, SampleReader};
+use crate::recording::cycle_follower::{CycleFollower, CyclePlace};
 use crate::recording::{Ending, Flags, Outcome, Sample};
 use crate::units::{Command, Mode};
 
@@ -17,23 +18,12 @@ pub(crate) struct CycleSpan {
     pub complete: bool,
     /// True if a hold lies within it, after which it went on. A cycle that was repeated after a hold is two spans.
     pub held: bool,
-    /// The rig holds or unloads since its last tick.
-    paused: bool,
-    /// Something else of the profile came after it: no sample belongs to it any more.
-    over: bool,
 }
 
 impl CycleSpan {
-    fn starting_at(sample: &Sample) -> CycleSpan {
-        CycleSpan {
-            cycle: sample.cycle,
-            first_tick: sample.tick,
-            last_tick: sample.tick,
-            complete: false,
-            held: false,
-            paused: false,
-            over: false,
-        }
+    /// True if the sample belongs to this piece of the cycle.
+    pub(crate) fn has(&self, sample: &Sample) -> bool {
+        sample.cycle == self.cycle && (self.first_tick..=self.last_tick).contains(&sample.tick)
     }
 }
 
@@ -62,6 +52,7 @@ pub(crate) struct Survey {
     pub modes: Vec<Mode>,
     /// What in the file is not what was written, one sentence each; empty if it is whole.
     pub damage: Vec<String>,
+    follower: CycleFollower,
 }
 
 impl Survey {
@@ -84,16 +75,21 @@ impl Survey {
             ticks = Some((first.min(gap.from_tick), last.max(gap.to_tick)));
         }
         survey.ticks = ticks;
-        if let (Some(outcome), Some(span)) = (outcome, survey.cycles.last_mut()) {
-            // If the profile ends with a counted cycle, only the outcome says that it is complete.
-            span.complete |= outcome.ending == Ending::Completed && !span.over && !span.paused;
-        }
+        // If the profile ends with a counted cycle, only the outcome says that it is complete.
+        let completed = outcome.is_some_and(|outcome| outcome.ending == Ending::Completed);
+        let ended = survey.follower.finish(completed);
+        survey.end_cycle(ended);
         survey
     }
 
     /// Counted cycles that ran to their end.
     pub(crate) fn cycles_completed(&self) -> u32 {
         self.cycles.iter().filter(|cycle| cycle.complete).count() as u32
+    }
+
+    /// The samples of a cycle: of one that was repeated after a hold, the last piece.
+    pub(crate) fn span_of(&self, cycle: u32) -> Option<&CycleSpan> {
+        self.cycles.iter().rfind(|span| span.cycle == cycle)
     }
 
     /// The complete cycles without a hold: those that can be laid over each other tick by tick.
@@ -127,21 +123,28 @@ impl Survey {
         {
             self.modes.push(mode);
         }
-        if let Some(span) = self.cycles.last_mut().filter(|span| !span.over) {
-            if sample.flags.contains(Flags::NOT_PROFILE) {
-                span.paused = true;
-                return;
-            }
-            if span.cycle == sample.cycle {
+        let (place, ended) = self.follower.add(sample);
+        self.end_cycle(ended);
+        match (place, self.cycles.last_mut()) {
+            (CyclePlace::First, _) => self.cycles.push(CycleSpan {
+                cycle: sample.cycle,
+                first_tick: sample.tick,
+                last_tick: sample.tick,
+                complete: false,
+                held: false,
+            }),
+            (CyclePlace::Further { after_hold }, Some(span)) => {
                 span.last_tick = sample.tick;
-                span.held |= std::mem::take(&mut span.paused);
-                return;
+                span.held |= after_hold;
             }
-            span.over = true;
-            span.complete = !span.paused;
+            _ => {}
         }
-        if sample.cycle > 0 {
-            self.cycles.push(CycleSpan::starting_at(sample));
+    }
+
+    /// Notes whether the last cycle is complete, if it has ended.
+    fn end_cycle(&mut self, ended: Option<bool>) {
+        if let (Some(complete), Some(span)) = (ended, self.cycles.last_mut()) {
+            span.complete = complete;
         }
     }
 }
