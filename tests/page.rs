@@ -181,7 +181,8 @@ fn a_daemon_that_is_gone_leaves_no_number_that_looks_live() {
         (page.text("force"), page.text("displacement")),
         ("\u{2013}".into(), "\u{2013}".into())
     );
-    page.until("points.t.length === 0");
+    assert_eq!(page.value("points.t.length"), 0, "from the first moment on");
+    assert_eq!(page.text("force-peak").trim(), "", "a peak is a reading too");
     assert!(
         page.text("clear").eq_ignore_ascii_case("keep clear"),
         "nobody knows whether it moves"

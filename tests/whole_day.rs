@@ -1,6 +1,6 @@
-//! A technician's whole day on the page, in a headless Chromium on the mock rig: from the first plan to the next test, with
-//! everything that goes wrong between. At each station the page is photographed light and dark in both sizes, and nothing may be
-//! cut, lie over something else, or jump. The photographs are kept: in `LEAFBENCH_SCREENSHOTS`, or in `target/screenshots`.
+//! A technician's whole day on the page, in a headless Chromium on the mock rig: from the first plan to the next test, with a
+//! stop, a trip and a lost daemon between. Each step leaves four screenshots: light and dark, in both sizes of the window. Nothing
+//! may be cut, lie over something else, or jump. The screenshots stay in `LEAFBENCH_SCREENSHOTS`, or in `target/screenshots`.
 //! Without Chromium this test passes without running.
 
 use std::path::{Path, PathBuf};
@@ -24,11 +24,11 @@ const LOOPS: &str = "name = \"loops\"\ncontrol = \"displacement\"\n\n[[block]]\n
                      cycles = 8\n[[block.segment]]\nkind = \"ramp\"\nto_mm = 0.0\nduration_s = 1.0\n\n[[accept]]\n\
                      force_peak_max_n = 2000.0\nloop_energy_min_j = 0.001\n";
 
-/// The page, and where its photographs go.
+/// The page, and the folder of its screenshots.
 struct Day {
     page: Page,
     folder: PathBuf,
-    stations: u32,
+    steps: u32,
     /// Places of what must never jump, by size of the window.
     places: Vec<(u32, serde_json::Value)>,
 }
@@ -67,9 +67,9 @@ impl Day {
         ));
     }
 
-    /// Photographs a station of the day with this element in the middle of the window.
-    fn station(&mut self, name: &str, in_sight: &str) {
-        self.stations += 1;
+    /// Takes the screenshots of one step, with this element in the middle of the window.
+    fn step(&mut self, name: &str, in_sight: &str) {
+        self.steps += 1;
         for (width, height) in SIZES {
             self.page.size(width, height);
             for theme in THEMES {
@@ -80,7 +80,7 @@ impl Day {
                     "(async () => {{ {element}.scrollIntoView({{ block: 'center' }}); \
                      for (let i = 0; i < 2; i++) await new Promise(requestAnimationFrame); }})()"
                 ));
-                let file = format!("{:02}-{name}-{width}-{theme}.png", self.stations);
+                let file = format!("{:02}-{name}-{width}-{theme}.png", self.steps);
                 self.page.screenshot(&self.folder.join(file));
             }
             assert_eq!(self.page.misplaced(), "", "{name} at {width}x{height}");
@@ -90,7 +90,7 @@ impl Day {
         self.page.size(SIZES[0].0, SIZES[0].1);
     }
 
-    /// What is pressed in need is where it was in every other state, and on the screen.
+    /// The controls are at the same place as in every step before, and Stop and Reset are on the screen.
     fn check_places(&mut self, name: &str, width: u32, height: u32) {
         let places = self.page.value(
             "JSON.stringify(['stop', 'reset', 'hold', 'resume', 'zero', 'tare', 'jog-up', 'profile', 'run', 'loop'].map(id => \
@@ -131,7 +131,7 @@ impl Day {
             "checked && checked.profile === '{name}' && !document.getElementById('editor-error').textContent"
         ));
         if name == "loops" {
-            self.station("profile-editor", "editor-source");
+            self.step("profile-editor", "editor-source");
         }
         self.press("editor-save");
         self.page
@@ -148,7 +148,7 @@ impl Day {
     }
 }
 
-/// Where photographs are kept after the test.
+/// The folder of the screenshots, which stay after the test.
 fn screenshots() -> PathBuf {
     let folder = std::env::var_os("LEAFBENCH_SCREENSHOTS")
         .map_or_else(|| Path::new("target").join("screenshots"), PathBuf::from);
@@ -179,7 +179,7 @@ fn open(folder: &Path) -> Option<(Daemon, Day)> {
     let day = Day {
         page,
         folder: screenshots(),
-        stations: 0,
+        steps: 0,
         places: Vec::new(),
     };
     Some((daemon, day))
@@ -198,12 +198,8 @@ fn a_whole_day_from_the_first_plan_to_the_next_test() {
     diagnose_and_go_on(&mut day);
     daemon.process.0.kill().expect("killed");
     day.page.until_state("No daemon");
-    day.station("daemon-killed", "stop");
-    println!(
-        "{} stations, photographed in {}",
-        day.stations,
-        day.folder.display()
-    );
+    day.step("daemon-killed", "stop");
+    println!("{} steps, screenshots in {}", day.steps, day.folder.display());
 }
 
 /// Plan, tare, jog, stop, zero, a profile of one's own.
@@ -211,11 +207,11 @@ fn prepare(daemon: &Daemon, day: &mut Day) {
     day.write("specimen", "samurai-front 7");
     day.write("operator", "A. Technician");
     day.choose("static-ramp-12s");
-    day.station("plan", "plan");
+    day.step("plan", "plan");
     day.press("tare");
     day.page
         .until("document.getElementById('notice').textContent.startsWith('New tare: ')");
-    day.station("tare", "tare");
+    day.step("tare", "tare");
 
     day.page.mouse("mousePressed", "jog-up");
     until("a way of 1 mm", || {
@@ -225,12 +221,12 @@ fn prepare(daemon: &Daemon, day: &mut Day) {
     });
     day.page.mouse("mouseReleased", "jog-up");
     day.page.until_state("Jog ended");
-    day.station("jog", "jog-up");
+    day.step("jog", "jog-up");
     day.press("stop");
     day.page.until_state("Ready");
     day.press("zero");
     day.page.until_state("To zero");
-    day.station("to-zero", "zero");
+    day.step("to-zero", "zero");
     day.page.until_state("Ready");
     day.new_profile("loops", LOOPS);
 }
@@ -240,10 +236,10 @@ fn run_with_hold_and_reload(daemon: &Daemon, day: &mut Day) {
     day.press("run");
     day.page.until_state("Running");
     day.page.until("status.rig.cycles_completed >= 1");
-    day.station("running", "loop");
+    day.step("running", "loop");
     day.press("hold");
     day.page.until_state("On hold");
-    day.station("on-hold", "hold");
+    day.step("on-hold", "hold");
 
     let mut second = Page::open(&daemon.url, SIZES[0].0, SIZES[0].1).expect("as the first one");
     second.until_state("On hold");
@@ -265,11 +261,11 @@ fn run_with_hold_and_reload(daemon: &Daemon, day: &mut Day) {
         true,
         "the page shows the run from its start again"
     );
-    day.station("loaded-again", "loop");
+    day.step("loaded-again", "loop");
     day.page.until("!document.getElementById('result').hidden");
     day.page.until_state("Ready");
     assert_eq!(day.page.text("result-verdict"), "Pass");
-    day.station("result", "result-verdict");
+    day.step("result", "result-verdict");
 
     let address = day
         .page
@@ -294,12 +290,12 @@ fn stop_and_trip(day: &mut Day) {
     day.page.value("scrollTo(0, document.body.scrollHeight)");
     day.page.key("Escape", "");
     day.page.until_state("Ready");
-    day.station("stopped", "stop");
+    day.step("stopped", "stop");
 
     day.new_profile("too-high", TOO_HIGH);
     day.press("run");
     day.page.until_state("Interlocked");
-    day.station("tripped", "state-detail");
+    day.step("tripped", "state-detail");
     assert!(
         day.page
             .text("state-detail")
@@ -312,7 +308,7 @@ fn stop_and_trip(day: &mut Day) {
     day.press("zero");
     day.page.until_state("To zero");
     day.page.until_state("Ready");
-    day.station("after-the-trip", "state-detail");
+    day.step("after-the-trip", "state-detail");
 }
 
 /// A second run of the loops; both are found and laid over each other.
@@ -330,7 +326,7 @@ fn search_and_compare(day: &mut Day) {
     day.page.value("document.querySelector('#runs .opener').click()");
     day.page
         .until("document.querySelector('#runs tr.details .facts')");
-    day.station("search", "runs");
+    day.step("search", "runs");
     day.press_words("#runs tr.details", "Result");
     day.page.until("!document.getElementById('result').hidden");
     day.press("result-close");
@@ -341,7 +337,7 @@ fn search_and_compare(day: &mut Day) {
     }
     day.press("compare");
     day.page.until("!document.getElementById('comparison').hidden");
-    day.station("compare", "compare-loop");
+    day.step("compare", "compare-loop");
     day.press("compare-close");
 }
 
@@ -349,7 +345,7 @@ fn search_and_compare(day: &mut Day) {
 fn diagnose_and_go_on(day: &mut Day) {
     day.press("diagnose");
     day.page.until("document.querySelector('#jobs li')");
-    day.station("diagnosis-under-way", "jobs");
+    day.step("diagnosis-under-way", "jobs");
     day.page.until("document.querySelector('#jobs progress').hidden");
     let told = day.page.value("document.querySelector('#jobs li p').textContent");
     assert!(
@@ -360,22 +356,22 @@ fn diagnose_and_go_on(day: &mut Day) {
     day.press_words("#jobs", "Show the report");
     day.page
         .until("document.querySelector('#jobs iframe').offsetHeight > 300");
-    day.station("report", "jobs");
+    day.step("report", "jobs");
     day.press_words("#jobs", "Hide the report");
     day.press_words("#jobs", "Use the improved model as twin");
     day.page
         .until("document.getElementById('twin-model').textContent.includes('(diagnosis ')");
-    day.station("improved-twin", "twin-model");
+    day.step("improved-twin", "twin-model");
     day.press_words("#jobs", "Run the next test");
     day.page
         .until("document.getElementById('profile').value.startsWith('next-test-')");
     day.page
         .until("document.getElementById('plan').textContent.includes('Predicted: ')");
-    day.station("next-test-planned", "plan");
+    day.step("next-test-planned", "plan");
     day.press("run");
     day.page.until_state("Running");
     day.page.until("status.rig.displacement_mm > 2");
-    day.station("next-test", "loop");
+    day.step("next-test", "loop");
     day.press("stop");
     day.page.until_state("Ready");
 }

@@ -24,7 +24,7 @@ pub(super) fn measure(run: &RunFile) -> Measured {
         flagged += u64::from(sample.flags.intersects(Flags::UNUSABLE));
         cycles.extend(counted.add(&sample));
         if is_of_the_profile(&sample) || sample.flags.contains(Flags::NOT_PROFILE) {
-            // One loop, whatever the profile counts. It is told of holds, whose ticks are not lost.
+            // One loop, whatever the profile counts. It gets the samples of holds too, so that their ticks do not count as lost.
             whole.add(&Sample { cycle: 1, ..sample });
         }
     }

@@ -249,11 +249,12 @@ function connect() {
     if (before !== (status.run && status.run.state)) showRuns();
     show();
   };
-  socket.onclose = () => { status = null; show(); setTimeout(connect, 1000); };
+  const lose = () => { status = null; samplesAt = -Infinity; forgetStale(); show(); };
+  socket.onclose = () => { lose(); setTimeout(connect, 1000); };
   // A connection that is open and silent is no connection.
   const watch = setInterval(() => {
     if (socket.readyState === WebSocket.CLOSED) clearInterval(watch);
-    else if (status && performance.now() - heardAt > SILENT_MS) { status = null; show(); socket.close(); }
+    else if (status && performance.now() - heardAt > SILENT_MS) { lose(); socket.close(); }
   }, 500);
 }
 

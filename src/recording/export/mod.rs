@@ -88,7 +88,9 @@ pub(crate) enum ExportError {
         /// Which cycles there are, as an order.
         advice: String,
     },
-    #[error("{run} has no complete counted cycle: export the whole run instead of the mean loop")]
+    #[error(
+        "{run} has no complete counted cycle without a hold: export the whole run instead of the mean loop"
+    )]
     NoLoop { run: PathBuf },
     #[error("the interval between exported samples is 0: the interval must be at least 1")]
     EveryZero,
