@@ -128,10 +128,10 @@ struct FrictionForm {
     elements: Arc<ActiveElements>,
     /// Drag of each element, -1 to 1.
     drags: [f64; ELEMENTS],
-    length_exponent: f64,
-    force_memory: f64,
-    /// Load at the last step, N.
-    load_n: Option<f64>,
+    length_exponent: Power,
+    force_memory: Power,
+    /// Load at the last step, N, and the factor of the travel there.
+    last: Option<[f64; 2]>,
 }
 
 /// ActiveElements of the bands whose ratio is not zero: most bands of a fitted law are, and their elements need no steps.
@@ -159,35 +159,73 @@ impl FrictionForm {
             travel: BandedTravel::default(),
             elements: Arc::new(elements),
             drags: [0.0; ELEMENTS],
-            length_exponent: ratios[BANDS],
-            force_memory: ratios[BANDS + 1],
-            load_n: None,
+            length_exponent: Power::new(ratios[BANDS]),
+            force_memory: Power::new(ratios[BANDS + 1]),
+            last: None,
         }
     }
 
     /// Factors of the drags and of the travel at a load in N.
     fn factors(&mut self, load_n: f64) -> [f64; 2] {
-        let before_n = self.load_n.replace(load_n).unwrap_or(load_n);
-        if load_n < OPEN_N || before_n < OPEN_N {
+        let [before_n, lengths] = self.last.unwrap_or([0.0; 2]);
+        if load_n < OPEN_N {
+            self.last = None;
             return [1.0, 1.0];
         }
-        // The bounds are common values, and a power takes a fifth of a diagnosis.
-        let power = |base: f64, exponent: f64| match exponent {
-            0.0 => 1.0,
-            1.0 => base,
-            _ => base.powf(exponent),
-        };
-        [
-            power(before_n / load_n, self.force_memory),
-            power(REFERENCE_N / load_n, self.length_exponent),
-        ]
+        if self.last.is_none() {
+            let lengths = self.length_exponent.of(REFERENCE_N / load_n);
+            self.last = Some([load_n, lengths]);
+            return [1.0, lengths];
+        }
+        // Both powers are of the ratio of two loads that follow each other, which is close to one: see `Power`.
+        let falls = before_n / load_n;
+        let lengths = lengths * self.length_exponent.of(falls);
+        self.last = Some([load_n, lengths]);
+        [self.force_memory.of(falls), lengths]
+    }
+}
+
+/// A power with a fixed exponent, fast for ratios close to one: a general power took a fifth of a diagnosis.
+#[derive(Debug, Clone, Copy)]
+struct Power {
+    exponent: f64,
+    /// Coefficients of the binomial series after the first, each divided by the one before.
+    series: [f64; Power::TERMS],
+}
+
+impl Power {
+    const TERMS: usize = 7;
+    /// Largest distance from one at which the series is exact to rounding.
+    const NEAR: f64 = 0.01;
+
+    fn new(exponent: f64) -> Power {
+        Power {
+            exponent,
+            series: std::array::from_fn(|k| (exponent - k as f64) / (k + 1) as f64),
+        }
+    }
+
+    fn of(&self, ratio: f64) -> f64 {
+        let past = ratio - 1.0;
+        if self.exponent == 0.0 {
+            1.0
+        } else if self.exponent == 1.0 {
+            ratio
+        } else if past.abs() < Power::NEAR {
+            self.series
+                .iter()
+                .rev()
+                .fold(1.0, |sum, coefficient| 1.0 + coefficient * past * sum)
+        } else {
+            ratio.powf(self.exponent)
+        }
     }
 }
 
 impl Wrap for FrictionForm {
     fn reset(&mut self) {
         self.travel = BandedTravel::default();
-        self.load_n = None;
+        self.last = None;
         self.drags = [0.0; ELEMENTS];
     }
 
@@ -255,6 +293,18 @@ mod tests {
         let each_n = 0.1 * 1000.0 * 0.1 * per_mm.iter().sum::<f64>() / 3.0;
         for pair in steps.windows(2) {
             assert!((pair[1] - pair[0] - each_n).abs() < 1e-9, "{steps:?}, {each_n}");
+        }
+    }
+
+    #[test]
+    fn a_power_of_a_ratio_near_one_is_exact_to_rounding() {
+        for exponent in [0.0, 0.07, 0.5, 0.93, 1.0] {
+            let power = Power::new(exponent);
+            for k in -400..=400 {
+                let ratio: f64 = 1.0 + 5e-5 * f64::from(k);
+                let off = power.of(ratio) / ratio.powf(exponent) - 1.0;
+                assert!(off.abs() < 4.0 * f64::EPSILON, "{ratio}^{exponent}: {off}");
+            }
         }
     }
 

@@ -77,7 +77,7 @@ impl Drag {
     /// Moves to `displacement_mm` and returns the mean drag.
     pub(crate) fn step(&mut self, displacement_mm: f64) -> f64 {
         let travel_mm = self.travel.advance(displacement_mm);
-        self.elements.advance(travel_mm).iter().sum::<f64>() / DRAG_ELEMENTS as f64
+        self.elements.advance_mean(travel_mm)
     }
 }
 

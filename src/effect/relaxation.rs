@@ -123,13 +123,10 @@ impl Wrap for Relaxation {
         let loaded_n = self.rate_n_per_mm * travel_mm;
         for (arm_n, time_s) in self.arms_n.iter_mut().zip(&self.times_s) {
             let times = dt_s / time_s;
+            let faded = -(-times).exp_m1();
             // Mean of exp(-t / tau) over the step: the share of the force added in this step that is left at its end.
-            let kept = if times > 1e-9 {
-                -(-times).exp_m1() / times
-            } else {
-                1.0
-            };
-            *arm_n = *arm_n * (-times).exp() + loaded_n * kept;
+            let kept = if times > 1e-9 { faded / times } else { 1.0 };
+            *arm_n = *arm_n * (1.0 - faded) + loaded_n * kept;
         }
         inside.step(displacement_mm, dt_s) + self.arms_n.iter().sum::<f64>()
     }

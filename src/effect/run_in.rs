@@ -91,6 +91,7 @@ pub(crate) const EFFECT: Effect = Effect {
                 drag: Drag::new(v[3], 1.0),
                 largest: LargestFriction::default(),
                 reversals: Reversals::default(),
+                done: (0, 0.0),
             },
             inside,
         )
@@ -125,6 +126,8 @@ struct RunIn {
     drag: Drag,
     largest: LargestFriction,
     reversals: Reversals,
+    /// Number of reversals, and the share of the change that is done then.
+    done: (u32, f64),
 }
 
 /// Largest friction of the plant inside so far. At that instant, all contacts slid.
@@ -155,6 +158,7 @@ impl Wrap for RunIn {
         self.drag.reset();
         self.largest = LargestFriction::default();
         self.reversals = Reversals::default();
+        self.done = (0, 0.0);
     }
 
     fn told(&mut self, motion: &Motion) {
@@ -165,12 +169,18 @@ impl Wrap for RunIn {
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let force_n = inside.step(displacement_mm, dt_s);
         self.reversals.step(displacement_mm);
-        let done = -(-(self.reversals.cycles() / self.cycles).powf(self.power)).exp_m1();
+        if self.reversals.count != self.done.0 {
+            let done = -(-(self.reversals.cycles() / self.cycles).powf(self.power)).exp_m1();
+            self.done = (self.reversals.count, done);
+        }
         let carried_n = load_n(&**inside, force_n);
-        let own = self.drag.step(displacement_mm);
-        let drag = self.largest.drag(force_n - carried_n, carried_n).unwrap_or(own);
+        // The drag of its own is for a plant without friction: with friction it is not moved.
+        let drag = match self.largest.drag(force_n - carried_n, carried_n) {
+            Some(drag) => drag,
+            None => self.drag.step(displacement_mm),
+        };
         let friction_n = self.friction_change * drag * carried_n;
-        force_n + done * (friction_n + self.rate_change * force_n)
+        force_n + self.done.1 * (friction_n + self.rate_change * force_n)
     }
 }
 

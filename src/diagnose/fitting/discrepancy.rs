@@ -182,15 +182,29 @@ impl Discrepancy {
     /// Takes from weighted residuals what the terms explain of the fitted points. Returns the size of each term in its standard
     /// deviations.
     pub(super) fn remove(&self, split: &[Split], residuals: &mut [f64]) -> DVector<f64> {
-        let mut along = DVector::zeros(self.count());
-        for (column, i) in fitted(&self.terms, split) {
-            along.axpy(residuals[i], &column, 1.0);
-        }
-        let sizes = self.factor.solve(&along);
+        let sizes = self.sizes(split, residuals);
         for (residual, column) in residuals.iter_mut().zip(self.terms.column_iter()) {
             *residual -= column.dot(&sizes);
         }
         sizes
+    }
+
+    /// The same at the fitted points alone: a fit needs no others, and the terms are a tenth of its work.
+    pub(super) fn remove_from_fitted(&self, split: &[Split], residuals: &mut [f64]) -> DVector<f64> {
+        let sizes = self.sizes(split, residuals);
+        for (column, i) in fitted(&self.terms, split) {
+            residuals[i] -= column.dot(&sizes);
+        }
+        sizes
+    }
+
+    /// Size of each term that explains the fitted points best.
+    fn sizes(&self, split: &[Split], residuals: &[f64]) -> DVector<f64> {
+        let mut along = DVector::zeros(self.count());
+        for (column, i) in fitted(&self.terms, split) {
+            along.axpy(residuals[i], &column, 1.0);
+        }
+        self.factor.solve(&along)
     }
 }
 

@@ -19,6 +19,8 @@ const CONVERGED_SHARE: f64 = 2e-5;
 /// Largest number of steps with one Jacobian of the parent, and of new Jacobians until convergence.
 const STEPS: usize = 9;
 const ROUNDS: usize = 12;
+/// Most steps with one Jacobian on the way to convergence: a step is one run of the model, a Jacobian one for each parameter.
+const CHORD_STEPS: usize = 6;
 /// A step of a child that lowers the sum of squares by less than this share is idle; two idle steps end the fit.
 const IDLE_FALL: f64 = 2e-4;
 /// Search for the position of a kink by trials: first and last move as a share of the range that the recordings cover, and the
@@ -28,6 +30,8 @@ const LAST_MOVE: f64 = 2e-4;
 const SHRINK: f64 = 0.4;
 /// Most moves: more follow a valley in which the other parameters move along, which a fit to convergence does far faster.
 const MOST_MOVES: usize = 16;
+/// A trial whose slopes promise a fall that, this much larger, would still leave it worse than what it is to beat is given up.
+const HOPE: f64 = 1.0;
 /// Smallest half width of a kink's interval, as a share of the same range, and bisections of its end.
 const LEAST_HALF_WIDTH: f64 = 1e-5;
 const BISECTIONS: usize = 5;
@@ -58,12 +62,24 @@ impl<'s, 'a> NodeDescent<'s, 'a> {
         CONVERGED.max(CONVERGED_SHARE * self.cost)
     }
 
+    /// Distances of the values to their bounds, in units of their scale.
+    fn room(&self, bounds: &[[f64; 2]], scale: &[f64]) -> Vec<[f64; 2]> {
+        (0..scale.len())
+            .map(|i| bounds[i].map(|bound| (bound - self.values[i]) / scale[i]))
+            .collect()
+    }
+
+    /// Fall of the sum of squares that the slopes promise for the next step.
+    fn promised_fall(&self, normal: &DMatrix<f64>, gradient: &DVector<f64>, scale: &[f64]) -> f64 {
+        let room = self.room(&self.structure.parameters_bounds(), scale);
+        let step = bounded_step(normal, gradient, self.damping, &room);
+        -2.0 * gradient.dot(&step) - step.dot(&(normal * &step))
+    }
+
     /// A damped step; returns the fall of the sum of squares, 0 where no damping makes it fall.
     fn step(&mut self, normal: &DMatrix<f64>, gradient: &DVector<f64>, scale: &[f64]) -> f64 {
         let bounds: Vec<[f64; 2]> = self.structure.parameters_bounds();
-        let room: Vec<[f64; 2]> = (0..scale.len())
-            .map(|i| bounds[i].map(|bound| (bound - self.values[i]) / scale[i]))
-            .collect();
+        let room = self.room(&bounds, scale);
         for _ in 0..5 {
             let step = bounded_step(normal, gradient, self.damping, &room);
             let values: Vec<f64> = (0..scale.len())
@@ -97,8 +113,10 @@ impl<'s, 'a> NodeDescent<'s, 'a> {
         let (mut size, mut moves) = (FIRST_MOVE * width, 0);
         while size > LAST_MOVE * width && moves < MOST_MOVES {
             let lower = [size, -size].into_iter().find_map(|by| {
-                let trial = self.refitted_at(place, self.values[place] + by, &held, scale, gradient)?;
-                (trial.cost < self.cost - self.idle_fall()).then_some(trial)
+                let to_beat = self.cost - self.idle_fall();
+                let value = self.values[place] + by;
+                let trial = self.refitted_at(place, value, &held, scale, gradient, to_beat)?;
+                (trial.cost < to_beat).then_some(trial)
             });
             match lower {
                 Some(trial) => {
@@ -111,7 +129,8 @@ impl<'s, 'a> NodeDescent<'s, 'a> {
         }
     }
 
-    /// One parameter set to a value and the others refitted; `held` is the normal matrix that keeps it there.
+    /// One parameter set to a value and the others refitted; `held` is the normal matrix that keeps it there. `None` where the slopes
+    /// say that the sum of squares will not fall below `to_beat`.
     fn refitted_at(
         &self,
         place: usize,
@@ -119,6 +138,7 @@ impl<'s, 'a> NodeDescent<'s, 'a> {
         held: &DMatrix<f64>,
         scale: &[f64],
         gradient: &dyn Fn(&DVector<f64>) -> DVector<f64>,
+        to_beat: f64,
     ) -> Option<Self> {
         let [low, high] = self.structure.parameters_bounds()[place];
         let mut values = self.values.clone();
@@ -127,6 +147,10 @@ impl<'s, 'a> NodeDescent<'s, 'a> {
         for _ in 0..2 {
             let mut slope = gradient(&trial.residuals);
             slope[place] = 0.0;
+            if trial.cost > to_beat && trial.cost - HOPE * trial.promised_fall(held, &slope, scale) > to_beat
+            {
+                return None;
+            }
             if trial.step(held, &slope, scale) < trial.idle_fall() {
                 break;
             }
@@ -161,13 +185,19 @@ pub(in crate::diagnose) fn profile_interval(
     let descent = NodeDescent::new(structure, node.values.clone())?;
     let held = with_parameter_fixed(&tangent.normal, place);
     let [low, high] = structure.parameters_bounds()[place];
+    let gradient = |residuals: &DVector<f64>| tangent.jacobian.tr_mul(residuals);
     let too_far = |value: f64| {
         value <= low
             || value >= high
             || descent
-                .refitted_at(place, value, &held, &tangent.scale, &|residuals| {
-                    tangent.jacobian.tr_mul(residuals)
-                })
+                .refitted_at(
+                    place,
+                    value,
+                    &held,
+                    &tangent.scale,
+                    &gradient,
+                    descent.cost + rise,
+                )
                 .is_none_or(|there| there.cost > descent.cost + rise)
     };
     let at = node.values[place];
@@ -280,7 +310,7 @@ pub(in crate::diagnose) fn converge(
             return Some((descent.node()?, tangent));
         }
         let before = descent.cost;
-        for _ in 0..2 {
+        for _ in 0..CHORD_STEPS {
             let gradient = tangent.jacobian.tr_mul(&descent.residuals);
             if descent.step(&tangent.normal, &gradient, &tangent.scale) < descent.idle_fall() {
                 break;

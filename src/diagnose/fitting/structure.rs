@@ -8,6 +8,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::baseline::{Attached, Setup, build, wrap};
 use super::data::Data;
+use super::discrepancy::Discrepancy;
 use crate::diagnose::conditioning::Track;
 use crate::diagnose::course::Split;
 use crate::identify::Residuals;
@@ -99,14 +100,19 @@ impl<'a> ModelStructure<'a> {
     /// The same, with the size of each term of the discrepancy in its standard deviations.
     pub(in crate::diagnose) fn compared(&self, values: &[f64]) -> Option<(Vec<f64>, DVector<f64>)> {
         let mut out = vec![0.0; self.data.len()];
-        let linear = self.compare(values, &mut out).ok()?;
+        let linear = self.compare(values, &mut out, Discrepancy::remove).ok()?;
         let sizes = DVector::from_column_slice(&linear[self.data.lengths.len()..]);
         out.iter().all(|r| r.is_finite()).then_some((out, sizes))
     }
 
-    /// Weighted residuals of every point; returns each recording's own zero, then each term of the discrepancy, in standard
-    /// deviations.
-    fn compare(&self, values: &[f64], out: &mut [f64]) -> Result<Vec<f64>, BuildError> {
+    /// Weighted residuals of every point, without what `remove` takes away of the discrepancy; returns each recording's own zero,
+    /// then each term of the discrepancy, in standard deviations.
+    fn compare(
+        &self,
+        values: &[f64],
+        out: &mut [f64],
+        remove: impl Fn(&Discrepancy, &[Split], &mut [f64]) -> DVector<f64>,
+    ) -> Result<Vec<f64>, BuildError> {
         self.predict(values, out)?;
         let data = self.data;
         for ((o, f), w) in out.iter_mut().zip(&data.force_n).zip(&data.weight) {
@@ -130,7 +136,7 @@ impl<'a> ModelStructure<'a> {
         };
         let mut linear: Vec<f64> = data.tracks.iter().zip(&data.lengths).map(zero).collect();
         if let Some(discrepancy) = &data.discrepancy {
-            linear.extend(discrepancy.remove(&data.split, out).iter());
+            linear.extend(remove(discrepancy, &data.split, out).iter());
         }
         Ok(linear)
     }
@@ -216,7 +222,7 @@ impl Residuals for ModelStructure<'_> {
 
     fn evaluate(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
         let (samples, priors) = out.split_at_mut(self.data.len());
-        let linear = self.compare(values, samples)?;
+        let linear = self.compare(values, samples, Discrepancy::remove_from_fitted)?;
         for (o, split) in samples.iter_mut().zip(&self.data.split) {
             if *split != Split::Fit {
                 *o = 0.0;

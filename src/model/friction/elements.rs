@@ -8,6 +8,8 @@
 //! complete after a finite travel; above 1 the tail is long. In nested loops the elements return to where they turned
 //! (Masing 1926). A dry contact does so too. Dahl's differential law does not.
 
+use std::sync::LazyLock;
+
 /// Elastic-plastic elements in parallel: each follows the travel and slides once it is dragged by its length.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Elements<const N: usize> {
@@ -38,11 +40,39 @@ impl<const N: usize> Elements<N> {
         }
         &self.drags
     }
+
+    /// Moves by a travel and returns the mean drag ratio, -1 to 1. N is a multiple of [`LANES`].
+    pub(crate) fn advance_mean(&mut self, travel_mm: f64) -> f64 {
+        let drags = self.advance(travel_mm);
+        // Several sums beside each other: one sum would wait for each of its additions.
+        let mut sums = [0.0; LANES];
+        for drags in drags.chunks_exact(LANES) {
+            for (sum, drag) in sums.iter_mut().zip(drags) {
+                *sum += drag;
+            }
+        }
+        sums.iter().sum::<f64>() / N as f64
+    }
 }
+
+/// Sums beside each other in a mean.
+const LANES: usize = 8;
 
 /// Lengths in mm of elements whose mean reverses over `length_mm` with the given shape.
 pub(crate) fn spread<const N: usize>(length_mm: f64, shape: f64) -> [f64; N] {
-    std::array::from_fn(|i| length_mm * quantile((i as f64 + 0.5) / N as f64, shape))
+    if shape == 1.0 {
+        // Dahl's law is in every model that a fit builds, and its quantiles never change.
+        static OF_DAHL: LazyLock<[f64; 32]> = LazyLock::new(|| quantiles(1.0));
+        if let Ok(quantiles) = <[f64; N]>::try_from(&OF_DAHL[..]) {
+            return quantiles.map(|quantile| length_mm * quantile);
+        }
+    }
+    quantiles(shape).map(|quantile| length_mm * quantile)
+}
+
+/// Quantiles in the middle of N equal shares.
+fn quantiles<const N: usize>(shape: f64) -> [f64; N] {
+    std::array::from_fn(|i| quantile((i as f64 + 0.5) / N as f64, shape))
 }
 
 /// Quantile of the distribution of element lengths, in units of the law's length.

@@ -24,7 +24,7 @@ struct PreslidingElements(Elements<ELEMENTS>);
 
 impl DragLaw for PreslidingElements {
     fn drag(&mut self, slip_mm: f64, _dt_s: f64, _velocity_mm_s: Option<f64>) -> f64 {
-        self.0.advance(slip_mm).iter().sum::<f64>() / ELEMENTS as f64
+        self.0.advance_mean(slip_mm)
     }
 
     fn reset(&mut self) {
