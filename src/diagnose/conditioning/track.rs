@@ -54,10 +54,44 @@ impl Track {
         self.time_s.len()
     }
 
+    /// Some of its points, in order.
+    pub(in crate::diagnose) fn picked(&self, points: &[usize]) -> Track {
+        fn pick<T: Copy>(of: &[T], points: &[usize]) -> Vec<T> {
+            points.iter().map(|&i| of[i]).collect()
+        }
+        Track {
+            name: self.name.clone(),
+            time_s: pick(&self.time_s, points),
+            displacement_mm: pick(&self.displacement_mm, points),
+            force_n: pick(&self.force_n, points),
+            weight: pick(&self.weight, points),
+            direction: pick(&self.direction, points),
+            since_reversal_mm: pick(&self.since_reversal_mm, points),
+            motion: pick(&self.motion, points),
+            turn_error_mm: pick(&self.turn_error_mm, points),
+            hidden_mm: pick(&self.hidden_mm, points),
+            width_s: pick(&self.width_s, points),
+            cycle: pick(&self.cycle, points),
+            split: pick(&self.split, points),
+            remarks: Vec::new(),
+            notes: Vec::new(),
+            ..*self
+        }
+    }
+
     /// Largest speed in mm/s.
     pub(in crate::diagnose) fn top_speed_mm_s(&self) -> f64 {
         let speeds = self.motion.iter().map(|m| m.velocity_mm_s.abs());
         speeds.fold(0.0, f64::max)
+    }
+
+    /// True for the last point before a reversal and the first after it: a model that remembers where it turned is led there.
+    pub(in crate::diagnose) fn is_at_reversal(&self, i: usize) -> bool {
+        let turns = |from: usize| {
+            let directions = (self.direction.get(from), self.direction.get(from + 1));
+            matches!(directions, (Some(a), Some(b)) if a != b)
+        };
+        turns(i) || (i > 0 && turns(i - 1))
     }
 
     /// Time since the point before, in s.

@@ -2,12 +2,14 @@
 //!
 //! Gains are in log-likelihood of effective samples, see `likelihood`.
 
+use std::sync::OnceLock;
+
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::baseline::{Attached, Setup};
 use super::data::Data;
-use super::fit::{converge, fit_child};
+use super::fit::{Parent, converge, fit_child};
 use super::node::{Key, Node};
 use super::score::{CandidateScore, Tangent};
 use super::structure::ModelStructure;
@@ -50,6 +52,7 @@ impl RunSettings {
             span: self.span,
             limits: self.limits,
             pool: &self.pool,
+            coarse: OnceLock::new(),
         }
     }
 }
@@ -80,16 +83,28 @@ pub(in crate::diagnose) struct FitContext<'a> {
     /// Limits of the bench for the next test.
     pub limits: Option<ProfileLimits>,
     pool: &'a ThreadPool,
+    /// Fewer points of the data, made when they are first asked for.
+    coarse: OnceLock<Option<Data>>,
 }
 
 impl<'a> FitContext<'a> {
     /// The same data with another setup.
     pub(in crate::diagnose) fn with_setup<'b>(&'b self, setup: &'b Setup) -> FitContext<'b> {
-        FitContext { setup, ..*self }
+        FitContext {
+            setup,
+            coarse: OnceLock::new(),
+            ..*self
+        }
     }
 
     pub(in crate::diagnose) fn structure(&self, attached: Vec<Attached>) -> ModelStructure<'a> {
         ModelStructure::new(self.setup, self.data, attached)
+    }
+
+    /// Fewer points of the data, on which sets are screened; `None` where there are few, or the model runs along all of them.
+    pub(super) fn coarse(&self) -> Option<&Data> {
+        let coarse = || self.setup.surrogate.is_none().then(|| self.data.coarse())?;
+        self.coarse.get_or_init(coarse).as_ref()
     }
 
     pub(in crate::diagnose) fn threads(&self) -> usize {
@@ -156,9 +171,32 @@ impl<'a> FitContext<'a> {
         converge(&self.structure(node.attached.clone()), node.values.clone())
     }
 
+    /// A converged node, to which effects will be added.
+    fn parent<'s>(&'s self, node: &'s Node, tangent: &'s Tangent) -> Parent<'s> {
+        let coarse = self.coarse().and_then(|data| {
+            let structure = ModelStructure::new(self.setup, data, node.attached.clone());
+            let tangent = Tangent::new(&structure, &node.values)?;
+            Some((structure, tangent))
+        });
+        Parent {
+            node,
+            structure: self.structure(node.attached.clone()),
+            tangent,
+            coarse,
+        }
+    }
+
     /// Scores of every candidate that a node lacks; one list per candidate, its best start first.
     pub(in crate::diagnose) fn scores(&self, node: &Node, tangent: &Tangent) -> Vec<Vec<CandidateScore>> {
-        let structure = self.structure(node.attached.clone());
+        self.scores_on(&self.structure(node.attached.clone()), node, tangent)
+    }
+
+    fn scores_on(
+        &self,
+        structure: &ModelStructure<'_>,
+        node: &Node,
+        tangent: &Tangent,
+    ) -> Vec<Vec<CandidateScore>> {
         let lacking: Vec<usize> = (0..self.setup.candidates.len())
             .filter(|&c| {
                 let code = self.setup.candidates[c].effect.code;
@@ -166,7 +204,7 @@ impl<'a> FitContext<'a> {
             })
             .collect();
         self.parallel_map(&lacking, |&c| {
-            tangent.scores(&structure, &node.values, c, &self.setup.candidates[c], &self.span)
+            tangent.scores(structure, &node.values, c, &self.setup.candidates[c], &self.span)
         })
     }
 
@@ -178,12 +216,12 @@ impl<'a> FitContext<'a> {
         count: usize,
     ) -> Vec<Node> {
         let extras = self.setup.extras.len();
-        let tasks = self.tasks(parents, seen, count);
+        let every: Vec<usize> = (0..parents.len()).collect();
+        let parents = self.parallel_map(&every, |&i| self.parent(&parents[i].0, &parents[i].1));
+        let tasks = self.tasks(&parents, seen, count);
         let fitted = self.parallel_map(&tasks, |(parent, score)| {
-            let (node, tangent) = &parents[*parent];
-            let structure = self.structure(node.attached.clone());
             let candidate = &self.setup.candidates[score.candidate];
-            fit_child(&structure, node, tangent, candidate, &score.start, &self.span)
+            fit_child(&parents[*parent], candidate, &score.start, &self.span)
         });
         // Of several starts of one candidate the best fit is kept.
         let mut children: Vec<Node> = Vec::new();
@@ -199,18 +237,20 @@ impl<'a> FitContext<'a> {
 
     /// The starts of the `count` most promising children of all parents, each with the index of its parent. A set that several
     /// parents lead to is taken once.
-    fn tasks(&self, parents: &[(Node, Tangent)], seen: &[Key], count: usize) -> Vec<(usize, CandidateScore)> {
+    fn tasks(&self, parents: &[Parent<'_>], seen: &[Key], count: usize) -> Vec<(usize, CandidateScore)> {
         let extras = self.setup.extras.len();
         let mut promising = Vec::new();
-        for (parent, (node, tangent)) in parents.iter().enumerate() {
-            for scores in self.scores(node, tangent) {
+        for (i, parent) in parents.iter().enumerate() {
+            let node = parent.node;
+            let (structure, tangent) = parent.screen();
+            for scores in self.scores_on(structure, node, tangent) {
                 let Some(best) = scores.first().filter(|s| s.gain > LEAST_PREDICTED_GAIN) else {
                     continue;
                 };
                 let mut key = node.key(extras);
                 key.push(self.setup.candidates[best.candidate].effect.code);
                 key.sort_unstable();
-                promising.push((node.cost() - 2.0 * best.gain, parent, key, scores));
+                promising.push((node.cost() - 2.0 * best.gain, i, key, scores));
             }
         }
         promising.sort_by(|a, b| a.0.total_cmp(&b.0));

@@ -144,6 +144,15 @@ impl Discrepancy {
         self.with(self.terms.columns(points.start, points.len()).into_owned(), split)
     }
 
+    /// The same on picked points, each with a factor of its weight.
+    pub(super) fn picked(&self, points: &[usize], factors: &[f64], split: &[Split]) -> Option<Discrepancy> {
+        let mut terms = self.terms.select_columns(points);
+        for (mut column, factor) in terms.column_iter_mut().zip(factors) {
+            column *= *factor;
+        }
+        self.with(terms, split)
+    }
+
     fn with(&self, terms: DMatrix<f64>, split: &[Split]) -> Option<Discrepancy> {
         Some(Discrepancy {
             factor: factor(&terms, split)?,

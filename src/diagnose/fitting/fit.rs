@@ -104,13 +104,13 @@ impl<'s, 'a> NodeDescent<'s, 'a> {
     fn search_kink(
         &mut self,
         place: usize,
-        width: f64,
+        (width, first_move): (f64, f64),
         normal: &DMatrix<f64>,
         scale: &[f64],
         gradient: &dyn Fn(&DVector<f64>) -> DVector<f64>,
     ) {
         let held = with_parameter_fixed(normal, place);
-        let (mut size, mut moves) = (FIRST_MOVE * width, 0);
+        let (mut size, mut moves) = (first_move * width, 0);
         while size > LAST_MOVE * width && moves < MOST_MOVES {
             let lower = [size, -size].into_iter().find_map(|by| {
                 let to_beat = self.cost - self.idle_fall();
@@ -121,7 +121,7 @@ impl<'s, 'a> NodeDescent<'s, 'a> {
             match lower {
                 Some(trial) => {
                     *self = trial;
-                    size = (size / SHRINK).min(FIRST_MOVE * width);
+                    size = (size / SHRINK).min(first_move * width);
                     moves += 1;
                 }
                 None => size *= SHRINK,
@@ -222,27 +222,78 @@ pub(in crate::diagnose) fn profile_interval(
     Some([end(-1.0)?, end(1.0)?])
 }
 
-/// Fits a child of a converged node: one more effect, from one start, with the node's Jacobian used again.
+/// A converged node to which effects are added: with its tangent on all points, and where there are many, on fewer.
+pub(super) struct Parent<'a> {
+    pub node: &'a Node,
+    pub structure: ModelStructure<'a>,
+    pub tangent: &'a Tangent,
+    pub coarse: Option<(ModelStructure<'a>, Tangent)>,
+}
+
+impl Parent<'_> {
+    /// The points to screen on: the fewer ones where there are such.
+    pub(super) fn screen(&self) -> (&ModelStructure<'_>, &Tangent) {
+        match &self.coarse {
+            Some((structure, tangent)) => (structure, tangent),
+            None => (&self.structure, self.tangent),
+        }
+    }
+}
+
+/// Fits a child of a converged node: one more effect, from one start, with the node's Jacobian used again. Where there are many points,
+/// the way from the start is made on fewer of them.
 pub(super) fn fit_child(
-    parent: &ModelStructure<'_>,
-    node: &Node,
-    tangent: &Tangent,
+    parent: &Parent<'_>,
     candidate: &Attached,
     start: &[f64],
     span: &Span,
 ) -> Option<Node> {
-    let structure = parent.with(candidate);
-    let (p, k) = (node.values.len(), candidate.parameters.len());
+    let from = insert_group(&parent.node.values, start);
+    let structure = parent.structure.with(candidate);
+    let Some((coarse, tangent)) = &parent.coarse else {
+        return descend(&structure, parent.tangent, from, candidate, span, FAR)?.node();
+    };
+    let near = descend(&coarse.with(candidate), tangent, from, candidate, span, FAR)?.values;
+    descend(&structure, parent.tangent, near, candidate, span, NEAR)?.node()
+}
+
+/// How far a child is from its minimum.
+#[derive(Clone, Copy)]
+struct Way {
+    steps: usize,
+    /// First move of a kink as a share of the recorded range.
+    first_move: f64,
+}
+
+const FAR: Way = Way {
+    steps: STEPS,
+    first_move: FIRST_MOVE,
+};
+const NEAR: Way = Way {
+    steps: 1,
+    first_move: 0.05 * FIRST_MOVE,
+};
+
+/// Descends from the values of a child, with the tangent of its parent.
+fn descend<'s, 'a>(
+    structure: &'s ModelStructure<'a>,
+    tangent: &Tangent,
+    values: Vec<f64>,
+    candidate: &Attached,
+    span: &Span,
+    way: Way,
+) -> Option<NodeDescent<'s, 'a>> {
+    let (p, k) = (tangent.scale.len(), candidate.parameters.len());
     // Order of the values: the parent's without the force zero, the new effect's, the force zero.
     let place = |i: usize| if i + 1 == p { p - 1 + k } else { i };
     let own: Vec<usize> = (p - 1..p - 1 + k).collect();
-    let mut descent = NodeDescent::new(&structure, insert_group(&node.values, start))?;
+    let mut descent = NodeDescent::new(structure, values)?;
     let mut scale = structure.scale(&descent.values);
     for i in 0..p {
         scale[place(i)] = tangent.scale[i];
     }
     let (mut idle, mut last) = (0, None);
-    for _ in 0..STEPS {
+    for _ in 0..way.steps {
         let own_scale = structure.scale(&descent.values);
         for &i in &own {
             scale[i] = own_scale[i];
@@ -275,12 +326,13 @@ pub(super) fn fit_child(
     }
     if let Some((normal, columns)) = last {
         for &(i, axis) in candidate.effect.kinks {
-            descent.search_kink(p - 1 + i, span.width(axis), &normal, &scale, &|residuals| {
+            let moves = (span.width(axis), way.first_move);
+            descent.search_kink(p - 1 + i, moves, &normal, &scale, &|residuals| {
                 whole_gradient(tangent, &columns, residuals)
             });
         }
     }
-    descent.node()
+    Some(descent)
 }
 
 /// Gradient in the order of the values: the parent's without the force zero, the new effect's, the force zero.

@@ -6,6 +6,7 @@ use super::fit::converge;
 use super::likelihood::PENALTY;
 use super::node::Node;
 use super::score::insert_group;
+use super::structure::ModelStructure;
 
 /// A node with the general friction law, fitted from these starts of its parameters, where the data support one.
 pub(in crate::diagnose) fn generalise(
@@ -24,8 +25,18 @@ pub(in crate::diagnose) fn generalise(
         .iter()
         .map(|group| insert_group(&frictionless, group))
         .collect();
+    // The way from a start is long: on fewer points where there are many.
+    let coarse = context
+        .coarse()
+        .map(|data| ModelStructure::new(context.setup, data, structure.attached.clone()));
     let general = context
-        .parallel_map(&starts, |start| converge(&structure, start.clone()))
+        .parallel_map(&starts, |start| {
+            let near = coarse.as_ref().and_then(|coarse| converge(coarse, start.clone()));
+            converge(
+                &structure,
+                near.map_or_else(|| start.clone(), |(node, _)| node.values),
+            )
+        })
         .into_iter()
         .flatten()
         .map(|(node, _)| node)

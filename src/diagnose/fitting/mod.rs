@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `baseline` | the model with the physics that is known, and the candidates |
 //! | `data`, `discrepancy` | all tracks end to end, with weights; by what the model may deviate along them |
+//! | `coarse` | fewer points of the same tracks, to screen sets on |
 //! | `structure` | one set of effects against the data |
 //! | `surrogate`, `surrogate_plant` | replaces a slow model along the recordings |
 //! | `node`, `fit`, `score` | a fitted set; how sets are fitted; the score test of a candidate |
@@ -15,6 +16,7 @@
 //! | `file_offsets`, `force_zero`, `repeats` | offsets of single recordings, a wrong zero, repeats that differ |
 
 mod baseline;
+mod coarse;
 mod coloured_noise;
 mod context;
 mod data;

@@ -13,10 +13,12 @@ use crate::diagnose::conditioning::Track;
 use crate::diagnose::course::Split;
 use crate::identify::Residuals;
 use crate::identify::jacobian::typical;
-use crate::model::{BuildError, Parameter};
+use crate::model::{BuildError, Parameter, Plant};
 
 /// Step of a difference quotient as a share of the parameter's scale.
 const RELATIVE_STEP: f64 = 1e-5;
+/// Every how many points that are not fitted the model is led on the way to fitted ones: what it remembers is the way, not the steps.
+const PASSING_STEP: usize = 4;
 /// Standard deviation of a recording's own zero, in units of its noise: folded hum is smaller than the noise.
 const OWN_ZERO: f64 = 0.2;
 /// Bounds of the force zero as a share of the range, and its plausible values and least bounds in standard deviations.
@@ -71,14 +73,7 @@ impl<'a> ModelStructure<'a> {
 
     /// Model force with the force zero, in N, at every point of every track.
     pub(in crate::diagnose) fn predict(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
-        let (zero_n, values) = values.split_last().expect("every structure has a zero");
-        let mut plant = match &self.setup.surrogate {
-            Some(surrogate) if !self.exact => {
-                let (own, groups) = values.split_at(self.setup.model.parameters.len());
-                wrap(surrogate.plant(own), &self.attached, groups, *zero_n)
-            }
-            _ => build(self.setup, &self.attached, values, *zero_n)?,
-        };
+        let mut plant = self.plant(values)?;
         self.setup.count_steps(out.len());
         let mut k = 0;
         for track in &self.data.tracks {
@@ -92,6 +87,48 @@ impl<'a> ModelStructure<'a> {
         Ok(())
     }
 
+    /// The same at the fitted points alone: past the others the plant is led in larger steps, and a track without fitted points is
+    /// left out.
+    fn predict_fitted(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
+        if self.setup.surrogate.is_some() && !self.exact {
+            return self.predict(values, out);
+        }
+        let mut plant = self.plant(values)?;
+        let (mut from, mut steps) = (0, 0);
+        for track in &self.data.tracks {
+            let split = &self.data.split[from..from + track.len()];
+            let out = &mut out[from..from + track.len()];
+            from += track.len();
+            let Some(last) = split.iter().rposition(|split| *split == Split::Fit) else {
+                continue;
+            };
+            plant.reset();
+            let mut before_s = track.time_s[0];
+            for i in 0..=last {
+                if split[i] == Split::Fit || i % PASSING_STEP == 0 || track.is_at_reversal(i) {
+                    plant.told(&track.motion[i]);
+                    out[i] = plant.step(track.displacement_mm[i], track.time_s[i] - before_s);
+                    before_s = track.time_s[i];
+                    steps += 1;
+                }
+            }
+        }
+        self.setup.count_steps(steps);
+        Ok(())
+    }
+
+    /// The model with its effects, ready to be led along a track.
+    fn plant(&self, values: &[f64]) -> Result<Box<dyn Plant>, BuildError> {
+        let (zero_n, values) = values.split_last().expect("every structure has a zero");
+        match &self.setup.surrogate {
+            Some(surrogate) if !self.exact => {
+                let (own, groups) = values.split_at(self.setup.model.parameters.len());
+                Ok(wrap(surrogate.plant(own), &self.attached, groups, *zero_n))
+            }
+            _ => build(self.setup, &self.attached, values, *zero_n),
+        }
+    }
+
     /// Weighted residuals (measured minus model) of every point of every split.
     pub(in crate::diagnose) fn residuals(&self, values: &[f64]) -> Option<Vec<f64>> {
         self.compared(values).map(|(residuals, _)| residuals)
@@ -100,20 +137,19 @@ impl<'a> ModelStructure<'a> {
     /// The same, with the size of each term of the discrepancy in its standard deviations.
     pub(in crate::diagnose) fn compared(&self, values: &[f64]) -> Option<(Vec<f64>, DVector<f64>)> {
         let mut out = vec![0.0; self.data.len()];
-        let linear = self.compare(values, &mut out, Discrepancy::remove).ok()?;
+        self.predict(values, &mut out).ok()?;
+        let linear = self.compare(&mut out, Discrepancy::remove);
         let sizes = DVector::from_column_slice(&linear[self.data.lengths.len()..]);
         out.iter().all(|r| r.is_finite()).then_some((out, sizes))
     }
 
-    /// Weighted residuals of every point, without what `remove` takes away of the discrepancy; returns each recording's own zero,
+    /// Makes weighted residuals of forces, without what `remove` takes away of the discrepancy; returns each recording's own zero,
     /// then each term of the discrepancy, in standard deviations.
     fn compare(
         &self,
-        values: &[f64],
         out: &mut [f64],
         remove: impl Fn(&Discrepancy, &[Split], &mut [f64]) -> DVector<f64>,
-    ) -> Result<Vec<f64>, BuildError> {
-        self.predict(values, out)?;
+    ) -> Vec<f64> {
         let data = self.data;
         for ((o, f), w) in out.iter_mut().zip(&data.force_n).zip(&data.weight) {
             *o = (f - *o) * w;
@@ -138,7 +174,7 @@ impl<'a> ModelStructure<'a> {
         if let Some(discrepancy) = &data.discrepancy {
             linear.extend(remove(discrepancy, &data.split, out).iter());
         }
-        Ok(linear)
+        linear
     }
 
     /// Number of values that are solved for inside the residuals.
@@ -222,7 +258,8 @@ impl Residuals for ModelStructure<'_> {
 
     fn evaluate(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
         let (samples, priors) = out.split_at_mut(self.data.len());
-        let linear = self.compare(values, samples, Discrepancy::remove_from_fitted)?;
+        self.predict_fitted(values, samples)?;
+        let linear = self.compare(samples, Discrepancy::remove_from_fitted);
         for (o, split) in samples.iter_mut().zip(&self.data.split) {
             if *split != Split::Fit {
                 *o = 0.0;
