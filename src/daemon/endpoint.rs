@@ -19,12 +19,17 @@ pub(super) struct EndpointFile {
 }
 
 impl EndpointFile {
-    /// Writes the file of a daemon that listens on `address`.
-    pub(super) fn publish(folder: &Path, address: SocketAddr) -> Result<EndpointFile, DaemonError> {
+    /// Writes the file of a daemon that answers this computer at `address`. `page`: where other computers find it.
+    pub(super) fn publish(
+        folder: &Path,
+        address: SocketAddr,
+        page: Option<String>,
+    ) -> Result<EndpointFile, DaemonError> {
         let path = folder.join(ENDPOINT_FILE);
         let endpoint = Endpoint {
             url: format!("http://{address}"),
             pid: std::process::id(),
+            page,
         };
         let write = || -> io::Result<()> {
             let text = serde_json::to_string(&endpoint)?;

@@ -10,6 +10,7 @@ use axum::extract::{Query, State};
 use axum::response::Response;
 use tokio::sync::broadcast::error::RecvError;
 
+use super::access::Person;
 use super::client_types::Status;
 use super::connections::Connection;
 use super::live::{LiveBatch, points_in};
@@ -49,6 +50,7 @@ enum LiveMessage<'a> {
 pub(super) async fn live(
     State(state): App,
     Extension(connection): Extension<Arc<Connection>>,
+    Extension(person): Extension<Person>,
     Query(viewer): Query<Viewer>,
     upgrade: WebSocketUpgrade,
 ) -> Response {
@@ -56,7 +58,7 @@ pub(super) async fn live(
     upgrade
         .max_message_size(LARGEST_MESSAGE)
         .on_upgrade(move |socket| async move {
-            let _presence = viewer.caller.map(|id| state.commander.presence(&id));
+            let _presence = viewer.caller.map(|id| state.commander.presence((person.name, id)));
             serve(socket, state).await;
             drop(in_use);
         })
