@@ -183,6 +183,11 @@ fn forged_hosts_and_origins_wrong_types_and_large_bodies_are_refused() {
             format!("GET / HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\n"),
             200,
         ),
+        // Another port of this computer.
+        (
+            format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\nSec-Fetch-Site: same-site\r\n"),
+            403,
+        ),
     ];
     for (head, expected) in cases {
         let (status, body) = request(&daemon, &head, "");
@@ -206,8 +211,12 @@ fn the_live_view_sends_status_and_samples_with_the_twin() {
     start(&daemon, LONG);
     let stream = TcpStream::connect(daemon.authority()).expect("the daemon listens");
     stream.set_read_timeout(Some(PATIENCE)).expect("set");
-    let address = format!("ws://{}/api/live", daemon.authority());
-    let (mut socket, _) = tungstenite::client(address, stream).expect("upgraded");
+    let address: tungstenite::http::Uri = format!("ws://{}/api/live", daemon.authority())
+        .parse()
+        .expect("an address");
+    let asked = tungstenite::ClientRequestBuilder::new(address)
+        .with_header("Authorization", format!("Bearer {}", daemon.token()));
+    let (mut socket, _) = tungstenite::client(asked, stream).expect("upgraded");
     let (mut status, mut twin_points) = (false, 0);
     while !status || twin_points < 100 {
         let tungstenite::Message::Text(text) = socket.read().expect("a message") else {

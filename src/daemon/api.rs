@@ -30,7 +30,7 @@ use super::server::STOP_PATH;
 use super::state::{App, DaemonState};
 use super::wanted::Wanted;
 use super::{
-    compare, diagnosis_api, editor, imports, metrics, page, result, run_list, runs as run_life, sign_in, socket,
+    compare, description, diagnosis_api, editor, imports, metrics, page, result, run_list, runs as run_life, sign_in, socket,
 };
 use crate::control::TareReport;
 use crate::control::realtime::{Reply, Request};
@@ -235,7 +235,8 @@ fn large(route: MethodRouter<Arc<DaemonState>>) -> MethodRouter<Arc<DaemonState>
         sign_in::login,
         sign_in::link,
         sign_in::audit_log
-    )
+    ),
+    components(schemas(socket::LiveMessage))
 )]
 struct Description;
 
@@ -593,10 +594,19 @@ fn unavailable(why: &str) -> ApiError {
 /// This description of the interface.
 #[utoipa::path(get, path = "/api/openapi.json", responses((status = 200, body = Object)))]
 async fn openapi() -> Result<Response> {
-    let text = Description::openapi()
-        .to_json()
-        .map_err(|e| ApiError::internal(&e.to_string()))?;
-    Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
+    let document = described().map_err(|e| ApiError::internal(&e.to_string()))?;
+    Ok(Json(document).into_response())
+}
+
+/// The description of the whole interface.
+pub(crate) fn described() -> serde_json::Result<serde_json::Value> {
+    let mut document = serde_json::to_value(Description::openapi())?;
+    let routes: Vec<_> = routes()
+        .iter()
+        .map(|route| (route.method_name(), route.path, route.needs))
+        .collect();
+    description::complete(&mut document, &routes);
+    Ok(document)
 }
 
 #[cfg(test)]
@@ -607,8 +617,7 @@ mod tests {
 
     #[test]
     fn the_description_and_the_router_have_the_same_requests() {
-        let described: serde_json::Value =
-            serde_json::from_str(&Description::openapi().to_json().expect("written")).expect("JSON");
+        let described = described().expect("written");
         let paths = described["paths"].as_object().expect("paths");
         let described: BTreeSet<(String, String)> = paths
             .iter()
@@ -625,10 +634,29 @@ mod tests {
     }
 
     #[test]
-    fn the_description_has_a_schema_for_every_answer() {
-        let text = Description::openapi().to_json().expect("written");
-        for schema in ["RigStatus", "RunProgress", "Failure", "Plan", "TareReport"] {
+    fn the_description_has_a_schema_and_words_for_every_answer_and_message() {
+        let document = described().expect("written");
+        let text = document.to_string();
+        for schema in ["RigStatus", "RunProgress", "Failure", "Plan", "TareReport", "LiveMessage"] {
             assert!(text.contains(&format!("\"{schema}\":{{")), "{schema}");
+        }
+        let paths = document["paths"].as_object().expect("paths");
+        for (path, item) in paths {
+            for (method, operation) in item.as_object().expect("an item") {
+                let what = format!("{method} {path}");
+                let told = operation["description"].as_str().unwrap_or_default();
+                assert!(told.contains("role") || told.contains("Open to everybody"), "{what}: {told}");
+                let answers = operation["responses"].as_object().expect("answers");
+                assert!(answers.len() >= 4, "{what}: {answers:?}");
+                for (status, answer) in answers {
+                    let words = answer["description"].as_str().unwrap_or_default();
+                    assert!(words.split_whitespace().count() >= 2, "{what} {status}: {words}");
+                }
+            }
+        }
+        let message = document["components"]["schemas"]["LiveMessage"].to_string();
+        for kind in ["samples", "status", "skipped", "LiveBatch"] {
+            assert!(message.contains(kind), "{kind}: {message}");
         }
     }
 

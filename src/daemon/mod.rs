@@ -30,7 +30,7 @@
 //! | `resume`, `progress`, `prepare` | what a run needs before it can start |
 //! | `runs`, `socket`, `page` | life of a run, live view, the technician's page |
 //! | `run_list`, `compare`, `diagnosis_api` | runs in pages with the thread of their index, two runs over each other, diagnoses over HTTP |
-//! | `api` | routes and handlers |
+//! | `description`, `api` | what OpenAPI says of all routes, routes and handlers |
 
 pub(crate) mod access;
 pub(crate) mod api;
@@ -43,6 +43,7 @@ mod commanding;
 mod compare;
 mod connections;
 mod course;
+mod description;
 mod diagnoses;
 mod diagnosis_api;
 mod disk_space;

@@ -32,9 +32,9 @@ pub(super) struct Viewer {
 }
 
 /// One message to a viewer.
-#[derive(serde::Serialize)]
+#[derive(serde::Serialize, utoipa::ToSchema)]
 #[serde(tag = "type", rename_all = "snake_case")]
-enum LiveMessage<'a> {
+pub(super) enum LiveMessage<'a> {
     /// Thinned samples. This viewer did not get the `skipped` samples before them.
     Samples {
         skipped: u64,
