@@ -42,7 +42,10 @@ fn commands_of_the_same_user_need_nothing_and_others_are_told_what_to_do() {
     };
     let (code, said) = as_other(None, &["zero"]);
     assert!(code == Some(4) && said.contains("has no token"), "{said}");
-    assert!(said.contains("leafbench open") && said.contains("leafbench token add"), "{said}");
+    assert!(
+        said.contains("leafbench open") && said.contains("leafbench token add"),
+        "{said}"
+    );
     // Their own token.
     let (made, code) = json(folder.path(), &["token", "add", "meyer", "--role", "watch"]);
     assert_eq!(code, 0, "{made}");
@@ -51,10 +54,21 @@ fn commands_of_the_same_user_need_nothing_and_others_are_told_what_to_do() {
         (as_other(Some(own), &["status"]).0 == Some(0)).then_some(())
     });
     let (code, said) = as_other(Some(own), &["zero"]);
-    assert!(code == Some(4) && said.contains("\\\"meyer\\\" may watch"), "{said}");
-    assert_eq!(as_other(Some(own), &["stop", "--reason", "smoke"]).0, Some(0), "everybody stops");
+    assert!(
+        code == Some(4) && said.contains("\\\"meyer\\\" may watch"),
+        "{said}"
+    );
+    assert_eq!(
+        as_other(Some(own), &["stop", "--reason", "smoke"]).0,
+        Some(0),
+        "everybody stops"
+    );
     let (list, _) = json(folder.path(), &["token", "list"]);
-    assert_eq!((&list[0]["name"], &list[0]["role"]), (&"meyer".into(), &"watch".into()), "{list}");
+    assert_eq!(
+        (&list[0]["name"], &list[0]["role"]),
+        (&"meyer".into(), &"watch".into()),
+        "{list}"
+    );
     assert_eq!(json(folder.path(), &["token", "remove", "meyer"]).1, 0);
     until("the end of the token", || {
         (as_other(Some(own), &["status"]).0 == Some(4)).then_some(())
@@ -63,11 +77,31 @@ fn commands_of_the_same_user_need_nothing_and_others_are_told_what_to_do() {
     let log = until("the log", || {
         Some(audit_log(&daemon.data)).filter(|log| log.contains("token meyer (watch) removed"))
     });
-    let line = |words: &[&str]| log.lines().any(|line| words.iter().all(|word| line.contains(word)));
-    assert!(line(&["\"who\":\"owner\"", "POST /api/zero", "\"status\":200"]), "{log}");
-    assert!(line(&["\"who\":\"meyer\"", "\"role\":\"watch\"", "POST /api/zero", "\"status\":403"]), "{log}");
-    assert!(line(&["\"who\":\"meyer\"", "POST /api/stop", "smoke", "\"status\":200"]), "{log}");
-    assert!(!log.contains(own) && !log.contains(&daemon.token()), "no secret is in the log");
+    let line = |words: &[&str]| {
+        log.lines()
+            .any(|line| words.iter().all(|word| line.contains(word)))
+    };
+    assert!(
+        line(&["\"who\":\"owner\"", "POST /api/zero", "\"status\":200"]),
+        "{log}"
+    );
+    assert!(
+        line(&[
+            "\"who\":\"meyer\"",
+            "\"role\":\"watch\"",
+            "POST /api/zero",
+            "\"status\":403"
+        ]),
+        "{log}"
+    );
+    assert!(
+        line(&["\"who\":\"meyer\"", "POST /api/stop", "smoke", "\"status\":200"]),
+        "{log}"
+    );
+    assert!(
+        !log.contains(own) && !log.contains(&daemon.token()),
+        "no secret is in the log"
+    );
 }
 
 #[test]
@@ -78,7 +112,9 @@ fn the_audit_log_shows_a_change_at_every_line() {
         for order in ["tare", "zero", "stop"] {
             json(folder.path(), &[order]);
         }
-        until("the orders in the log", || audit_log(&daemon.data).contains("POST /api/stop").then_some(()));
+        until("the orders in the log", || {
+            audit_log(&daemon.data).contains("POST /api/stop").then_some(())
+        });
     }
     let (whole, code) = json(folder.path(), &["audit", "verify"]);
     assert_eq!(code, 0, "{whole}");
@@ -119,8 +155,14 @@ fn an_override_is_logged_by_name() {
     let log = until("the start in the log", || {
         Some(audit_log(&daemon.data)).filter(|log| log.contains("override by R. Meier"))
     });
-    let line = log.lines().find(|line| line.contains("override by")).expect("a line");
-    assert!(line.contains("specimen another spring") && line.contains("\"status\":202"), "{line}");
+    let line = log
+        .lines()
+        .find(|line| line.contains("override by"))
+        .expect("a line");
+    assert!(
+        line.contains("specimen another spring") && line.contains("\"status\":202"),
+        "{line}"
+    );
 }
 
 /// Sends a request over TLS to `address`, in the name of `host`; the whole answer.
@@ -148,7 +190,14 @@ fn over_tls(address: &str, host: &str, more: &str) -> String {
 #[test]
 fn beyond_loopback_a_token_with_a_name_gets_in_over_tls_and_the_owners_does_not() {
     let folder = tempfile::tempdir().expect("a folder");
-    let tls = ["--tls-cert", "tests/tls/test-cert.pem", "--tls-key", "tests/tls/test-key.pem", "--name", "bench.test"];
+    let tls = [
+        "--tls-cert",
+        "tests/tls/test-cert.pem",
+        "--tls-key",
+        "tests/tls/test-key.pem",
+        "--name",
+        "bench.test",
+    ];
     let daemon = Daemon::start(folder.path(), &tls);
     // Commands of this computer go on without ceremony, on a port of their own.
     daemon.until_phase("ready");
@@ -158,18 +207,31 @@ fn beyond_loopback_a_token_with_a_name_gets_in_over_tls_and_the_owners_does_not(
     let host = page.trim_start_matches("https://").trim_end_matches('/');
     let address = host.replace("bench.test", "127.0.0.1");
     let (made, _) = json(folder.path(), &["token", "add", "meyer", "--role", "watch"]);
-    let named = format!("Authorization: Bearer {}\r\n", made["token"].as_str().expect("a token"));
+    let named = format!(
+        "Authorization: Bearer {}\r\n",
+        made["token"].as_str().expect("a token")
+    );
     until("an answer over TLS", || {
-        over_tls(&address, host, &named).starts_with("HTTP/1.1 200").then_some(())
+        over_tls(&address, host, &named)
+            .starts_with("HTTP/1.1 200")
+            .then_some(())
     });
     for (what, host, line, status) in [
         ("nothing", host, "", "401"),
         ("the owner's token", host, daemon.bearer().as_str(), "401"),
-        ("the owner's token as if local", daemon.authority(), daemon.bearer().as_str(), "200"),
+        (
+            "the owner's token as if local",
+            daemon.authority(),
+            daemon.bearer().as_str(),
+            "200",
+        ),
         ("another host", "evil.example", named.as_str(), "403"),
     ] {
         let answer = over_tls(&address, host, line);
-        assert!(answer.starts_with(&format!("HTTP/1.1 {status}")), "{what}: {answer}");
+        assert!(
+            answer.starts_with(&format!("HTTP/1.1 {status}")),
+            "{what}: {answer}"
+        );
     }
     // Without TLS the port says nothing.
     let mut plain = TcpStream::connect(&address).expect("the daemon listens");
@@ -185,13 +247,19 @@ fn behind_a_proxy_the_owners_token_is_good_at_the_bench_only() {
     let folder = tempfile::tempdir().expect("a folder");
     let daemon = Daemon::ready(folder.path(), &["--behind-proxy", "lab.example"]);
     let through = |more: &str| {
-        let head = format!("GET /api/status HTTP/1.1\r\nHost: lab.example\r\nX-Forwarded-For: 10.0.0.9\r\n{more}");
+        let head =
+            format!("GET /api/status HTTP/1.1\r\nHost: lab.example\r\nX-Forwarded-For: 10.0.0.9\r\n{more}");
         request_as_it_is(&daemon, &head, "").0
     };
     assert_eq!(through(&daemon.bearer()), 401);
     let (made, _) = json(folder.path(), &["token", "add", "meyer", "--role", "operate"]);
-    let named = format!("Authorization: Bearer {}\r\n", made["token"].as_str().expect("a token"));
-    until("the daemon to know the token", || (through(&named) == 200).then_some(()));
+    let named = format!(
+        "Authorization: Bearer {}\r\n",
+        made["token"].as_str().expect("a token")
+    );
+    until("the daemon to know the token", || {
+        (through(&named) == 200).then_some(())
+    });
     let own = format!("{named}Origin: https://lab.example\r\n");
     assert_eq!(through(&own), 200);
     assert_eq!(through(&format!("{named}Origin: http://lab.example\r\n")), 403);
@@ -219,14 +287,27 @@ fn a_link_signs_the_page_in_once_and_a_bookmark_outlives_the_daemon() {
         return;
     };
     page.until_state("Ready");
-    assert_eq!(page.value("location.href"), format!("{}/", daemon.url), "no secret stays in the address");
+    assert_eq!(
+        page.value("location.href"),
+        format!("{}/", daemon.url),
+        "no secret stays in the address"
+    );
     // The same link again, in another browser.
     let mut other = Page::open(&link, 1280, 800).expect("as the first one");
     other.until("document.getElementById('sign-in-state').textContent.includes('was used already')");
     // And that browser at the plain address.
-    other.ask("Page.navigate", &serde_json::json!({ "url": format!("{}/", daemon.url) }));
+    other.ask(
+        "Page.navigate",
+        &serde_json::json!({ "url": format!("{}/", daemon.url) }),
+    );
     other.until("document.getElementById('sign-in-state').textContent === 'This browser is not signed in.'");
-    assert!(other.value("document.body.innerText").as_str().expect("words").contains("leafbench open"));
+    assert!(
+        other
+            .value("document.body.innerText")
+            .as_str()
+            .expect("words")
+            .contains("leafbench open")
+    );
     // A token in the form.
     let (made, _) = json(folder.path(), &["token", "add", "wall", "--role", "watch"]);
     let token = made["token"].as_str().expect("a token").to_owned();
@@ -307,7 +388,12 @@ fn the_description_has_every_status_that_is_answered() {
         ("POST", "/api/outline", "/api/outline", "{\"text\":\"x\"}"),
         ("GET", "/api/diagnoses/{id}", "/api/diagnoses/none", ""),
         ("DELETE", "/api/diagnoses/{id}", "/api/diagnoses/none", ""),
-        ("POST", "/api/diagnoses", "/api/diagnoses", "{\"runs\":[\"none\"]}"),
+        (
+            "POST",
+            "/api/diagnoses",
+            "/api/diagnoses",
+            "{\"runs\":[\"none\"]}",
+        ),
         ("POST", "/api/twin", "/api/twin", "{\"diagnosis\":\"none\"}"),
         ("GET", "/api/imports/{name}", "/api/imports/none", ""),
         ("POST", "/api/imports", "/api/imports", "x"),
@@ -319,7 +405,10 @@ fn the_description_has_every_status_that_is_answered() {
         for line in [daemon.bearer(), String::new()] {
             let head = post_head(&daemon, address).replacen("POST", method, 1);
             let (status, told) = request_as_it_is(&daemon, &format!("{head}{line}"), body);
-            assert!(!described[status.to_string()].is_null(), "{method} {address} {body}: {status} {told}");
+            assert!(
+                !described[status.to_string()].is_null(),
+                "{method} {address} {body}: {status} {told}"
+            );
         }
     }
 }

@@ -43,7 +43,10 @@ fn status_of(daemon: &Daemon, method: &str, path: &str, more: &str) -> u16 {
 fn token_line(daemon: &Daemon, name: &str, role: Role) -> String {
     let (made, code) = json(&daemon.data, &["token", "add", name, "--role", role.word()]);
     assert_eq!(code, 0, "{made}");
-    let line = format!("Authorization: Bearer {}\r\n", made["token"].as_str().expect("a token"));
+    let line = format!(
+        "Authorization: Bearer {}\r\n",
+        made["token"].as_str().expect("a token")
+    );
     until("the daemon to know the token", || {
         (status_of(daemon, "GET", "/api/status", &line) == 200).then_some(())
     });
@@ -59,9 +62,16 @@ fn session(daemon: &Daemon) -> (String, String) {
     stream.read_to_string(&mut text).expect("an answer");
     let cookie = text
         .lines()
-        .find_map(|line| line.to_lowercase().starts_with("set-cookie: ").then(|| &line[12..]))
+        .find_map(|line| {
+            line.to_lowercase()
+                .starts_with("set-cookie: ")
+                .then(|| &line[12..])
+        })
         .expect("a cookie");
-    assert!(cookie.contains("HttpOnly") && cookie.contains("SameSite=Strict"), "{cookie}");
+    assert!(
+        cookie.contains("HttpOnly") && cookie.contains("SameSite=Strict"),
+        "{cookie}"
+    );
     let pair = cookie.split(';').next().expect("a pair");
     let body: serde_json::Value =
         serde_json::from_str(text.split("\r\n\r\n").nth(1).expect("a body")).expect("JSON");
@@ -77,7 +87,10 @@ fn bad_credentials(daemon: &Daemon) -> Vec<(&'static str, String)> {
     let token = daemon.token();
     let bearer = |text: &str| format!("Authorization: Bearer {text}\r\n");
     let last = if token.ends_with('0') { '1' } else { '0' };
-    let name = format!("leafbench-{}", daemon.authority().rsplit(':').next().expect("a port"));
+    let name = format!(
+        "leafbench-{}",
+        daemon.authority().rsplit(':').next().expect("a port")
+    );
     let removed = token_line(daemon, "removed", Role::Administer);
     json(&daemon.data, &["token", "remove", "removed"]);
     until("the daemon to forget the token", || {
@@ -97,10 +110,16 @@ fn bad_credentials(daemon: &Daemon) -> Vec<(&'static str, String)> {
         ("another scheme", format!("Authorization: Basic {token}\r\n")),
         ("two headers", format!("{}{}", bearer("x"), bearer(&token))),
         ("the token as a cookie", format!("Cookie: {name}={token}\r\n")),
-        ("the cookie as a token", bearer(cookie.trim().rsplit('=').next().expect("a value"))),
+        (
+            "the cookie as a token",
+            bearer(cookie.trim().rsplit('=').next().expect("a value")),
+        ),
         ("a cookie of another port", cookie.replace(&name, "leafbench-1")),
         ("the secret of a link", bearer(&used)),
-        ("the token in another header", format!("leafbench-token: {token}\r\n")),
+        (
+            "the token in another header",
+            format!("leafbench-token: {token}\r\n"),
+        ),
         ("a long text", bearer(&"x".repeat(4000))),
     ]
 }
@@ -132,7 +151,10 @@ fn n1_every_route_refuses_every_bad_credential() {
     let bad = bad_credentials(&daemon);
     assert!(bad.len() >= 12);
     let routes = every_route();
-    let closed: Vec<_> = routes.iter().filter(|(.., needs)| *needs != Needs::NOTHING).collect();
+    let closed: Vec<_> = routes
+        .iter()
+        .filter(|(.., needs)| *needs != Needs::NOTHING)
+        .collect();
     let mut sent = 0;
     let mut wrong = Vec::new();
     let mut ask = |method: &str, path: &str, kind: &str, line: &str| {
@@ -151,17 +173,35 @@ fn n1_every_route_refuses_every_bad_credential() {
         for other in METHODS {
             ask(other, &path, "nothing", "");
         }
-        ask(method, &format!("{path}?token={}", daemon.token()), "the token in the address", "");
+        ask(
+            method,
+            &format!("{path}?token={}", daemon.token()),
+            "the token in the address",
+            "",
+        );
     }
-    for path in ["/api/nothing", "/api/status/", "/API/status", "//api/status", "/.git/config"] {
+    for path in [
+        "/api/nothing",
+        "/api/status/",
+        "/API/status",
+        "//api/status",
+        "/.git/config",
+    ] {
         ask("GET", path, "nothing", "");
     }
-    eprintln!("{sent} requests over {} routes, {} succeeded", closed.len(), wrong.len());
+    eprintln!(
+        "{sent} requests over {} routes, {} succeeded",
+        closed.len(),
+        wrong.len()
+    );
     assert!(sent >= LEAST_REQUESTS, "{sent}");
     assert!(wrong.is_empty(), "{wrong:#?}");
     // Nothing happened, and the right token is good after all of it.
     let status = get_json(&daemon, "/api/status");
-    assert_eq!((&status["run"], &status["commander"]), (&serde_json::Value::Null, &serde_json::Value::Null));
+    assert_eq!(
+        (&status["run"], &status["commander"]),
+        (&serde_json::Value::Null, &serde_json::Value::Null)
+    );
     assert_eq!(json(folder.path(), &["runs"]).0, serde_json::json!([]));
 }
 
@@ -175,7 +215,11 @@ fn n2_guesses_are_answered_429_and_the_operators_stop_still_works() {
     for i in 0..tries {
         let guess = Fingerprint::of(&i.to_string());
         let line = format!("Authorization: Bearer {guess}\r\n");
-        let (method, path) = if i % 2 == 0 { ("POST", "/api/run") } else { ("GET", "/api/status") };
+        let (method, path) = if i % 2 == 0 {
+            ("POST", "/api/run")
+        } else {
+            ("GET", "/api/status")
+        };
         match status_of(&daemon, method, path, &line) {
             401 => told[0] += 1,
             429 => told[1] += 1,
@@ -188,13 +232,22 @@ fn n2_guesses_are_answered_429_and_the_operators_stop_still_works() {
     }
     // Five in each ten seconds are looked at.
     let windows = 1 + begun.elapsed().as_secs() / 10;
-    assert!(told[0] <= 5 * windows && told[0] >= 5, "{told:?} in {windows} windows");
+    assert!(
+        told[0] <= 5 * windows && told[0] >= 5,
+        "{told:?} in {windows} windows"
+    );
     // The page that signs in is no way around it.
     let (status, body) = request_as_it_is(&daemon, &post_head(&daemon, "/api/login"), "{\"secret\":\"x\"}");
-    assert!(status == 429 && body.contains("wrong tokens came from 127.0.0.1"), "{status} {body}");
+    assert!(
+        status == 429 && body.contains("wrong tokens came from 127.0.0.1"),
+        "{status} {body}"
+    );
     let log = std::fs::read_to_string(folder.path().join("audit.jsonl")).expect("a log");
     let noted = log.lines().filter(|line| line.contains("wrong token")).count();
-    assert!((2..=2 * windows as usize).contains(&noted), "a flood of guesses is {noted} lines");
+    assert!(
+        (2..=2 * windows as usize).contains(&noted),
+        "a flood of guesses is {noted} lines"
+    );
 }
 
 #[test]
@@ -248,7 +301,10 @@ fn n5_a_websocket_opens_for_our_page_and_with_a_token_only() {
                        Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n";
         let mut stream = TcpStream::connect(daemon.authority()).expect("the daemon listens");
         stream.set_read_timeout(Some(PATIENCE)).expect("set");
-        let head = format!("GET /api/live HTTP/1.1\r\nHost: {}\r\n{upgrade}{more}\r\n", daemon.authority());
+        let head = format!(
+            "GET /api/live HTTP/1.1\r\nHost: {}\r\n{upgrade}{more}\r\n",
+            daemon.authority()
+        );
         stream.write_all(head.as_bytes()).expect("sent");
         let mut line = [0; 12];
         stream.read_exact(&mut line).expect("an answer");
@@ -299,10 +355,17 @@ fn n10_every_role_can_do_what_its_routes_say_and_nothing_else() {
     // An override needs the highest role.
     let start = |line: &str| {
         let head = head(&daemon, "POST", "/api/run", line);
-        request_as_it_is(&daemon, &head, "{\"profile\":\"no-such\",\"override_by\":\"R. Meier\"}")
+        request_as_it_is(
+            &daemon,
+            &head,
+            "{\"profile\":\"no-such\",\"override_by\":\"R. Meier\"}",
+        )
     };
     let (status, body) = start(&people[1].1);
-    assert!(status == 403 && body.contains("may not override"), "{status} {body}");
+    assert!(
+        status == 403 && body.contains("may not override"),
+        "{status} {body}"
+    );
     assert_eq!(start(&people[2].1).0, 422, "there is no such profile");
 }
 
@@ -323,22 +386,37 @@ fn attack(daemon: &Daemon, token: &str, kind: usize, held: &mut Vec<TcpStream>) 
         0 => String::new(),
         1 => "GET /api/status HTTP/1.1\r\nHost: ".to_owned(),
         2 => format!("POST /api/stop HTTP/1.1\r\n{host}{kind_json}{auth}Content-Length: 9\r\n\r\n{{"),
-        3 => format!("POST /api/run HTTP/1.1\r\n{host}{kind_json}{auth}{long}{}", "x".repeat(100_000)),
-        4 => format!("POST /api/imports/preview HTTP/1.1\r\n{host}{kind_json}{auth}{long}{}", "x".repeat(100_000)),
+        3 => format!(
+            "POST /api/run HTTP/1.1\r\n{host}{kind_json}{auth}{long}{}",
+            "x".repeat(100_000)
+        ),
+        4 => format!(
+            "POST /api/imports/preview HTTP/1.1\r\n{host}{kind_json}{auth}{long}{}",
+            "x".repeat(100_000)
+        ),
         5 => get("/metrics"),
         6 => format!("GET /api/status HTTP/1.1\r\n{host}Authorization: Bearer wrong\r\n\r\n"),
-        7 => format!("POST /api/login HTTP/1.1\r\n{host}{kind_json}Content-Length: 14\r\n\r\n{{\"secret\":\"x\"}}"),
+        7 => format!(
+            "POST /api/login HTTP/1.1\r\n{host}{kind_json}Content-Length: 14\r\n\r\n{{\"secret\":\"x\"}}"
+        ),
         8 => format!("GET /api/live HTTP/1.1\r\n{host}{auth}{socket}\r\n"),
-        9 => format!("GET /api/live HTTP/1.1\r\n{host}{auth}{socket}\r\n\u{ff}\u{0}\u{7f}garbage{}", "y".repeat(500)),
+        9 => format!(
+            "GET /api/live HTTP/1.1\r\n{host}{auth}{socket}\r\n\u{ff}\u{0}\u{7f}garbage{}",
+            "y".repeat(500)
+        ),
         10 => "\u{16}\u{3}\u{1}\u{2}\u{0}\u{1}\u{0}random bytes\u{0}\r\n\r\n".to_owned(),
         11 => format!("GET / HTTP/1.1\r\n{host}X: {}\r\n\r\n", "z".repeat(200_000)),
         12 => get("/api/status").repeat(50),
         13 => get("/api/../../etc/passwd"),
-        14 => format!("POST /api/plan HTTP/1.1\r\n{host}{kind_json}{auth}Content-Length: 25\r\n\r\n{{\"profile\":\"static-ramp\"}}"),
+        14 => format!(
+            "POST /api/plan HTTP/1.1\r\n{host}{kind_json}{auth}Content-Length: 25\r\n\r\n{{\"profile\":\"static-ramp\"}}"
+        ),
         15 => get("/api/runs"),
         16 => get("/api/openapi.json"),
         17 => "GET / HTTP/1.1\r\nHost: evil.example\r\n\r\n".to_owned(),
-        18 => format!("POST /api/run HTTP/1.1\r\n{host}{kind_json}{auth}Transfer-Encoding: chunked\r\n\r\nFFFFFFFF\r\n"),
+        18 => format!(
+            "POST /api/run HTTP/1.1\r\n{host}{kind_json}{auth}Transfer-Encoding: chunked\r\n\r\nFFFFFFFF\r\n"
+        ),
         _ => format!("POST /api/outline HTTP/1.1\r\n{host}{kind_json}{auth}Content-Length: 6\r\n\r\n[[[[[["),
     };
     let _ = stream.write_all(text.as_bytes());
@@ -380,7 +458,9 @@ fn n7_n8_under_twenty_hostile_loads_a_stop_is_answered_at_once() {
                 }
             });
         }
-        until("the loads", || (attacks.load(Ordering::Relaxed) > 20 * KINDS).then_some(()));
+        until("the loads", || {
+            (attacks.load(Ordering::Relaxed) > 20 * KINDS).then_some(())
+        });
         let mut windows = Vec::new();
         for _ in 0..WINDOWS {
             let mut took: Vec<Duration> = (0..STOPS)
@@ -400,11 +480,18 @@ fn n7_n8_under_twenty_hostile_loads_a_stop_is_answered_at_once() {
         is_over.store(true, Ordering::Relaxed);
         windows
     });
-    eprintln!("stops under {} attacks, median and p99: {windows:?}", attacks.load(Ordering::Relaxed));
+    eprintln!(
+        "stops under {} attacks, median and p99: {windows:?}",
+        attacks.load(Ordering::Relaxed)
+    );
     assert!(windows.iter().any(|[_, p99]| *p99 <= STOP_LIMIT), "{windows:?}");
     // It has survived all of it, and control ran on.
     let rig = get_json(&daemon, "/api/status")["rig"].clone();
-    assert_eq!((rig["phase"].as_str(), rig["counters"]["lost"].as_u64()), (Some("ready"), Some(0)), "{rig}");
+    assert_eq!(
+        (rig["phase"].as_str(), rig["counters"]["lost"].as_u64()),
+        (Some("ready"), Some(0)),
+        "{rig}"
+    );
 }
 
 #[test]

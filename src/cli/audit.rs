@@ -69,11 +69,30 @@ fn show(folder: &Path, last: usize, output: &Output) -> Result<Done, CliError> {
 /// One entry for people.
 fn line(entry: &AuditEntry) -> String {
     let deed = &entry.deed;
-    let times = if entry.times > 1 { format!(" ({} times)", entry.times) } else { String::new() };
-    let status = if deed.status > 0 { format!(" -> {}", deed.status) } else { String::new() };
-    let client = if deed.client.is_empty() { String::new() } else { format!(" ({})", deed.client) };
-    let detail = if deed.detail.is_empty() { String::new() } else { format!(": {}", deed.detail) };
-    format!("{}  {}{client}  {}{times}{status}{detail}", entry.time_utc, deed.who, deed.what)
+    let times = if entry.times > 1 {
+        format!(" ({} times)", entry.times)
+    } else {
+        String::new()
+    };
+    let status = if deed.status > 0 {
+        format!(" -> {}", deed.status)
+    } else {
+        String::new()
+    };
+    let client = if deed.client.is_empty() {
+        String::new()
+    } else {
+        format!(" ({})", deed.client)
+    };
+    let detail = if deed.detail.is_empty() {
+        String::new()
+    } else {
+        format!(": {}", deed.detail)
+    };
+    format!(
+        "{}  {}{client}  {}{times}{status}{detail}",
+        entry.time_utc, deed.who, deed.what
+    )
 }
 
 fn verify(folder: &Path, hash: Option<&str>, output: &Output) -> Result<Done, CliError> {
@@ -82,12 +101,15 @@ fn verify(folder: &Path, hash: Option<&str>, output: &Output) -> Result<Done, Cl
     if let Some(hash) = hash
         && !chain::has_hash(&text, hash)
     {
-        check
-            .problems
-            .push(format!("no line has the hash {hash}: the log was written again, or is another one"));
+        check.problems.push(format!(
+            "no line has the hash {hash}: the log was written again, or is another one"
+        ));
     }
     output.result(&check, || match check.problems.as_slice() {
-        [] => format!("{} entries, none changed; hash of the last one: {}", check.lines, check.hash),
+        [] => format!(
+            "{} entries, none changed; hash of the last one: {}",
+            check.lines, check.hash
+        ),
         problems => problems.join("\n"),
     })?;
     Ok(Done::success_if(check.problems.is_empty()))

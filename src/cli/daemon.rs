@@ -134,7 +134,10 @@ fn announce(endpoint: &Endpoint, sign_in: &str, output: &Output) {
         None => String::new(),
     };
     let page = match is_journal(&std::io::stdout()) {
-        true => format!("the page is {}/, and `leafbench open` signs a browser in", endpoint.url),
+        true => format!(
+            "the page is {}/, and `leafbench open` signs a browser in",
+            endpoint.url
+        ),
         false => format!("open {sign_in} in a browser (it works once; `leafbench open` prints another)"),
     };
     // The daemon runs on where stdout is closed.

@@ -30,7 +30,8 @@ use super::server::STOP_PATH;
 use super::state::{App, DaemonState};
 use super::wanted::Wanted;
 use super::{
-    compare, description, diagnosis_api, editor, imports, metrics, page, result, run_list, runs as run_life, sign_in, socket,
+    compare, description, diagnosis_api, editor, imports, metrics, page, result, run_list, runs as run_life,
+    sign_in, socket,
 };
 use crate::control::TareReport;
 use crate::control::realtime::{Reply, Request};
@@ -250,7 +251,9 @@ pub(super) fn router(guard: RequestGuard, state: &Arc<DaemonState>) -> Router {
         };
         route.layer(axum::middleware::from_fn_with_state(gate, gate::check))
     };
-    let api = routes().into_iter().map(|r| (r.path, r.needs, (r.handler)(r.method)));
+    let api = routes()
+        .into_iter()
+        .map(|r| (r.path, r.needs, (r.handler)(r.method)));
     let login = (
         sign_in::LOGIN_PATH,
         Needs::NOTHING,
@@ -325,7 +328,10 @@ async fn run(
     if !overrides.is_empty() && person.role < Role::Administer {
         return Err(ApiError::new(
             StatusCode::FORBIDDEN,
-            format!("the token \"{}\" may not override: it has the role {}", person.name, person.role),
+            format!(
+                "the token \"{}\" may not override: it has the role {}",
+                person.name, person.role
+            ),
             "correct the bench file, or ask the person who administers the bench to start the run".to_owned(),
         ));
     }
@@ -337,10 +343,13 @@ async fn run(
 
 /// What the audit log says about a start.
 fn note_of_start(request: &StartRun) -> String {
-    let profile = request.profile.as_ref().map(|profile| match profile.contains('\n') {
-        true => "a text".to_owned(),
-        false => profile.clone(),
-    });
+    let profile = request
+        .profile
+        .as_ref()
+        .map(|profile| match profile.contains('\n') {
+            true => "a text".to_owned(),
+            false => profile.clone(),
+        });
     let mut words = Vec::new();
     let more = [
         ("profile", &profile),
@@ -637,7 +646,14 @@ mod tests {
     fn the_description_has_a_schema_and_words_for_every_answer_and_message() {
         let document = described().expect("written");
         let text = document.to_string();
-        for schema in ["RigStatus", "RunProgress", "Failure", "Plan", "TareReport", "LiveMessage"] {
+        for schema in [
+            "RigStatus",
+            "RunProgress",
+            "Failure",
+            "Plan",
+            "TareReport",
+            "LiveMessage",
+        ] {
             assert!(text.contains(&format!("\"{schema}\":{{")), "{schema}");
         }
         let paths = document["paths"].as_object().expect("paths");
@@ -645,7 +661,10 @@ mod tests {
             for (method, operation) in item.as_object().expect("an item") {
                 let what = format!("{method} {path}");
                 let told = operation["description"].as_str().unwrap_or_default();
-                assert!(told.contains("role") || told.contains("Open to everybody"), "{what}: {told}");
+                assert!(
+                    told.contains("role") || told.contains("Open to everybody"),
+                    "{what}: {told}"
+                );
                 let answers = operation["responses"].as_object().expect("answers");
                 assert!(answers.len() >= 4, "{what}: {answers:?}");
                 for (status, answer) in answers {
@@ -722,7 +741,10 @@ mod tests {
             let claim = state.starts.claim().expect("free");
             let request = extract::Request::new(axum::body::Body::from("not JSON"));
             let answer = stop(State(Arc::clone(&state)), request).await.expect("accepted");
-            assert_eq!(answer.1.0.message, "the run that was being prepared does not start");
+            assert_eq!(
+                answer.1.0.message,
+                "the run that was being prepared does not start"
+            );
             assert!(claim.wanted().withdrawn().is_some());
             // A body that never arrives.
             let body =

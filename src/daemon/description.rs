@@ -10,21 +10,39 @@ const STATUSES: [(&str, &str); 16] = [
     ("101", "The connection is now a WebSocket."),
     ("200", "Done."),
     ("202", "The run starts."),
-    ("400", "The request cannot be read: its query, its JSON or the header `leafbench-caller`."),
-    ("401", "No valid token, or a session that has ended; or a cookie alone where a key is needed."),
+    (
+        "400",
+        "The request cannot be read: its query, its JSON or the header `leafbench-caller`.",
+    ),
+    (
+        "401",
+        "No valid token, or a session that has ended; or a cookie alone where a key is needed.",
+    ),
     (
         "403",
         "The role is not enough, or the request comes from another web page or asks for another host.",
     ),
     ("404", "There is nothing with this name or id."),
     ("408", "The body did not arrive within 10 s."),
-    ("409", "The state of the bench does not allow it now, another client commands, or the name is taken."),
+    (
+        "409",
+        "The state of the bench does not allow it now, another client commands, or the name is taken.",
+    ),
     ("413", "The body is too large."),
-    ("415", "The body is of another type: send `Content-Type: application/json`."),
+    (
+        "415",
+        "The body is of another type: send `Content-Type: application/json`.",
+    ),
     ("422", "The content cannot be used; `error` says what and where."),
     ("429", "Too many wrong tokens came from this address; wait 10 s."),
-    ("500", "A defect of the daemon, or a file that cannot be read or written."),
-    ("503", "Too many connections, or control has too much to do: try again. A stop always has a place."),
+    (
+        "500",
+        "A defect of the daemon, or a file that cannot be read or written.",
+    ),
+    (
+        "503",
+        "Too many connections, or control has too much to do: try again. A stop always has a place.",
+    ),
     ("507", "The disk is full."),
 ];
 
@@ -56,20 +74,32 @@ pub(super) fn complete(document: &mut Value, routes: &[DescribedRoute]) {
             describe_answers(operation, &schemas);
         }
     }
-    document["paths"]["/api/live"]["get"]["responses"]["101"]["description"] =
-        json!("The connection is now a WebSocket. Each message is text: JSON of the schema `LiveMessage`. Clients send nothing.");
-    document["paths"]["/api/live"]["get"]["x-messages"] = json!({ "$ref": "#/components/schemas/LiveMessage" });
+    document["paths"]["/api/live"]["get"]["responses"]["101"]["description"] = json!(
+        "The connection is now a WebSocket. Each message is text: JSON of the schema `LiveMessage`. Clients send nothing."
+    );
+    document["paths"]["/api/live"]["get"]["x-messages"] =
+        json!({ "$ref": "#/components/schemas/LiveMessage" });
 }
 
 /// Who may send the request.
 fn add_need(operation: &mut Value, needs: Needs) {
     let (words, security) = match (needs.role, needs.by_cookie) {
         (None, _) => ("Open to everybody.".to_owned(), json!([])),
-        (Some(role), true) => (format!("Needs the role {role}."), json!([{ "token": [] }, { "session": [] }])),
-        (Some(role), false) => (format!("Needs the role {role}, with a token or key."), json!([{ "token": [] }])),
+        (Some(role), true) => (
+            format!("Needs the role {role}."),
+            json!([{ "token": [] }, { "session": [] }]),
+        ),
+        (Some(role), false) => (
+            format!("Needs the role {role}, with a token or key."),
+            json!([{ "token": [] }]),
+        ),
     };
     let own = operation["description"].as_str().unwrap_or_default();
-    let text = if own.is_empty() { words } else { format!("{own}\n\n{words}") };
+    let text = if own.is_empty() {
+        words
+    } else {
+        format!("{own}\n\n{words}")
+    };
     operation["description"] = text.into();
     operation["security"] = security;
 }
@@ -134,11 +164,15 @@ fn describe_answers(operation: &mut Value, schemas: &Value) {
 
 /// Type and schema of an answer; the schema of the items of a list.
 fn content(answer: &Value) -> (String, String) {
-    let first = answer["content"].as_object().and_then(|content| content.iter().next());
+    let first = answer["content"]
+        .as_object()
+        .and_then(|content| content.iter().next());
     let Some((kind, content)) = first else {
         return Default::default();
     };
     let schema = &content["schema"];
-    let named = schema["$ref"].as_str().or_else(|| schema["items"]["$ref"].as_str());
+    let named = schema["$ref"]
+        .as_str()
+        .or_else(|| schema["items"]["$ref"].as_str());
     (kind.clone(), named.unwrap_or_default().to_owned())
 }

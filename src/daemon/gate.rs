@@ -68,7 +68,8 @@ impl Gate {
 
     /// Whether the audit log has the requests of this route.
     fn is_audited(&self, method: &Method, path: &str) -> bool {
-        let is_order = self.needs.role >= Some(Role::Operate) && method != Method::GET && method != Method::HEAD;
+        let is_order =
+            self.needs.role >= Some(Role::Operate) && method != Method::GET && method != Method::HEAD;
         is_order || path == STOP_PATH || self.needs.role == Some(Role::Administer)
     }
 }
@@ -88,20 +89,32 @@ fn bearer(headers: &HeaderMap) -> Option<&str> {
     headers.get(header::AUTHORIZATION)?;
     let told = guard::text(headers, header::AUTHORIZATION).unwrap_or_default();
     let (scheme, token) = told.split_once(' ').unwrap_or_default();
-    Some(if scheme.eq_ignore_ascii_case("bearer") { token.trim() } else { "" })
+    Some(if scheme.eq_ignore_ascii_case("bearer") {
+        token.trim()
+    } else {
+        ""
+    })
 }
 
 /// The value of our cookie.
 fn cookie<'h>(headers: &'h HeaderMap, name: &str) -> Option<&'h str> {
-    let texts = headers.get_all(header::COOKIE).iter().filter_map(|v| v.to_str().ok());
-    let mut pairs = texts.flat_map(|text| text.split(';')).filter_map(|pair| pair.trim().split_once('='));
+    let texts = headers
+        .get_all(header::COOKIE)
+        .iter()
+        .filter_map(|v| v.to_str().ok());
+    let mut pairs = texts
+        .flat_map(|text| text.split(';'))
+        .filter_map(|pair| pair.trim().split_once('='));
     pairs.find_map(|(key, value)| (key == name).then_some(value))
 }
 
 fn too_small(person: &Person, role: Role) -> ApiError {
     ApiError::new(
         StatusCode::FORBIDDEN,
-        format!("the token \"{}\" may {}, and this needs the role {role}", person.name, person.role),
+        format!(
+            "the token \"{}\" may {}, and this needs the role {role}",
+            person.name, person.role
+        ),
         "ask the person who administers the bench; a stop is taken from everyone".to_owned(),
     )
 }
@@ -130,7 +143,11 @@ fn not_signed_in(error: &str) -> ApiError {
 pub(super) fn wrong(state: &DaemonState, peer: Peer) -> ApiError {
     let count = state.access.note_wrong(peer.address);
     if count == 1 || count == MOST_WRONG + 1 {
-        let told = if count == 1 { "a wrong token" } else { "more wrong tokens, refused unseen for a while" };
+        let told = if count == 1 {
+            "a wrong token"
+        } else {
+            "more wrong tokens, refused unseen for a while"
+        };
         state.audit.note(Deed {
             who: "nobody".to_owned(),
             from: peer.address.to_string(),
@@ -143,7 +160,11 @@ pub(super) fn wrong(state: &DaemonState, peer: Peer) -> ApiError {
     }
     ApiError::new(
         StatusCode::TOO_MANY_REQUESTS,
-        format!("{MOST_WRONG} wrong tokens came from {} within {} s", peer.address, WINDOW.as_secs()),
+        format!(
+            "{MOST_WRONG} wrong tokens came from {} within {} s",
+            peer.address,
+            WINDOW.as_secs()
+        ),
         format!("wait {} s, then send the right token", WINDOW.as_secs()),
     )
 }
@@ -254,7 +275,10 @@ mod tests {
 
     #[test]
     fn our_cookie_is_found_among_others() {
-        let told = headers(&[("cookie", "a=1; leafbench-80=x; b=2"), ("cookie", "leafbench-8000=y")]);
+        let told = headers(&[
+            ("cookie", "a=1; leafbench-80=x; b=2"),
+            ("cookie", "leafbench-8000=y"),
+        ]);
         assert_eq!(cookie(&told, "leafbench-8000"), Some("y"));
         assert_eq!(cookie(&told, "leafbench-80"), Some("x"));
         assert_eq!(cookie(&told, "leafbench-8"), None);

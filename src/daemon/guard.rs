@@ -83,7 +83,11 @@ impl RequestGuard {
         names.iter().fold(guard, |guard, name| {
             let guard = guard.with(format!("{name}:{port}"), Reach::Direct);
             // Browsers leave out the port of https.
-            if port == 443 { guard.with(name.clone(), Reach::Direct) } else { guard }
+            if port == 443 {
+                guard.with(name.clone(), Reach::Direct)
+            } else {
+                guard
+            }
         })
     }
 
@@ -95,7 +99,9 @@ impl RequestGuard {
     /// The site that a request asks for.
     fn site(&self, headers: &HeaderMap) -> Option<&Site> {
         let host = text(headers, header::HOST)?;
-        self.sites.iter().find(|site| site.host.eq_ignore_ascii_case(host))
+        self.sites
+            .iter()
+            .find(|site| site.host.eq_ignore_ascii_case(host))
     }
 
     /// Where a request to `site` comes from.
@@ -120,11 +126,19 @@ impl RequestGuard {
     /// The refusal of this request; `None` if it is allowed.
     fn refusal(&self, method: &Method, path: &str, headers: &HeaderMap) -> Option<ApiError> {
         let forbidden = |what: &str| {
-            Some(ApiError::new(
-                StatusCode::FORBIDDEN,
-                what.to_owned(),
-                format!("open {}/", self.sites.first().map_or("", |site| &site.origin)),
-            ))
+            let for_others = self.sites.iter().find(|site| site.reach != Reach::Local);
+            let what_to_do = match (for_others, self.sites.first()) {
+                (Some(site), _) => {
+                    format!(
+                        "open {}/; the daemon takes another name with --name NAME",
+                        site.origin
+                    )
+                }
+                (None, Some(site)) => format!("open {}/ on the bench computer", site.origin),
+                (None, None) => String::new(),
+            };
+            let status = StatusCode::FORBIDDEN;
+            Some(ApiError::new(status, what.to_owned(), what_to_do))
         };
         // DNS rebinding: an attacker's host name that resolves to our address is refused here.
         let Some(site) = self.site(headers) else {
@@ -228,7 +242,9 @@ mod tests {
             .iter()
             .map(|(n, v)| (n.clone(), v.parse().expect("a value")))
             .collect();
-        guard.refusal(&method, "/api/status", &headers).map(|e| e.status())
+        guard
+            .refusal(&method, "/api/status", &headers)
+            .map(|e| e.status())
     }
 
     #[test]

@@ -302,7 +302,9 @@ async fn serve_until_signal(
     mut signals: Signals,
     started: impl FnOnce() + Send,
 ) {
-    state.audit.note_daemon("start", &format!("tokens: {}", state.access.words()));
+    state
+        .audit
+        .note_daemon("start", &format!("tokens: {}", state.access.words()));
     let tokens = tokio::spawn(watch_tokens(Arc::clone(&state)));
     let relink = tokio::spawn(keep_link_open(Arc::clone(&state)));
     let disk = tokio::spawn(watch_disk_space(Arc::clone(&state)));

@@ -14,7 +14,11 @@ const OPEN: [&str; 3] = ["/login.js", "/login.css", "/icon.svg"];
 /// Path, need and handler of each of the page's files.
 pub(super) fn routes() -> impl Iterator<Item = (&'static str, Needs, MethodRouter<Arc<DaemonState>>)> {
     FILES.iter().map(|&(path, kind, text)| {
-        let needs = if OPEN.contains(&path) { Needs::NOTHING } else { Needs::WATCH };
+        let needs = if OPEN.contains(&path) {
+            Needs::NOTHING
+        } else {
+            Needs::WATCH
+        };
         let handler = get(move || async move { ([(header::CONTENT_TYPE, kind)], text) });
         (path, needs, handler)
     })

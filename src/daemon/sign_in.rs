@@ -11,8 +11,8 @@ use utoipa::ToSchema;
 use super::access::Person;
 use super::access::secret::Secret;
 use super::access::sessions::{LINK_LIFE, SESSION_LIFE_S};
-use super::audit::chain::{self, AuditEntry, Deed};
 use super::audit;
+use super::audit::chain::{self, AuditEntry, Deed};
 use super::blocking::blocking;
 use super::client_types::{Nothing, SignIn, SignInLink, SignedIn};
 use super::error::ApiError;
@@ -81,7 +81,10 @@ pub(super) async fn login(
 /// A link that signs a browser in as the person who asks. It works once, for ten minutes.
 #[utoipa::path(post, path = "/api/link", request_body = Nothing,
     responses((status = 200, body = SignInLink)))]
-pub(super) async fn link(State(state): App, Extension(person): Extension<Person>) -> Answer<Json<SignInLink>> {
+pub(super) async fn link(
+    State(state): App,
+    Extension(person): Extension<Person>,
+) -> Answer<Json<SignInLink>> {
     let secret = state.access.link(&person);
     let secret = secret.map_err(|e| ApiError::internal(&format!("there is no random number: {e}")))?;
     Ok(Json(SignInLink {
@@ -92,6 +95,7 @@ pub(super) async fn link(State(state): App, Extension(person): Extension<Person>
 
 /// Which part of the audit log is asked for.
 #[derive(Debug, Default, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
 pub(super) struct AuditPart {
     /// Number of entries, the newest ones.
     last: Option<usize>,

@@ -25,6 +25,7 @@ const LARGEST_MESSAGE: usize = 1024;
 
 /// The client that opens the socket.
 #[derive(Debug, Default, serde::Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
 pub(super) struct Viewer {
     /// Id of the client, as in the header `leafbench-caller`: it keeps the command while its socket is open.
     #[serde(default)]
@@ -58,7 +59,9 @@ pub(super) async fn live(
     upgrade
         .max_message_size(LARGEST_MESSAGE)
         .on_upgrade(move |socket| async move {
-            let _presence = viewer.caller.map(|id| state.commander.presence((person.name, id)));
+            let _presence = viewer
+                .caller
+                .map(|id| state.commander.presence((person.name, id)));
             serve(socket, state).await;
             drop(in_use);
         })

@@ -29,8 +29,8 @@ use std::time::{Instant, SystemTime};
 
 use jiff::Timestamp;
 
-pub(super) use guesses::{MOST_WRONG, WINDOW};
 use guesses::Guesses;
+pub(super) use guesses::{MOST_WRONG, WINDOW};
 use role::Role;
 use secret::{Fingerprint, Secret};
 use sessions::{SessionSecrets, Sessions};
@@ -94,7 +94,11 @@ impl Keys {
     /// Name and role of a token.
     fn whose(&self, token: &Fingerprint, is_local: bool) -> Option<(String, Role)> {
         let named = self.tokens.iter().fold(None, |found, named| {
-            if named.sha256.is(token) { Some(named) } else { found }
+            if named.sha256.is(token) {
+                Some(named)
+            } else {
+                found
+            }
         });
         let owner = (OWNER.to_owned(), Role::Administer);
         match named {
@@ -181,7 +185,11 @@ impl Access {
     }
 
     /// Opens a session for the secret of a link, or for a token. `None` if it is neither. Writes a file.
-    pub(super) fn sign_in(&self, secret: &str, is_local: bool) -> io::Result<Option<(Person, SessionSecrets)>> {
+    pub(super) fn sign_in(
+        &self,
+        secret: &str,
+        is_local: bool,
+    ) -> io::Result<Option<(Person, SessionSecrets)>> {
         let shown = Fingerprint::of(secret);
         let mut keys = self.keys();
         let token = keys.sessions.use_link(&shown, Instant::now()).unwrap_or(shown);

@@ -66,7 +66,10 @@ impl Sessions {
             })
         });
         let sessions = read.unwrap_or_else(|error| {
-            tracing::warn!("{} is not used, so all pages sign in again: {error}", path.display());
+            tracing::warn!(
+                "{} is not used, so all pages sign in again: {error}",
+                path.display()
+            );
             Vec::new()
         });
         Sessions {

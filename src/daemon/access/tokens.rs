@@ -29,10 +29,7 @@ const HEAD: &str = "# Written by `leafbench token`. It has the SHA-256 of each t
 pub(crate) enum TokenError {
     /// A file of the tokens cannot be read or written.
     #[error("{path} cannot be used: it must belong to the user of the daemon, with mode 0600")]
-    File {
-        path: PathBuf,
-        source: io::Error,
-    },
+    File { path: PathBuf, source: io::Error },
     /// The file with the names is damaged.
     #[error("{path} is no list of tokens: correct it, or delete it and add the tokens again")]
     Text {
@@ -45,13 +42,17 @@ pub(crate) enum TokenError {
     )]
     Name(String),
     /// The name is taken.
-    #[error("there is a token \"{0}\" already: remove it first with `leafbench token remove {0}`, or use another name")]
+    #[error(
+        "there is a token \"{0}\" already: remove it first with `leafbench token remove {0}`, or use another name"
+    )]
     Taken(String),
     /// No token has the name.
     #[error("there is no token \"{0}\": `leafbench token list` shows all")]
     Unknown(String),
     /// The list is full.
-    #[error("there are {MOST_TOKENS} tokens: remove those that nobody uses with `leafbench token remove NAME`")]
+    #[error(
+        "there are {MOST_TOKENS} tokens: remove those that nobody uses with `leafbench token remove NAME`"
+    )]
     Full,
 }
 
@@ -157,8 +158,7 @@ pub(super) fn owner(folder: &Path) -> Result<(Fingerprint, Option<String>), Toke
     });
     match made {
         Ok(fingerprint) => {
-            let sentence =
-                told.map(|why| format!("{} was made again, because {why}", path.display()));
+            let sentence = told.map(|why| format!("{} was made again, because {why}", path.display()));
             Ok((fingerprint, sentence))
         }
         Err(source) => Err(TokenError::File { path, source }),

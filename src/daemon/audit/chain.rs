@@ -179,7 +179,11 @@ mod tests {
         assert!(is_whole(&lines, &end));
         for at in 0..lines.len() {
             for byte in 0..lines[at].len() {
-                let mut changed = lines.clone().into_iter().map(String::into_bytes).collect::<Vec<_>>();
+                let mut changed = lines
+                    .clone()
+                    .into_iter()
+                    .map(String::into_bytes)
+                    .collect::<Vec<_>>();
                 changed[at][byte] ^= 1;
                 let text = String::from_utf8_lossy(&changed.join(&b'\n')).into_owned();
                 assert!(!check(&text, &end).problems.is_empty(), "line {at}, byte {byte}");

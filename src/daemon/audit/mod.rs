@@ -8,7 +8,7 @@ use std::io::{self, Write};
 use std::os::unix::fs::{FileExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -83,7 +83,9 @@ impl Audit {
             deed,
         };
         let sender = self.to_thread.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_sent = sender.as_ref().is_some_and(|sender| sender.try_send(noted).is_ok());
+        let is_sent = sender
+            .as_ref()
+            .is_some_and(|sender| sender.try_send(noted).is_ok());
         if !is_sent {
             self.missed.fetch_add(1, Ordering::Relaxed);
         }
@@ -120,10 +122,7 @@ impl Audit {
 fn write_deeds(mut writer: AuditWriter, deeds: &Receiver<NotedDeed>, missed: &AtomicU64) {
     let mut waiting: Option<(NotedDeed, u64)> = None;
     loop {
-        let next = match waiting {
-            Some(_) => deeds.recv_timeout(SAME_DEED),
-            None => deeds.recv().map_err(|_| RecvTimeoutError::Disconnected),
-        };
+        let next = next_deed(&mut writer, deeds, waiting.is_some());
         if let (Some((first, times)), Ok(noted)) = (&mut waiting, &next)
             && first.deed == noted.deed
         {
@@ -137,12 +136,32 @@ fn write_deeds(mut writer: AuditWriter, deeds: &Receiver<NotedDeed>, missed: &At
             Ok(noted) if noted.deed.what == REPEATED => waiting = Some((noted, 1)),
             Ok(noted) => writer.write(noted, 1),
             Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => return,
+            Err(RecvTimeoutError::Disconnected) => {
+                writer.settle();
+                return;
+            }
         }
         let lost = missed.swap(0, Ordering::Relaxed);
         if lost > 0 {
             writer.write_own(&format!("{lost} entries are missing here: the disk was too slow"));
         }
+    }
+}
+
+/// Waits for the next deed; a second at most while one is held back. Before it waits, all that is written is on the disk.
+fn next_deed(
+    writer: &mut AuditWriter,
+    deeds: &Receiver<NotedDeed>,
+    is_held: bool,
+) -> Result<NotedDeed, RecvTimeoutError> {
+    match deeds.try_recv() {
+        Ok(noted) => return Ok(noted),
+        Err(TryRecvError::Disconnected) => return Err(RecvTimeoutError::Disconnected),
+        Err(TryRecvError::Empty) => writer.settle(),
+    }
+    match is_held {
+        true => deeds.recv_timeout(SAME_DEED),
+        false => deeds.recv().map_err(|_| RecvTimeoutError::Disconnected),
     }
 }
 
@@ -178,6 +197,8 @@ struct AuditWriter {
     file: File,
     end_path: PathBuf,
     end: ChainEnd,
+    /// Lines were written and may not be on the disk yet.
+    is_unsettled: bool,
     /// A failure was logged; the next one is not.
     has_failed: bool,
 }
@@ -203,6 +224,7 @@ impl AuditWriter {
             file,
             end_path: folder.join(AUDIT_END_FILE),
             end,
+            is_unsettled: false,
             has_failed: false,
         };
         // A line that was cut off stays as it is; the next one begins after it.
@@ -229,14 +251,28 @@ impl AuditWriter {
     }
 
     fn write(&mut self, noted: NotedDeed, times: u64) {
-        match self.append(noted, times) {
-            Ok(()) => self.has_failed = false,
-            Err(error) if !self.has_failed => {
-                tracing::error!("the audit log cannot be written, so this and what follows is missing in it: {error}");
-                self.has_failed = true;
-            }
-            Err(_) => {}
+        let written = self.append(noted, times);
+        self.tell(written);
+    }
+
+    /// Brings all lines to the disk, and writes down where the log ends.
+    fn settle(&mut self) {
+        if std::mem::take(&mut self.is_unsettled) {
+            let settled = self.write_end();
+            self.tell(settled);
         }
+    }
+
+    /// Logs the first failure of several.
+    fn tell(&mut self, result: io::Result<()>) {
+        if let Err(error) = &result
+            && !self.has_failed
+        {
+            tracing::error!(
+                "the audit log cannot be written, so this and what follows is missing in it: {error}"
+            );
+        }
+        self.has_failed = result.is_err();
     }
 
     fn append(&mut self, noted: NotedDeed, times: u64) -> io::Result<()> {
@@ -250,8 +286,13 @@ impl AuditWriter {
         let (line, hash) = chain::line(&entry)?;
         // In one piece: a crash leaves all of a line, or a part that shows.
         self.file.write_all(format!("{line}\n").as_bytes())?;
-        self.file.sync_data()?;
         self.end = ChainEnd { n: entry.n, hash };
+        self.is_unsettled = true;
+        Ok(())
+    }
+
+    fn write_end(&mut self) -> io::Result<()> {
+        self.file.sync_data()?;
         let text = serde_json::to_string(&self.end)?;
         atomic_file::write(&self.end_path, |file| writeln!(file, "{text}"))
     }
@@ -292,11 +333,18 @@ mod tests {
         // A log that is shorter than it was is told by the next daemon too.
         let path = folder.path().join(AUDIT_FILE);
         let text = std::fs::read_to_string(&path).expect("there");
-        let shorter = text.lines().take(5).map(|line| format!("{line}\n")).collect::<String>();
+        let shorter = text
+            .lines()
+            .take(5)
+            .map(|line| format!("{line}\n"))
+            .collect::<String>();
         std::fs::write(&path, shorter).expect("written");
         Audit::open(folder.path()).expect("opened").close(PATIENCE);
         let told = std::fs::read_to_string(&path).expect("there");
-        assert!(told.contains("ended with entry 5, but entry 6 had been written"), "{told}");
+        assert!(
+            told.contains("ended with entry 5, but entry 6 had been written"),
+            "{told}"
+        );
         let mut text = std::fs::read_to_string(&path).expect("there");
         text.push_str("{\"n\":7,\"time_u");
         std::fs::write(&path, text).expect("written");

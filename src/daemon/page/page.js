@@ -234,7 +234,7 @@ let heardAt = 0;
 // Without a session the daemon shows the page that signs in.
 async function signInIfNeeded() {
   const answer = await fetch("api/status").catch(() => null);
-  if (answer && answer.status === 401) location.reload();
+  if (answer && (answer.status === 401 || answer.status === 429)) location.reload();
 }
 
 function connect() {
