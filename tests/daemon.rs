@@ -183,11 +183,6 @@ fn forged_hosts_and_origins_wrong_types_and_large_bodies_are_refused() {
             format!("GET / HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\n"),
             200,
         ),
-        // Another port of this computer.
-        (
-            format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\nSec-Fetch-Site: same-site\r\n"),
-            403,
-        ),
     ];
     for (head, expected) in cases {
         let (status, body) = request(&daemon, &head, "");

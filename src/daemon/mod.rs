@@ -102,7 +102,7 @@ use crate::control::{Phase, Rig};
 use crate::link::wire_log::WireLog;
 use crate::link::{self, Link, Side};
 use crate::recording::recorder;
-use access::Access;
+use access::AccessControl;
 use audit::Audit;
 use client_types::Endpoint;
 use endpoint::EndpointFile;
@@ -149,7 +149,7 @@ pub(crate) struct Daemon {
     runtime: Runtime,
     store: Store,
     library: Library,
-    access: Access,
+    access: AccessControl,
     audit: Audit,
     wire_log: Option<WireLog>,
 }
@@ -174,7 +174,7 @@ impl Daemon {
         for sentence in store.close_left_open()? {
             tracing::warn!("{sentence}");
         }
-        let access = Access::open(&settings.data_folder)?;
+        let access = AccessControl::open(&settings.data_folder)?;
         let audit = Audit::open(&settings.data_folder)?;
         let page = page_for_others(&settings);
         let endpoint = EndpointFile::publish(&settings.data_folder, settings.local, page)?;

@@ -28,8 +28,6 @@ const LAST: usize = 100;
 /// Most entries of one answer.
 const MOST_ENTRIES: usize = 10_000;
 
-type Answer<T> = Result<T, ApiError>;
-
 /// The page that takes the secret of a link.
 pub(super) async fn login_page() -> Response {
     gate::sign_in_page(StatusCode::OK)
@@ -47,7 +45,7 @@ pub(super) async fn login(
     State(state): App,
     Extension(peer): Extension<Peer>,
     JsonBody(request): JsonBody<SignIn>,
-) -> Answer<Response> {
+) -> Result<Response, ApiError> {
     let signed_in = blocking(&state, move |state| {
         let signed_in = state.access.sign_in(request.secret.trim(), peer.is_local);
         signed_in.map_err(|e| ApiError::internal(&format!("the session cannot be stored: {e}")))
@@ -84,7 +82,7 @@ pub(super) async fn login(
 pub(super) async fn link(
     State(state): App,
     Extension(person): Extension<Person>,
-) -> Answer<Json<SignInLink>> {
+) -> Result<Json<SignInLink>, ApiError> {
     let secret = state.access.link(&person);
     let secret = secret.map_err(|e| ApiError::internal(&format!("there is no random number: {e}")))?;
     Ok(Json(SignInLink {
@@ -104,7 +102,7 @@ pub(super) struct AuditPart {
 /// The newest entries of the audit log.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct AuditAnswer {
-    /// Oldest first.
+    /// The entries that were asked for, oldest first.
     pub entries: Vec<AuditEntry>,
     /// What a check of the whole log found; empty if it is whole.
     pub problems: Vec<String>,
@@ -112,7 +110,10 @@ pub(super) struct AuditAnswer {
 
 /// The newest entries of the audit log, and whether the whole log is as it was written.
 #[utoipa::path(get, path = "/api/audit", params(AuditPart), responses((status = 200, body = AuditAnswer)))]
-pub(super) async fn audit_log(State(state): App, Query(part): Query<AuditPart>) -> Answer<Json<AuditAnswer>> {
+pub(super) async fn audit_log(
+    State(state): App,
+    Query(part): Query<AuditPart>,
+) -> Result<Json<AuditAnswer>, ApiError> {
     blocking(&state, move |state| {
         let folder = &state.settings.data_folder;
         let (text, end) = audit::read(folder)

@@ -4,7 +4,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::access::Access;
+use super::access::AccessControl;
 use super::audit::Audit;
 use super::client_types::{PlotScale, Status};
 use super::commander::Commander;
@@ -74,7 +74,7 @@ pub(super) struct DaemonState {
     /// Who commands the bench.
     pub commander: Commander,
     /// Who may do what.
-    pub access: Access,
+    pub access: AccessControl,
     /// Who did what.
     pub audit: Audit,
     /// Taken while a profile is checked for the page: one at a time.
@@ -96,7 +96,7 @@ impl DaemonState {
         library: Library,
         link_health: Arc<LinkHealth>,
         live: Live,
-        (access, audit): (Access, Audit),
+        (access, audit): (AccessControl, Audit),
     ) -> Self {
         DaemonState {
             diagnoses: Diagnoses::of(&settings.data_folder),
@@ -181,7 +181,7 @@ impl DaemonState {
             remote: Remote::default(),
             bench,
         };
-        let access = Access::open(folder).expect("a folder");
+        let access = AccessControl::open(folder).expect("a folder");
         let audit = Audit::open(folder).expect("a folder");
         let library = Library::open(folder)
             .expect("a folder")

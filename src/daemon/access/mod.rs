@@ -71,26 +71,26 @@ pub(super) enum Known {
 }
 
 /// Size, time and place of a file: another one means other content.
-type FileStamp = Option<(u64, u64, SystemTime)>;
+type ListStamp = Option<(u64, u64, SystemTime)>;
 
 /// Tokens, sessions and wrong guesses of a daemon. Requests are checked in memory: no disk is between a person and a stop.
 #[derive(Debug)]
-pub(super) struct Access {
+pub(super) struct AccessControl {
     folder: PathBuf,
-    keys: Mutex<Keys>,
+    keys: Mutex<KnownKeys>,
     guesses: Mutex<Guesses>,
 }
 
 #[derive(Debug)]
-struct Keys {
+struct KnownKeys {
     owner: Fingerprint,
     tokens: Vec<NamedToken>,
     sessions: Sessions,
     /// That of the list of tokens when it was read.
-    stamp: FileStamp,
+    stamp: ListStamp,
 }
 
-impl Keys {
+impl KnownKeys {
     /// Name and role of a token.
     fn whose(&self, token: &Fingerprint, is_local: bool) -> Option<(String, Role)> {
         let named = self.tokens.iter().fold(None, |found, named| {
@@ -118,30 +118,30 @@ impl Keys {
     }
 }
 
-impl Access {
+impl AccessControl {
     /// Reads tokens and sessions of a data folder; the owner's token is made where there is none.
-    pub(super) fn open(folder: &Path) -> Result<Access, TokenError> {
+    pub(super) fn open(folder: &Path) -> Result<AccessControl, TokenError> {
         let (owner, told) = tokens::owner(folder)?;
         if let Some(sentence) = told {
             tracing::warn!("{sentence}");
         }
         let stamp = stamp(folder);
         let tokens = TokenList::read(folder)?.tokens;
-        let mut keys = Keys {
+        let mut keys = KnownKeys {
             owner,
             tokens,
             sessions: Sessions::read(folder),
             stamp,
         };
         forget_orphans(&mut keys);
-        Ok(Access {
+        Ok(AccessControl {
             folder: folder.to_owned(),
             keys: Mutex::new(keys),
             guesses: Mutex::default(),
         })
     }
 
-    fn keys(&self) -> MutexGuard<'_, Keys> {
+    fn keys(&self) -> MutexGuard<'_, KnownKeys> {
         self.keys.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -238,7 +238,7 @@ impl Access {
 }
 
 /// Forgets sessions whose token is gone.
-fn forget_orphans(keys: &mut Keys) -> bool {
+fn forget_orphans(keys: &mut KnownKeys) -> bool {
     let valid: Vec<Fingerprint> = std::iter::once(keys.owner.clone())
         .chain(keys.tokens.iter().map(|token| token.sha256.clone()))
         .collect();
@@ -246,7 +246,7 @@ fn forget_orphans(keys: &mut Keys) -> bool {
         .keep(|token| valid.iter().any(|valid| valid.is(token)))
 }
 
-fn stamp(folder: &Path) -> FileStamp {
+fn stamp(folder: &Path) -> ListStamp {
     use std::os::unix::fs::MetadataExt;
     let metadata = std::fs::symlink_metadata(folder.join(TOKENS_FILE)).ok()?;
     Some((metadata.ino(), metadata.len(), metadata.modified().ok()?))
@@ -272,7 +272,7 @@ mod tests {
         }
     }
 
-    fn role(access: &Access, shown: Shown) -> Option<Role> {
+    fn role(access: &AccessControl, shown: Shown) -> Option<Role> {
         match access.identify(shown) {
             Known::Person(person) => Some(person.role),
             _ => None,
@@ -283,7 +283,7 @@ mod tests {
     fn a_session_has_the_role_of_its_token_and_ends_with_it() {
         let folder = tempfile::tempdir().expect("a folder");
         let token = TokenList::add(folder.path(), "wall", Role::Watch).expect("added");
-        let access = Access::open(folder.path()).expect("opened");
+        let access = AccessControl::open(folder.path()).expect("opened");
         let Known::Person(person) = access.identify(bearer(token.reveal())) else {
             panic!("known");
         };
@@ -306,7 +306,7 @@ mod tests {
         assert!(!by_cookie.has_key);
         assert_eq!(role(&access, bearer(secrets.cookie.reveal())), None);
         // The next daemon knows the session; without the token it ends.
-        let access = Access::open(folder.path()).expect("opened");
+        let access = AccessControl::open(folder.path()).expect("opened");
         assert_eq!(role(&access, bearer(secrets.key.reveal())), Some(Role::Watch));
         TokenList::remove(folder.path(), "wall").expect("removed");
         let told = access.refresh().expect("read");
@@ -319,7 +319,7 @@ mod tests {
     #[test]
     fn the_owners_token_is_good_on_this_computer_only() {
         let folder = tempfile::tempdir().expect("a folder");
-        let access = Access::open(folder.path()).expect("opened");
+        let access = AccessControl::open(folder.path()).expect("opened");
         let text = std::fs::read_to_string(folder.path().join(tokens::TOKEN_FILE)).expect("made");
         let owner = bearer(text.trim());
         assert_eq!(role(&access, owner), Some(Role::Administer));
@@ -336,7 +336,7 @@ mod tests {
     fn a_damaged_list_changes_nothing() {
         let folder = tempfile::tempdir().expect("a folder");
         let token = TokenList::add(folder.path(), "meyer", Role::Operate).expect("added");
-        let access = Access::open(folder.path()).expect("opened");
+        let access = AccessControl::open(folder.path()).expect("opened");
         std::fs::write(folder.path().join(TOKENS_FILE), "damaged").expect("written");
         assert!(access.refresh().is_err());
         assert_eq!(role(&access, bearer(token.reveal())), Some(Role::Operate));

@@ -36,7 +36,7 @@ struct Session {
 
 /// A link that was not used yet.
 #[derive(Debug)]
-struct Link {
+struct UnusedLink {
     secret: Fingerprint,
     token: Fingerprint,
     made: Instant,
@@ -53,7 +53,7 @@ pub(crate) struct SessionSecrets {
 #[derive(Debug, Default)]
 pub(super) struct Sessions {
     sessions: Vec<Session>,
-    links: Vec<Link>,
+    links: Vec<UnusedLink>,
 }
 
 impl Sessions {
@@ -141,7 +141,7 @@ impl Sessions {
         if self.links.len() >= MOST_LINKS {
             self.links.remove(0);
         }
-        self.links.push(Link {
+        self.links.push(UnusedLink {
             secret: secret.fingerprint(),
             token: token.clone(),
             made: now,
