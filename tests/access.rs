@@ -12,6 +12,7 @@ use tokio_rustls::rustls::pki_types::pem::PemObject;
 use tokio_rustls::rustls::pki_types::{CertificateDer, ServerName};
 use tokio_rustls::rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
 
+use super::page_access::{axe, violations};
 use super::support::browser::Page;
 use super::support::http::{post_head, request_as_it_is};
 use super::support::{Daemon, PATIENCE, json, leafbench, until};
@@ -325,6 +326,25 @@ fn a_link_signs_the_page_in_once_and_a_bookmark_outlives_the_daemon() {
     page.until("!document.getElementById('tare').disabled");
     page.value("document.getElementById('tare').click()");
     page.until("document.getElementById('notice').textContent.startsWith('New tare')");
+}
+
+#[test]
+fn axe_core_finds_no_serious_violation_on_the_page_that_signs_in() {
+    let Some(axe) = axe() else {
+        return;
+    };
+    let folder = tempfile::tempdir().expect("a folder");
+    let daemon = Daemon::start(folder.path(), &[]);
+    let Some(mut page) = Page::open(&format!("{}/", daemon.url), 768, 1024) else {
+        return;
+    };
+    page.until("document.getElementById('sign-in-form')");
+    page.value(&format!("{axe}; true"));
+    for theme in ["light", "dark"] {
+        page.theme(theme);
+        assert_eq!(violations(&mut page), "", "{theme}");
+    }
+    assert_eq!(page.misplaced(), "");
 }
 
 #[test]

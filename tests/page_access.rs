@@ -19,7 +19,7 @@ fn open(folder: &std::path::Path) -> Option<(Daemon, Page)> {
 }
 
 /// The text of axe-core.
-fn axe() -> Option<String> {
+pub(super) fn axe() -> Option<String> {
     let Some(path) = std::env::var_os("LEAFBENCH_AXE") else {
         assert!(
             std::env::var_os("LEAFBENCH_REQUIRE_CHROMIUM").is_none(),
@@ -32,7 +32,7 @@ fn axe() -> Option<String> {
 }
 
 /// The serious and critical violations, one line each.
-fn violations(page: &mut Page) -> String {
+pub(super) fn violations(page: &mut Page) -> String {
     let found = page.value(
         "axe.run(document, { resultTypes: ['violations'] }).then(r => r.violations.filter(v => ['serious', 'critical'].includes(v.impact)) \
          .map(v => v.id + ': ' + v.nodes.map(n => n.target.join(' ') + ' ' + (n.any[0] || n.all[0] || n.none[0] || {}).message).join(' | ')).join('\\n'))",

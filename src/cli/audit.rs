@@ -30,7 +30,7 @@ enum AuditAction {
         #[command(flatten)]
         data: DataArg,
     },
-    /// Check every line; exit code 1 if one was changed, removed, added or moved
+    /// Check every line; exit code 1 if one was changed, removed or moved
     Verify {
         /// Hash that an earlier check printed: the log must still have the line with it
         #[arg(long, value_name = "HASH")]

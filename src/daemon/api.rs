@@ -237,7 +237,7 @@ fn large(route: MethodRouter<Arc<DaemonState>>) -> MethodRouter<Arc<DaemonState>
         sign_in::link,
         sign_in::audit_log
     ),
-    components(schemas(socket::LiveMessage))
+    components(schemas(Caller, socket::LiveMessage))
 )]
 struct Description;
 
@@ -672,6 +672,10 @@ mod tests {
                     assert!(words.split_whitespace().count() >= 2, "{what} {status}: {words}");
                 }
             }
+        }
+        for named in text.split("#/components/schemas/").skip(1) {
+            let name = named.split('"').next().expect("a name");
+            assert!(document["components"]["schemas"][name].is_object(), "no schema {name}");
         }
         let message = document["components"]["schemas"]["LiveMessage"].to_string();
         for kind in ["samples", "status", "skipped", "LiveBatch"] {
