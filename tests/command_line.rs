@@ -369,8 +369,19 @@ fn completions_and_manual_pages_have_every_command() {
     }
     let program = std::fs::read_to_string(out.join("leafbench.1")).expect("written");
     assert!(program.contains("leafbench\\-export(1)"), "{program}");
+    assert!(program.contains("leafbench\\-token(1)"), "{program}");
+    // Parts of a command have a page too, because that of the command names them.
+    for part in [
+        "token-add",
+        "token-list",
+        "token-remove",
+        "audit-show",
+        "audit-verify",
+    ] {
+        assert!(out.join(format!("leafbench-{part}.1")).is_file(), "{part}");
+    }
     assert_eq!(
         std::fs::read_dir(&out).expect("listed").count(),
-        1 + crate::cli::command_names().count()
+        1 + crate::cli::command_names().count() + 5
     );
 }

@@ -206,8 +206,12 @@ fn the_live_view_sends_status_and_samples_with_the_twin() {
     start(&daemon, LONG);
     let stream = TcpStream::connect(daemon.authority()).expect("the daemon listens");
     stream.set_read_timeout(Some(PATIENCE)).expect("set");
-    let address = format!("ws://{}/api/live", daemon.authority());
-    let (mut socket, _) = tungstenite::client(address, stream).expect("upgraded");
+    let address: tungstenite::http::Uri = format!("ws://{}/api/live", daemon.authority())
+        .parse()
+        .expect("an address");
+    let asked = tungstenite::ClientRequestBuilder::new(address)
+        .with_header("Authorization", format!("Bearer {}", daemon.token()));
+    let (mut socket, _) = tungstenite::client(asked, stream).expect("upgraded");
     let (mut status, mut twin_points) = (false, 0);
     while !status || twin_points < 100 {
         let tungstenite::Message::Text(text) = socket.read().expect("a message") else {

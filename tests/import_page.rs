@@ -126,7 +126,7 @@ fn by_command(folder: &Path, (name, _, _, options): &Foreign) -> String {
 fn every_foreign_table_comes_in_with_the_numbers_of_the_command_line() {
     let folder = tempfile::tempdir().expect("a folder");
     let daemon = Daemon::ready(folder.path(), &[]);
-    let Some(mut page) = Page::open(&daemon.url, 1280, 800) else {
+    let Some(mut page) = Page::open(&daemon.link(), 1280, 800) else {
         return;
     };
     page.until_state("Ready");
@@ -157,7 +157,7 @@ fn every_foreign_table_comes_in_with_the_numbers_of_the_command_line() {
 fn what_cannot_be_imported_is_said_in_the_words_of_the_page_and_nothing_is_replaced_unasked() {
     let folder = tempfile::tempdir().expect("a folder");
     let daemon = Daemon::ready(folder.path(), &[]);
-    let Some(mut page) = Page::open(&daemon.url, 1280, 800) else {
+    let Some(mut page) = Page::open(&daemon.link(), 1280, 800) else {
         return;
     };
     page.until_state("Ready");
@@ -202,8 +202,9 @@ fn a_table_that_is_too_large_is_refused_with_words() {
     let daemon = Daemon::ready(folder.path(), &[]);
     let head = format!(
         "POST /api/imports/preview?file=big.csv HTTP/1.1\r\nHost: {}\r\nContent-Type: application/octet-stream\r\n\
-         Content-Length: {}\r\nConnection: close\r\n\r\n",
+         {}Content-Length: {}\r\nConnection: close\r\n\r\n",
         daemon.authority(),
+        daemon.bearer(),
         200 << 20
     );
     let mut stream = std::net::TcpStream::connect(daemon.authority()).expect("the daemon listens");

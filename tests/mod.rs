@@ -1,5 +1,6 @@
 //! Tests by capability. They are part of the library's own test binary, because only a few types are public.
 
+mod access;
 mod architecture;
 mod bench_configs;
 mod blind;
@@ -20,6 +21,7 @@ mod diagnosis_jobs;
 mod discovered_law;
 mod documents;
 mod end_to_end;
+mod faults_network;
 mod foreign_truth;
 mod full_disk;
 mod hostile;

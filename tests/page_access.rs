@@ -12,14 +12,14 @@ use super::support::browser::Page;
 /// A ready daemon and its page; nothing without Chromium.
 fn open(folder: &std::path::Path) -> Option<(Daemon, Page)> {
     let daemon = Daemon::ready(folder, &[]);
-    let mut page = Page::open(&daemon.url, 1280, 800)?;
+    let mut page = Page::open(&daemon.link(), 1280, 800)?;
     page.until_state("Ready");
     page.until("document.getElementById('profile').value");
     Some((daemon, page))
 }
 
 /// The text of axe-core.
-fn axe() -> Option<String> {
+pub(super) fn axe() -> Option<String> {
     let Some(path) = std::env::var_os("LEAFBENCH_AXE") else {
         assert!(
             std::env::var_os("LEAFBENCH_REQUIRE_CHROMIUM").is_none(),
@@ -32,7 +32,7 @@ fn axe() -> Option<String> {
 }
 
 /// The serious and critical violations, one line each.
-fn violations(page: &mut Page) -> String {
+pub(super) fn violations(page: &mut Page) -> String {
     let found = page.value(
         "axe.run(document, { resultTypes: ['violations'] }).then(r => r.violations.filter(v => ['serious', 'critical'].includes(v.impact)) \
          .map(v => v.id + ': ' + v.nodes.map(n => n.target.join(' ') + ' ' + (n.any[0] || n.all[0] || n.none[0] || {}).message).join(' | ')).join('\\n'))",

@@ -5,6 +5,7 @@ use std::net::TcpStream;
 
 use serde_json::{Value, json};
 
+use super::run_files::get;
 use super::support::browser::Page;
 use super::support::http::{answer, post};
 use super::support::{Daemon, json as command, until};
@@ -23,7 +24,7 @@ const TURNS: u64 = 3000;
 fn the_page_draws_fifty_cycles_of_a_live_run_fast_enough() {
     let folder = tempfile::tempdir().expect("a folder");
     let daemon = Daemon::ready(folder.path(), &[]);
-    let Some(mut page) = Page::open(&daemon.url, 1280, 800) else {
+    let Some(mut page) = Page::open(&daemon.link(), 1280, 800) else {
         return;
     };
     page.until_state("Ready");
@@ -64,13 +65,7 @@ struct Delays {
 }
 
 fn delays(daemon: &Daemon) -> Delays {
-    let mut answer = ureq::get(format!("{}/metrics", daemon.url))
-        .config()
-        .proxy(None)
-        .build()
-        .call()
-        .expect("metrics");
-    let text = answer.body_mut().read_to_string().expect("text");
+    let (_, _, text) = get(daemon, "/metrics");
     let value = |name: &str| {
         let line = text
             .lines()
@@ -106,9 +101,10 @@ fn window(daemon: &Daemon) -> (f64, f64) {
 fn viewer(daemon: &Daemon) -> TcpStream {
     let mut stream = TcpStream::connect(daemon.authority()).expect("the daemon listens");
     let head = format!(
-        "GET /api/live HTTP/1.1\r\nHost: {}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n\
+        "GET /api/live HTTP/1.1\r\nHost: {}\r\n{}Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n\
          Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n",
-        daemon.authority()
+        daemon.authority(),
+        daemon.bearer()
     );
     std::io::Write::write_all(&mut stream, head.as_bytes()).expect("sent");
     stream

@@ -10,7 +10,7 @@ use super::support::{Daemon, json};
 const SIZES: [(u32, u32); 2] = [(1280, 800), (1024, 768)];
 
 fn open(daemon: &Daemon) -> Option<Page> {
-    let mut page = Page::open(&daemon.url, SIZES[0].0, SIZES[0].1)?;
+    let mut page = Page::open(&daemon.link(), SIZES[0].0, SIZES[0].1)?;
     page.until_state("Ready");
     page.until("document.querySelectorAll('#runs .opener').length > 0");
     Some(page)

@@ -6,7 +6,7 @@ use super::support::{Daemon, until};
 /// A ready daemon and its page; nothing without Chromium.
 fn open(folder: &std::path::Path) -> Option<(Daemon, Page)> {
     let daemon = Daemon::ready(folder, &[]);
-    let mut page = Page::open(&daemon.url, 1280, 800)?;
+    let mut page = Page::open(&daemon.link(), 1280, 800)?;
     page.until_state("Ready");
     page.until("document.getElementById('profile').value");
     Some((daemon, page))

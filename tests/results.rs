@@ -366,7 +366,7 @@ fn the_page_shows_the_result_over_the_plots_and_nothing_jumps() {
     use super::support::http::post;
     let folder = tempfile::tempdir().expect("a folder");
     let daemon = Daemon::ready(folder.path(), &[]);
-    let Some(mut page) = Page::open(&daemon.url, 1280, 800) else {
+    let Some(mut page) = Page::open(&daemon.link(), 1280, 800) else {
         return;
     };
     page.until_state("Ready");

@@ -46,7 +46,8 @@ pub(super) fn get(daemon: &Daemon, path: &str) -> (u16, String, String) {
     let host = daemon.authority();
     write!(
         stream,
-        "GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n"
+        "GET {path} HTTP/1.1\r\nHost: {host}\r\n{}Connection: close\r\n\r\n",
+        daemon.bearer()
     )
     .expect("sent");
     let mut answer = Vec::new();

@@ -3,7 +3,7 @@
 use serde_json::{Value, json as object};
 
 use super::support::browser::Page;
-use super::support::http::{answer, post, post_head, request};
+use super::support::http::{answer, get_json, post, post_head, request};
 use super::support::{Daemon, json, leafbench, until};
 
 /// Up to 3 mm, and there for a minute.
@@ -86,8 +86,7 @@ fn taking_over_is_an_event_of_the_run_under_way_and_in_the_log() {
     let sentence = "the page of B took over the command from the page of A";
     let run = started["run_id"].as_str().expect("an id");
     until("the event in the run", || {
-        let mut answer = ureq::get(format!("{}/api/runs/{run}", daemon.url)).call().ok()?;
-        let detail: Value = answer.body_mut().read_json().ok()?;
+        let detail = get_json(&daemon, &format!("/api/runs/{run}"));
         let events = detail["events"].as_array()?;
         events
             .iter()
@@ -127,7 +126,7 @@ fn the_command_line_works_without_ceremony_and_takes_over_only_when_told() {
 /// A ready daemon and a page; nothing without Chromium.
 fn open(folder: &std::path::Path) -> Option<(Daemon, Page)> {
     let daemon = Daemon::ready(folder, &[]);
-    let mut page = Page::open(&daemon.url, 1280, 800)?;
+    let mut page = Page::open(&daemon.link(), 1280, 800)?;
     page.until_state("Ready");
     Some((daemon, page))
 }
@@ -138,7 +137,7 @@ fn a_second_page_watches_until_it_takes_over_and_its_stop_always_works() {
     let Some((daemon, mut first)) = open(folder.path()) else {
         return;
     };
-    let mut second = Page::open(&daemon.url, 1280, 800).expect("as the first one");
+    let mut second = Page::open(&daemon.link(), 1280, 800).expect("as the first one");
     second.until_state("Ready");
     first.value("document.getElementById('operator').value = 'A. Technician'");
     first.until("!document.getElementById('run').disabled");

@@ -171,7 +171,7 @@ fn open(folder: &Path) -> Option<(Daemon, Day)> {
         &folder.join("data"),
         &["--bench", &text(file), "--profiles", &profiles],
     );
-    let mut page = Page::open(&daemon.url, SIZES[0].0, SIZES[0].1)?;
+    let mut page = Page::open(&daemon.link(), SIZES[0].0, SIZES[0].1)?;
     page.until_state("Ready");
     page.until(
         "document.getElementById('profile').value && document.getElementById('counts').innerText !== ''",
@@ -241,7 +241,7 @@ fn run_with_hold_and_reload(daemon: &Daemon, day: &mut Day) {
     day.page.until_state("On hold");
     day.step("on-hold", "hold");
 
-    let mut second = Page::open(&daemon.url, SIZES[0].0, SIZES[0].1).expect("as the first one");
+    let mut second = Page::open(&daemon.link(), SIZES[0].0, SIZES[0].1).expect("as the first one");
     second.until_state("On hold");
     second.until("document.getElementById('commander').textContent.startsWith('Watching. Commanded by: the page of A. Technician')");
     second.screenshot(&day.folder.join("second-window.png"));
@@ -270,7 +270,9 @@ fn run_with_hold_and_reload(daemon: &Daemon, day: &mut Day) {
     let address = day
         .page
         .value("document.getElementById('result-certificate').href");
-    let mut certificate = Page::open(address.as_str().expect("a link"), 820, 1160).expect("as the first one");
+    let mut certificate = Page::open(&daemon.link(), 820, 1160).expect("as the first one");
+    certificate.until("document.getElementById('state')");
+    certificate.ask("Page.navigate", &serde_json::json!({ "url": address }));
     certificate
         .until("document.readyState === 'complete' && document.body.innerText.includes('samurai-front 7')");
     assert_eq!(

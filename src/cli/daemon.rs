@@ -16,7 +16,7 @@ use super::shared::local::{self, BenchArg, ProfilesArg};
 use super::{CliCommand, CliError, Done, Output};
 use crate::config::Bench;
 use crate::daemon::client_types::Endpoint;
-use crate::daemon::{Daemon, DaemonSettings};
+use crate::daemon::{Daemon, DaemonSettings, Remote};
 use crate::link::wire_log::{WireLog, WireLogThread};
 use crate::link::{self, Link, Side, loopback};
 
@@ -43,12 +43,31 @@ pub(super) struct DaemonArgs {
     /// Address and port of the page and of the commands; port 0 takes a free one [default: from the bench file]
     #[arg(long, value_name = "ADDRESS")]
     listen: Option<SocketAddr>,
+    #[command(flatten)]
+    remote: RemoteArgs,
     /// Also log all frames of the link in the format of `candump -L`, for canplayer; an earlier log there is replaced
     #[arg(long, value_name = "FILE")]
     wire_log: Option<PathBuf>,
     /// Most space for the wire log, MB: FILE and FILE.old together, the newest frames stay; 1000 MB are about 3 h
     #[arg(long, value_name = "MB", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..))]
     wire_log_mb: u64,
+}
+
+/// How other computers reach the daemon.
+#[derive(Debug, Args)]
+struct RemoteArgs {
+    /// Certificate chain for TLS (PEM), so that other computers may reach the daemon; needs --tls-key
+    #[arg(long, value_name = "FILE", requires = "tls_key")]
+    tls_cert: Option<PathBuf>,
+    /// Private key of the certificate (PEM)
+    #[arg(long, value_name = "FILE", requires = "tls_cert")]
+    tls_key: Option<PathBuf>,
+    /// Host name that people write in the address of the page; may be given several times
+    #[arg(long = "name", value_name = "NAME")]
+    names: Vec<String>,
+    /// Host name of a proxy with TLS that stands before the daemon
+    #[arg(long, value_name = "NAME")]
+    behind_proxy: Option<String>,
 }
 
 impl CliCommand for DaemonArgs {
@@ -63,11 +82,18 @@ impl CliCommand for DaemonArgs {
         end_with_the_first_panic();
         let bench = Arc::new(self.bench.load()?);
         let wire_log = self.wire_log.clone().zip(Some(self.wire_log_mb));
+        let listen = self.listen.unwrap_or(bench.daemon.listen);
         let settings = DaemonSettings {
             link_address: self.link.unwrap_or_else(|| bench.link.address.clone()),
             data_folder: self.data.unwrap_or_else(|| bench.daemon.data_folder.clone()),
             profiles_folder: self.profiles.folder()?,
-            listen: self.listen.unwrap_or(bench.daemon.listen),
+            listen,
+            local: listen,
+            remote: Remote {
+                tls: self.remote.tls_cert.zip(self.remote.tls_key),
+                proxy: self.remote.behind_proxy,
+                names: self.remote.names,
+            },
             bench: Arc::clone(&bench),
         };
         let link_address = settings.link_address.clone();
@@ -78,7 +104,7 @@ impl CliCommand for DaemonArgs {
             None => None,
         };
         let link = open_link(&link_address, &bench)?;
-        daemon.serve(link, |endpoint| announce(endpoint, output))?;
+        daemon.serve(link, |endpoint, sign_in| announce(endpoint, sign_in, output))?;
         if let Some(thread) = log_thread {
             thread.finish();
         }
@@ -101,12 +127,21 @@ fn start_wire_log(
     Ok(thread)
 }
 
-/// Prints the daemon's address.
-fn announce(endpoint: &Endpoint, output: &Output) {
+/// Prints the daemon's address, with a link that signs a browser in. A journal that other people read gets no such link.
+fn announce(endpoint: &Endpoint, sign_in: &str, output: &Output) {
+    let others = match &endpoint.page {
+        Some(page) => format!("\nleafbench daemon: other computers open {page}"),
+        None => String::new(),
+    };
+    let page = match is_journal(&std::io::stdout()) {
+        true => format!(
+            "the page is {}/, and `leafbench open` signs a browser in",
+            endpoint.url
+        ),
+        false => format!("open {sign_in} in a browser (it works once; `leafbench open` prints another)"),
+    };
     // The daemon runs on where stdout is closed.
-    let _ = output.result(endpoint, || {
-        format!("leafbench daemon: open {}/ in a browser", endpoint.url)
-    });
+    let _ = output.result(endpoint, || format!("leafbench daemon: {page}{others}"));
 }
 
 /// Opens the link to the rig, or to a mock rig in this process that the control loop steps; the daemon itself does not know

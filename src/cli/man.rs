@@ -31,11 +31,17 @@ impl CliCommand for ManArgs {
         let mut whole = super::command_line();
         // Gives the commands their names with the program before them.
         whole.build();
-        let commands = whole
-            .get_subcommands()
-            .filter(|command| command.get_name() != "help");
+        let own = |command: &&clap::Command| command.get_name() != "help";
+        let commands: Vec<&clap::Command> = whole.get_subcommands().filter(own).collect();
+        // The parts of a command, such as `leafbench token add`.
+        let parts = commands
+            .iter()
+            .flat_map(|command| command.get_subcommands().filter(own));
         let mut pages = Vec::new();
-        for command in std::iter::once(&whole).chain(commands) {
+        for command in std::iter::once(&whole)
+            .chain(commands.iter().copied())
+            .chain(parts)
+        {
             let man = clap_mangen::Man::new(command.clone());
             let path = self.out.join(man.get_filename());
             atomic_file::write(&path, |file| {

@@ -4,6 +4,7 @@
 //! `calibrate` are folders, because they have several steps. A new command is one file and one line in [`COMMANDS`]. What several commands use (errors,
 //! progress, Ctrl-C, the client of the daemon, the files of this computer, the virtual bench) is in `shared`.
 
+mod audit;
 mod blind;
 mod calibrate;
 mod certificate;
@@ -20,6 +21,7 @@ mod jog;
 mod man;
 mod mock_rig;
 mod new;
+mod open;
 mod papers;
 mod plan;
 mod reset;
@@ -33,6 +35,7 @@ mod simulate;
 mod status;
 mod stop;
 mod tare;
+mod token;
 mod watch;
 mod zero;
 
@@ -92,6 +95,7 @@ fn parse_and_run<C: CliCommand>(matches: &ArgMatches, output: &Output) -> Result
 /// All commands, in the order of a working day.
 static COMMANDS: &[CommandEntry] = &[
     CommandEntry::of::<daemon::DaemonArgs>(),
+    CommandEntry::of::<open::OpenArgs>(),
     CommandEntry::of::<run::RunArgs>(),
     CommandEntry::of::<watch::WatchArgs>(),
     CommandEntry::of::<stop::StopArgs>(),
@@ -115,6 +119,8 @@ static COMMANDS: &[CommandEntry] = &[
     CommandEntry::of::<mock_rig::MockRigArgs>(),
     CommandEntry::of::<rig_check::RigCheckArgs>(),
     CommandEntry::of::<doctor::DoctorArgs>(),
+    CommandEntry::of::<token::TokenArgs>(),
+    CommandEntry::of::<audit::AuditArgs>(),
     CommandEntry::of::<calibrate::CalibrateArgs>(),
     CommandEntry::of::<diagnose::DiagnoseArgs>(),
     CommandEntry::of::<blind::BlindArgs>(),

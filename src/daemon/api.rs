@@ -1,6 +1,5 @@
-//! The HTTP interface on loopback, with JSON: routes, handlers and their OpenAPI description.
+//! The HTTP interface, with JSON: routes with the role that each one needs, handlers, and their OpenAPI description.
 
-use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -8,18 +7,22 @@ use axum::extract::rejection::QueryRejection;
 use axum::extract::{self, DefaultBodyLimit, FromRequest, Path, Query, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use axum::routing::{MethodFilter, MethodRouter, on};
-use axum::{Json, Router};
+use axum::routing::{MethodFilter, MethodRouter, any, on};
+use axum::{Extension, Json, Router};
 use utoipa::OpenApi;
 
+use super::access::Person;
+use super::access::role::{Needs, Role};
 use super::blocking::blocking;
 use super::client_types::{
     Accepted, Caller, Failure, JogRequest, Nothing, PlanRequest, ProfileSummary, RunDetail, SensorReadings,
     StartRun, Started, Status, StopRequest,
 };
+use super::commander::client_id;
 use super::commanding::{self, Commanding};
 use super::download::{self, DownloadFormat, DownloadPart};
-use super::error::ApiError;
+use super::error::{ApiError, AuditNote};
+use super::gate::{self, Gate};
 use super::guard::{self, RequestGuard};
 use super::plan::{self, Plan, PlanError};
 use super::request_body::JsonBody;
@@ -27,7 +30,8 @@ use super::server::STOP_PATH;
 use super::state::{App, DaemonState};
 use super::wanted::Wanted;
 use super::{
-    compare, diagnosis_api, editor, imports, metrics, page, result, run_list, runs as run_life, socket,
+    compare, description, diagnosis_api, editor, imports, metrics, page, result, run_list, runs as run_life,
+    sign_in, socket,
 };
 use crate::control::TareReport;
 use crate::control::realtime::{Reply, Request};
@@ -47,37 +51,78 @@ type Result<T> = std::result::Result<T, ApiError>;
 struct Route {
     method: MethodFilter,
     path: &'static str,
+    /// Who may use it.
+    needs: Needs,
     /// Makes the handler for `method`.
     handler: fn(MethodFilter) -> MethodRouter<Arc<DaemonState>>,
 }
 
+type MakeHandler = fn(MethodFilter) -> MethodRouter<Arc<DaemonState>>;
+
+impl Route {
+    fn get(path: &'static str, needs: Needs, handler: MakeHandler) -> Route {
+        Route::new(MethodFilter::GET, path, needs, handler)
+    }
+
+    fn post(path: &'static str, needs: Needs, handler: MakeHandler) -> Route {
+        Route::new(MethodFilter::POST, path, needs, handler)
+    }
+
+    fn delete(path: &'static str, needs: Needs, handler: MakeHandler) -> Route {
+        Route::new(MethodFilter::DELETE, path, needs, handler)
+    }
+
+    fn new(method: MethodFilter, path: &'static str, needs: Needs, handler: MakeHandler) -> Route {
+        Route {
+            method,
+            path,
+            needs,
+            handler,
+        }
+    }
+
+    /// The method in capitals.
+    fn method_name(&self) -> &'static str {
+        match self.method {
+            MethodFilter::GET => "GET",
+            MethodFilter::DELETE => "DELETE",
+            _ => "POST",
+        }
+    }
+}
+
+/// All routes with what they need. There is no other way into the router: see [`router`].
 fn routes() -> Vec<Route> {
-    let get = |path, handler| Route {
-        method: MethodFilter::GET,
-        path,
-        handler,
-    };
-    let post = |path, handler| Route {
-        method: MethodFilter::POST,
-        path,
-        handler,
-    };
-    let delete = |path, handler| Route {
-        method: MethodFilter::DELETE,
-        path,
-        handler,
-    };
+    [orders(), views(), diagnoses_and_imports(), doors()]
+        .into_iter()
+        .flatten()
+        .collect()
+}
+
+/// Orders to the bench. A stop is taken from everybody who belongs here, whatever their role.
+fn orders() -> Vec<Route> {
+    let post = |path, handler: MakeHandler| Route::post(path, Needs::OPERATE, handler);
     vec![
-        get("/api/status", |m| on(m, status)),
+        Route::post(STOP_PATH, Needs::WATCH, |m| on(m, stop)),
         post("/api/command", |m| on(m, command)),
         post("/api/run", |m| on(m, run)),
-        post(STOP_PATH, |m| on(m, stop)),
         post("/api/hold", |m| on(m, hold)),
         post("/api/resume", |m| on(m, resume)),
         post("/api/reset", |m| on(m, reset)),
         post("/api/tare", |m| on(m, tare)),
         post("/api/zero", |m| on(m, zero)),
         post("/api/jog", |m| on(m, jog)),
+        post("/api/profiles", |m| on(m, editor::save)),
+        Route::delete("/api/profiles/{name}", Needs::OPERATE, |m| on(m, editor::delete)),
+    ]
+}
+
+/// What changes nothing.
+fn views() -> Vec<Route> {
+    let get = |path, handler: MakeHandler| Route::get(path, Needs::WATCH, handler);
+    let post = |path, handler: MakeHandler| Route::post(path, Needs::WATCH, handler);
+    vec![
+        get("/api/status", |m| on(m, status)),
         get("/api/reading", |m| on(m, reading)),
         get("/api/runs", |m| on(m, run_list::runs)),
         get("/api/runs/{run_id}", |m| on(m, run_detail)),
@@ -89,26 +134,53 @@ fn routes() -> Vec<Route> {
         get("/api/runs/{run_id}/mf4", |m| on(m, run_mf4)),
         get("/api/runs/{run_id}/parquet", |m| on(m, run_parquet)),
         get("/api/profiles", |m| on(m, profiles)),
-        post("/api/profiles", |m| on(m, editor::save)),
         get("/api/profiles/{name}", |m| on(m, editor::text)),
-        delete("/api/profiles/{name}", |m| on(m, editor::delete)),
         post("/api/outline", |m| on(m, editor::outline)),
         post("/api/plan", |m| on(m, plan_profile)),
         get("/api/compare", |m| on(m, compare::compare)),
-        get("/api/diagnoses", |m| on(m, diagnosis_api::list)),
-        post("/api/diagnoses", |m| on(m, diagnosis_api::ask)),
-        get("/api/diagnoses/{id}", |m| on(m, diagnosis_api::one)),
-        delete("/api/diagnoses/{id}", |m| on(m, diagnosis_api::end)),
-        get("/api/diagnoses/{id}/{file}", |m| on(m, diagnosis_api::file)),
-        post("/api/twin", |m| on(m, diagnosis_api::choose_twin)),
-        get("/api/imports", |m| on(m, imports::list)),
-        post("/api/imports", |m| large(on(m, imports::take))),
-        post("/api/imports/preview", |m| large(on(m, imports::preview))),
-        get("/api/imports/{name}", |m| on(m, imports::csv)),
         get("/api/openapi.json", |m| on(m, openapi)),
         get("/api/live", |m| on(m, socket::live)),
         get("/metrics", |m| on(m, metrics_text)),
     ]
+}
+
+fn diagnoses_and_imports() -> Vec<Route> {
+    let get = |path, handler: MakeHandler| Route::get(path, Needs::WATCH, handler);
+    let post = |path, handler: MakeHandler| Route::post(path, Needs::OPERATE, handler);
+    vec![
+        get("/api/diagnoses", |m| on(m, diagnosis_api::list)),
+        post("/api/diagnoses", |m| on(m, diagnosis_api::ask)),
+        get("/api/diagnoses/{id}", |m| on(m, diagnosis_api::one)),
+        Route::delete("/api/diagnoses/{id}", Needs::OPERATE, |m| {
+            on(m, diagnosis_api::end)
+        }),
+        get("/api/diagnoses/{id}/{file}", |m| on(m, diagnosis_api::file)),
+        post("/api/twin", |m| on(m, diagnosis_api::choose_twin)),
+        get("/api/imports", |m| on(m, imports::list)),
+        post("/api/imports", |m| large(on(m, imports::take))),
+        Route::post("/api/imports/preview", Needs::WATCH, |m| {
+            large(on(m, imports::preview))
+        }),
+        get("/api/imports/{name}", |m| on(m, imports::csv)),
+    ]
+}
+
+/// How people get in, and what they did.
+fn doors() -> Vec<Route> {
+    vec![
+        Route::post("/api/login", Needs::NOTHING, |m| on(m, sign_in::login)),
+        Route::post("/api/link", Needs::OWN_KEY, |m| on(m, sign_in::link)),
+        Route::get("/api/audit", Needs::ADMINISTER, |m| on(m, sign_in::audit_log)),
+    ]
+}
+
+/// Method and path of every route, and of every file of the page, with what it needs.
+#[cfg(test)]
+pub(crate) fn every_route() -> Vec<(&'static str, &'static str, Needs)> {
+    let api = routes().into_iter().map(|r| (r.method_name(), r.path, r.needs));
+    let page = page::routes().map(|(path, needs, _)| ("GET", path, needs));
+    let login = ("GET", sign_in::LOGIN_PATH, Needs::NOTHING);
+    api.chain(page).chain([login]).collect()
 }
 
 /// A route that takes a table of another program.
@@ -120,7 +192,7 @@ fn large(route: MethodRouter<Arc<DaemonState>>) -> MethodRouter<Arc<DaemonState>
 #[openapi(
     info(
         title = "leafbench",
-        description = "Controls a leaf-spring test bench. Loopback only. A failed request is answered with `{error, what_to_do}`."
+        description = "Controls a leaf-spring test bench. A failed request is answered with `{error, what_to_do}`."
     ),
     paths(
         status,
@@ -160,38 +232,62 @@ fn large(route: MethodRouter<Arc<DaemonState>>) -> MethodRouter<Arc<DaemonState>
         imports::csv,
         openapi,
         socket::live,
-        metrics_text
-    )
+        metrics_text,
+        sign_in::login,
+        sign_in::link,
+        sign_in::audit_log
+    ),
+    components(schemas(Caller, socket::LiveMessage))
 )]
 struct Description;
 
-/// The routes of the interface and of the page, behind the guard.
-pub(super) fn router(address: SocketAddr, state: Arc<DaemonState>) -> Router {
-    let api = routes().into_iter().fold(Router::new(), |router, r| {
-        router.route(r.path, (r.handler)(r.method))
+/// The routes of the interface and of the page, each behind its gate, and all behind the guard. An address that is nowhere says
+/// so only to somebody who belongs here.
+pub(super) fn router(guard: RequestGuard, state: &Arc<DaemonState>) -> Router {
+    let behind = |needs: Needs, route: MethodRouter<Arc<DaemonState>>| {
+        let gate = Gate {
+            state: Arc::clone(state),
+            needs,
+        };
+        route.layer(axum::middleware::from_fn_with_state(gate, gate::check))
+    };
+    let api = routes()
+        .into_iter()
+        .map(|r| (r.path, r.needs, (r.handler)(r.method)));
+    let login = (
+        sign_in::LOGIN_PATH,
+        Needs::NOTHING,
+        on(MethodFilter::GET, sign_in::login_page),
+    );
+    let all = api.chain(page::routes()).chain([login]);
+    let router = all.fold(Router::new(), |router, (path, needs, route)| {
+        router.route(path, behind(needs, route))
     });
-    api.merge(page::router())
-        .fallback(|| async {
-            ApiError::new(
-                StatusCode::NOT_FOUND,
-                "there is nothing at this address".to_owned(),
-                "GET /api/openapi.json lists all addresses".to_owned(),
-            )
-        })
+    router
+        .fallback_service(behind(Needs::WATCH, any(nowhere)).with_state(Arc::clone(state)))
         .layer(DefaultBodyLimit::max(BODY_LIMIT))
-        .layer(axum::middleware::from_fn_with_state(
-            RequestGuard::new(address),
-            guard::check,
-        ))
-        .with_state(state)
+        .layer(axum::middleware::from_fn_with_state(guard, guard::check))
+        .with_state(Arc::clone(state))
+}
+
+async fn nowhere() -> ApiError {
+    ApiError::new(
+        StatusCode::NOT_FOUND,
+        "there is nothing at this address".to_owned(),
+        "GET /api/openapi.json lists all addresses".to_owned(),
+    )
 }
 
 /// The bench and the run under way. A client that commands and asks for it with the header `leafbench-caller` keeps the
 /// command.
 #[utoipa::path(get, path = "/api/status", responses((status = 200, body = Status)))]
-async fn status(State(state): App, headers: HeaderMap) -> Result<Json<Status>> {
-    let caller = commanding::caller(&headers)?;
-    let _presence = caller.map(|caller| state.commander.presence(&caller.id));
+async fn status(
+    State(state): App,
+    Extension(person): Extension<Person>,
+    headers: HeaderMap,
+) -> Result<Json<Status>> {
+    let caller = commanding::caller(&person, &headers)?;
+    let _presence = caller.map(|caller| state.commander.presence(client_id(&caller)));
     Ok(Json(state.status()))
 }
 
@@ -225,12 +321,47 @@ async fn metrics_text(State(state): App) -> impl IntoResponse {
 async fn run(
     _: Commanding,
     State(state): App,
+    Extension(person): Extension<Person>,
     JsonBody(request): JsonBody<StartRun>,
-) -> Result<(StatusCode, Json<Started>)> {
-    Ok((
-        StatusCode::ACCEPTED,
-        Json(run_life::start(&state, request).await?),
-    ))
+) -> Result<(StatusCode, Extension<AuditNote>, Json<Started>)> {
+    let overrides = request.override_by.as_deref().unwrap_or_default().trim();
+    if !overrides.is_empty() && person.role < Role::Administer {
+        return Err(ApiError::new(
+            StatusCode::FORBIDDEN,
+            format!(
+                "the token \"{}\" may not override: it has the role {}",
+                person.name, person.role
+            ),
+            "correct the bench file, or ask the person who administers the bench to start the run".to_owned(),
+        ));
+    }
+    let note = note_of_start(&request);
+    let started = run_life::start(&state, request).await?;
+    let note = AuditNote(format!("run {}: {note}", started.run_id));
+    Ok((StatusCode::ACCEPTED, Extension(note), Json(started)))
+}
+
+/// What the audit log says about a start.
+fn note_of_start(request: &StartRun) -> String {
+    let profile = request
+        .profile
+        .as_ref()
+        .map(|profile| match profile.contains('\n') {
+            true => "a text".to_owned(),
+            false => profile.clone(),
+        });
+    let mut words = Vec::new();
+    let more = [
+        ("profile", &profile),
+        ("specimen", &request.specimen),
+        ("operator", &request.operator),
+        ("override by", &request.override_by),
+        ("resumes", &request.resume_run),
+    ];
+    for (what, value) in more {
+        words.extend(value.as_ref().map(|value| format!("{what} {value}")));
+    }
+    words.join(", ")
 }
 
 async fn ask(state: &DaemonState, request: Request, message: &str) -> Result<Json<Accepted>> {
@@ -243,14 +374,17 @@ async fn ask(state: &DaemonState, request: Request, message: &str) -> Result<Jso
 /// Ends the run under way, or the start of one that is being prepared: the rig unloads and the data are kept. Is taken at any
 /// time.
 #[utoipa::path(post, path = "/api/stop", request_body = StopRequest, responses((status = 200, body = Accepted)))]
-async fn stop(State(state): App, request: extract::Request) -> Result<Json<Accepted>> {
+async fn stop(
+    State(state): App,
+    request: extract::Request,
+) -> Result<(Extension<AuditNote>, Json<Accepted>)> {
     // A stop is obeyed even if its body cannot be read, or does not arrive.
     let body = Json::<StopRequest>::from_request(request, &state);
     let body = tokio::time::timeout(STOP_REASON_WAIT, body).await;
     let reason = body.ok().and_then(|read| read.ok()?.0.reason);
     let cause = reason.unwrap_or_else(|| "stopped by an operator".to_owned());
     let message = run_life::stop(&state, &cause).await?.to_owned();
-    Ok(Json(Accepted { message }))
+    Ok((Extension(AuditNote(cause)), Json(Accepted { message })))
 }
 
 /// Keeps the position. The firmware unloads the rig by itself if the hold lasts too long.
@@ -469,10 +603,19 @@ fn unavailable(why: &str) -> ApiError {
 /// This description of the interface.
 #[utoipa::path(get, path = "/api/openapi.json", responses((status = 200, body = Object)))]
 async fn openapi() -> Result<Response> {
-    let text = Description::openapi()
-        .to_json()
-        .map_err(|e| ApiError::internal(&e.to_string()))?;
-    Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
+    let document = described().map_err(|e| ApiError::internal(&e.to_string()))?;
+    Ok(Json(document).into_response())
+}
+
+/// The description of the whole interface.
+pub(crate) fn described() -> serde_json::Result<serde_json::Value> {
+    let mut document = serde_json::to_value(Description::openapi())?;
+    let routes: Vec<_> = routes()
+        .iter()
+        .map(|route| (route.method_name(), route.path, route.needs))
+        .collect();
+    description::complete(&mut document, &routes);
+    Ok(document)
 }
 
 #[cfg(test)]
@@ -483,8 +626,7 @@ mod tests {
 
     #[test]
     fn the_description_and_the_router_have_the_same_requests() {
-        let described: serde_json::Value =
-            serde_json::from_str(&Description::openapi().to_json().expect("written")).expect("JSON");
+        let described = described().expect("written");
         let paths = described["paths"].as_object().expect("paths");
         let described: BTreeSet<(String, String)> = paths
             .iter()
@@ -495,23 +637,49 @@ mod tests {
             .collect();
         let routed: BTreeSet<_> = routes()
             .iter()
-            .map(|r| {
-                let method = match r.method {
-                    MethodFilter::GET => "get",
-                    MethodFilter::DELETE => "delete",
-                    _ => "post",
-                };
-                (method.to_owned(), r.path.to_owned())
-            })
+            .map(|r| (r.method_name().to_lowercase(), r.path.to_owned()))
             .collect();
         assert_eq!(described, routed);
     }
 
     #[test]
-    fn the_description_has_a_schema_for_every_answer() {
-        let text = Description::openapi().to_json().expect("written");
-        for schema in ["RigStatus", "RunProgress", "Failure", "Plan", "TareReport"] {
+    fn the_description_has_a_schema_and_words_for_every_answer_and_message() {
+        let document = described().expect("written");
+        let text = document.to_string();
+        for schema in [
+            "RigStatus",
+            "RunProgress",
+            "Failure",
+            "Plan",
+            "TareReport",
+            "LiveMessage",
+        ] {
             assert!(text.contains(&format!("\"{schema}\":{{")), "{schema}");
+        }
+        let paths = document["paths"].as_object().expect("paths");
+        for (path, item) in paths {
+            for (method, operation) in item.as_object().expect("an item") {
+                let what = format!("{method} {path}");
+                let told = operation["description"].as_str().unwrap_or_default();
+                assert!(
+                    told.contains("role") || told.contains("Open to everybody"),
+                    "{what}: {told}"
+                );
+                let answers = operation["responses"].as_object().expect("answers");
+                assert!(answers.len() >= 4, "{what}: {answers:?}");
+                for (status, answer) in answers {
+                    let words = answer["description"].as_str().unwrap_or_default();
+                    assert!(words.split_whitespace().count() >= 2, "{what} {status}: {words}");
+                }
+            }
+        }
+        for named in text.split("#/components/schemas/").skip(1) {
+            let name = named.split('"').next().expect("a name");
+            assert!(document["components"]["schemas"][name].is_object(), "no schema {name}");
+        }
+        let message = document["components"]["schemas"]["LiveMessage"].to_string();
+        for kind in ["samples", "status", "skipped", "LiveBatch"] {
+            assert!(message.contains(kind), "{kind}: {message}");
         }
     }
 
@@ -577,7 +745,10 @@ mod tests {
             let claim = state.starts.claim().expect("free");
             let request = extract::Request::new(axum::body::Body::from("not JSON"));
             let answer = stop(State(Arc::clone(&state)), request).await.expect("accepted");
-            assert_eq!(answer.0.message, "the run that was being prepared does not start");
+            assert_eq!(
+                answer.1.0.message,
+                "the run that was being prepared does not start"
+            );
             assert!(claim.wanted().withdrawn().is_some());
             // A body that never arrives.
             let body =

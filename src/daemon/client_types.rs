@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::access::role::Role;
 use crate::config::Bench;
 use crate::control::RigStatus;
 use crate::control::realtime::LoopHealth;
@@ -12,10 +13,13 @@ use crate::recording::run_file::RunListing;
 /// Where a daemon listens: the content of `daemon.json`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Endpoint {
-    /// Address of the page and the interface, such as `http://127.0.0.1:8000`.
+    /// Address of the interface for this computer, such as `http://127.0.0.1:8000`.
     pub url: String,
     /// Process id of the daemon.
     pub pid: u32,
+    /// Address of the page, if other computers reach it under another one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub page: Option<String>,
 }
 
 /// Why a request failed.
@@ -57,6 +61,37 @@ pub(crate) struct Caller {
     /// Takes the command over from whoever has it.
     #[serde(default)]
     pub take_over: bool,
+    /// Name of the token, which the daemon has checked: another person with the same id is another client.
+    #[serde(skip)]
+    pub person: String,
+}
+
+/// Signs a browser in.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SignIn {
+    /// The secret of a link, which works once; or a token.
+    pub secret: String,
+}
+
+/// A browser is signed in. The answer also sets the cookie of the session.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct SignedIn {
+    /// Name of the token.
+    pub name: String,
+    /// What it allows.
+    pub role: Role,
+    /// Key of the session, for the header `Authorization: Bearer KEY` of orders.
+    pub key: String,
+}
+
+/// A link that signs a browser in as the person who asked for it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct SignInLink {
+    /// Address to open in a browser.
+    pub url: String,
+    /// How long it works, s. It works once.
+    pub works_s: u64,
 }
 
 /// The client that commands the bench.

@@ -2,7 +2,8 @@
 //! there; a few seconds after it is gone the command is free. A free command is taken by the first order. Taking over from
 //! another client is asked for, and told in the log and in the run under way. A stop needs no command.
 //!
-//! A client names itself, and nobody checks it: this keeps people from working against each other, not attackers out.
+//! A client chooses its id, and its token says who it belongs to: nobody keeps or takes the command of another person by
+//! using their id.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -28,12 +29,15 @@ pub(super) struct Commander {
 struct Desk {
     holder: Option<Holder>,
     /// Number of sockets and requests that each client has open.
-    present: BTreeMap<String, usize>,
+    present: BTreeMap<ClientId, usize>,
 }
+
+/// A client: the name of its token, and the id that it chose.
+pub(super) type ClientId = (String, String);
 
 /// The client that commands.
 struct Holder {
-    id: String,
+    id: ClientId,
     name: String,
     since: Timestamp,
     /// When it was last there.
@@ -43,7 +47,7 @@ struct Holder {
 /// A client is there as long as this lives.
 pub(super) struct Presence {
     commander: Commander,
-    id: String,
+    id: ClientId,
 }
 
 impl Commander {
@@ -56,18 +60,18 @@ impl Commander {
         let mut desk = self.lock();
         desk.forget_gone(Instant::now());
         desk.holder.as_ref().map(|holder| CommanderStatus {
-            id: holder.id.clone(),
+            id: holder.id.1.clone(),
             name: holder.name.clone(),
             since_utc: holder.since.to_string(),
         })
     }
 
     /// Notes that a client is there.
-    pub(super) fn presence(&self, id: &str) -> Presence {
-        *self.lock().present.entry(id.to_owned()).or_default() += 1;
+    pub(super) fn presence(&self, id: ClientId) -> Presence {
+        *self.lock().present.entry(id.clone()).or_default() += 1;
         Presence {
             commander: self.clone(),
-            id: id.to_owned(),
+            id,
         }
     }
 
@@ -76,8 +80,9 @@ impl Commander {
     pub(super) fn claim(&self, caller: &Caller, now: Instant) -> Result<Option<String>, ApiError> {
         let mut desk = self.lock();
         desk.forget_gone(now);
+        let id = client_id(caller);
         let before = match &mut desk.holder {
-            Some(holder) if holder.id == caller.id && !caller.id.is_empty() => {
+            Some(holder) if holder.id == id && !caller.id.is_empty() => {
                 holder.seen = now;
                 holder.name.clone_from(&caller.name);
                 return Ok(None);
@@ -88,7 +93,7 @@ impl Commander {
             None => return Ok(None),
         };
         desk.holder = Some(Holder {
-            id: caller.id.clone(),
+            id,
             name: caller.name.clone(),
             since: Timestamp::now(),
             seen: now,
@@ -128,6 +133,11 @@ impl Drop for Presence {
     }
 }
 
+/// The client that sends a request.
+pub(super) fn client_id(caller: &Caller) -> ClientId {
+    (caller.person.clone(), caller.id.clone())
+}
+
 fn refusal(holder: &Holder) -> ApiError {
     let since = holder.since.strftime("%H:%M");
     ApiError::new(
@@ -148,6 +158,7 @@ mod tests {
             name: format!("page of {id}"),
             stays: true,
             take_over: false,
+            person: "owner".to_owned(),
         }
     }
 
@@ -203,7 +214,7 @@ mod tests {
     fn a_client_that_is_there_keeps_the_command_and_one_that_is_gone_loses_it() {
         let commander = Commander::default();
         let begun = Instant::now();
-        let socket = commander.presence("A");
+        let socket = commander.presence(client_id(&page("A")));
         commander.claim(&page("A"), begun).expect("free");
         assert!(
             commander.claim(&page("B"), begun + 10 * GONE).is_err(),
@@ -216,9 +227,24 @@ mod tests {
             "A may come back"
         );
         // A second socket of the same page, as after a reload.
-        let again = commander.presence("A");
+        let again = commander.presence(client_id(&page("A")));
         assert!(commander.claim(&page("B"), left + 10 * GONE).is_err());
         drop(again);
         assert!(commander.claim(&page("B"), Instant::now() + GONE).is_ok());
+    }
+
+    #[test]
+    fn another_person_with_the_id_of_the_commander_is_another_client() {
+        let commander = Commander::default();
+        let begun = Instant::now();
+        commander.claim(&page("A"), begun).expect("free");
+        let other = Caller {
+            person: "meyer".to_owned(),
+            ..page("A")
+        };
+        assert!(commander.claim(&other, begun).is_err());
+        // Nor does the socket of another person keep the command for a client that is gone.
+        let _socket = commander.presence(client_id(&other));
+        assert!(commander.claim(&page("B"), begun + 2 * GONE).is_ok());
     }
 }

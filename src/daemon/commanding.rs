@@ -7,8 +7,9 @@ use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, StatusCode};
 
+use super::access::Person;
 use super::client_types::{CALLER_HEADER, Caller};
-use super::commander::Presence;
+use super::commander::{Presence, client_id};
 use super::error::ApiError;
 use super::orders;
 use super::state::DaemonState;
@@ -19,8 +20,17 @@ const ID_MAX_BYTES: usize = 64;
 /// Longest name of a client, characters.
 const NAME_MAX_CHARS: usize = 120;
 
-/// Who sent a request; `None` if it does not say so.
-pub(super) fn caller(headers: &HeaderMap) -> Result<Option<Caller>, ApiError> {
+/// Which client of this person sent a request; `None` if it does not say so.
+pub(super) fn caller(person: &Person, headers: &HeaderMap) -> Result<Option<Caller>, ApiError> {
+    let named = |caller: Caller| Caller {
+        person: person.name.clone(),
+        ..caller
+    };
+    Ok(read_caller(headers)?.map(named))
+}
+
+/// What the header says.
+pub(super) fn read_caller(headers: &HeaderMap) -> Result<Option<Caller>, ApiError> {
     let Some(text) = headers.get(CALLER_HEADER) else {
         return Ok(None);
     };
@@ -54,13 +64,18 @@ impl FromRequestParts<Arc<DaemonState>> for Commanding {
     type Rejection = ApiError;
 
     async fn from_request_parts(parts: &mut Parts, state: &Arc<DaemonState>) -> Result<Self, ApiError> {
-        let named = caller(&parts.headers)?;
-        let presence = named.as_ref().map(|caller| state.commander.presence(&caller.id));
-        if let Some(told) = state
+        let person = parts.extensions.get::<Person>();
+        let person = person.ok_or_else(|| ApiError::internal("an order came without its person"))?;
+        let named = caller(person, &parts.headers)?;
+        let presence = named
+            .as_ref()
+            .map(|caller| state.commander.presence(client_id(caller)));
+        let claimed = state
             .commander
-            .claim(&named.unwrap_or_default(), Instant::now())?
-        {
+            .claim(&named.unwrap_or_default(), Instant::now())?;
+        if let Some(told) = claimed {
             tracing::info!("{told}");
+            state.audit.note_daemon("command", &told);
             if let Err(error) = orders::insist(&state.control, || Request::Note(told.clone())).await {
                 tracing::warn!("the run under way has no event of it: {error}");
             }
@@ -77,7 +92,7 @@ mod tests {
     fn a_header_that_names_nobody_is_refused_with_what_to_send() {
         let read = |text: &str| {
             let value = axum::http::HeaderValue::from_str(text).expect("a header");
-            caller(&HeaderMap::from_iter([(
+            read_caller(&HeaderMap::from_iter([(
                 axum::http::HeaderName::from_static(CALLER_HEADER),
                 value,
             )]))
@@ -96,6 +111,6 @@ mod tests {
         }
         let told = read(r#"{"id":"a","name":"page of J. Meyer","stays":true}"#);
         assert_eq!(told.expect("right").expect("named").name, "page of J. Meyer");
-        assert!(caller(&HeaderMap::new()).expect("nobody").is_none());
+        assert!(read_caller(&HeaderMap::new()).expect("nobody").is_none());
     }
 }

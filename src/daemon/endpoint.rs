@@ -1,7 +1,9 @@
 //! The file by which commands such as `leafbench run` find the daemon of a data folder.
 
+use std::fs::Permissions;
 use std::io::{self, Write};
 use std::net::SocketAddr;
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use super::client_types::Endpoint;
@@ -19,16 +21,25 @@ pub(super) struct EndpointFile {
 }
 
 impl EndpointFile {
-    /// Writes the file of a daemon that listens on `address`.
-    pub(super) fn publish(folder: &Path, address: SocketAddr) -> Result<EndpointFile, DaemonError> {
+    /// Writes the file of a daemon that answers this computer at `address`. `page`: where other computers find it.
+    pub(super) fn publish(
+        folder: &Path,
+        address: SocketAddr,
+        page: Option<String>,
+    ) -> Result<EndpointFile, DaemonError> {
         let path = folder.join(ENDPOINT_FILE);
         let endpoint = Endpoint {
             url: format!("http://{address}"),
             pid: std::process::id(),
+            page,
         };
         let write = || -> io::Result<()> {
             let text = serde_json::to_string(&endpoint)?;
-            atomic_file::write(&path, |file| writeln!(file, "{text}"))
+            atomic_file::write(&path, |file| {
+                // Other users of this computer find the daemon too, and show a token of their own.
+                file.get_ref().set_permissions(Permissions::from_mode(0o644))?;
+                writeln!(file, "{text}")
+            })
         };
         write().map_err(|source| DaemonError::Folder {
             path: path.clone(),

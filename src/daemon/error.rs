@@ -3,11 +3,12 @@
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use axum::Json;
 use axum::extract::rejection::{JsonRejection, QueryRejection};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
 
+use super::access::tokens::TokenError;
 use super::client_types::{Failure, TextPlace};
 use super::library::LibraryError;
 use super::store::FindRunError;
@@ -44,11 +45,21 @@ pub(crate) enum DaemonError {
         address: SocketAddr,
         source: std::io::Error,
     },
-    /// The address for the HTTP interface is not a loopback address.
+    /// The address for the HTTP interface is not a loopback address, and nothing encrypts what goes over it.
     #[error(
-        "other computers can reach {0}: listen on 127.0.0.1:PORT, because the interface moves the rig and has no password"
+        "other computers can reach {0}, and without TLS they can read the tokens: add --tls-cert FILE and --tls-key FILE, \
+         or --behind-proxy NAME if a proxy with TLS stands before the daemon, or listen on 127.0.0.1:PORT (docs/operations.md, \
+         \"Reach the bench from other computers\")"
     )]
     NotLoopback(SocketAddr),
+    /// Certificate or key cannot be used.
+    #[error("{path} cannot be used for TLS: give the certificate chain and its private key as PEM files")]
+    Tls {
+        path: PathBuf,
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+    #[error(transparent)]
+    Tokens(#[from] TokenError),
     #[error("the runs in the data folder cannot be read")]
     Runs(#[from] RunFileError),
     /// The operating system gives no thread, timer or signal handler.
@@ -176,8 +187,13 @@ impl From<QueryRejection> for ApiError {
     }
 }
 
+/// On an answer: what the audit log says about the request besides its address.
+#[derive(Debug, Clone)]
+pub(super) struct AuditNote(pub String);
+
 impl IntoResponse for ApiError {
     fn into_response(self) -> Response {
-        (self.status, Json(self.failure)).into_response()
+        let note = Extension(AuditNote(self.failure.error.clone()));
+        (self.status, note, Json(self.failure)).into_response()
     }
 }

@@ -23,7 +23,7 @@ const RING_BATCHES: usize = 128;
 const RECENT_BATCHES: usize = 800;
 
 /// Thinned samples of one run, as columns of equal length.
-#[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize, utoipa::ToSchema)]
 pub(super) struct LiveBatch {
     /// Id of the run; empty between two runs.
     pub run_id: String,
@@ -40,6 +40,7 @@ pub(super) struct LiveBatch {
     /// Command in mm or N, see `control`; `null` while there is none.
     pub command: Vec<Option<f64>>,
     /// Quantity that the newest command controls.
+    #[schema(value_type = Option<String>, example = "displacement")]
     pub control: Option<Mode>,
     /// Force of the twin in N; `null` while the twin is off or skipped.
     pub twin_force_n: Vec<Option<f64>>,

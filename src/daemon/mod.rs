@@ -1,4 +1,4 @@
-//! The daemon: owns the rig, runs one test at a time, and serves people and scripts through HTTP on loopback. At its start
+//! The daemon: owns the rig, runs one test at a time, and serves people and scripts through HTTP. At its start
 //! it only observes the rig; at its end it unloads the rig. Safety is left to the firmware, which unloads the rig by itself
 //! when this process ends.
 //!
@@ -6,14 +6,16 @@
 //!
 //! | file | subject |
 //! |---|---|
+//! | `access` | tokens, roles, sessions: who may do what |
 //! | `client_types` | requests and answers |
 //! | `nearest` | the name that a mistyped one stands for |
 //! | `run_index`, `run_search` | what a list says about each run file, filters and pages |
 //! | `library`, `store`, `header` | profiles, run files, header of a recording |
 //! | `reading`, `live`, `backlog`, `disk_space`, `disk_watch` | readings of the last second, samples for the live view, samples that wait for the recording thread or for the disk, free space |
 //! | `error` | why the daemon or a request fails |
+//! | `audit` | log of who did what, chained by hash |
 //! | `lock`, `endpoint` | one daemon per rig, the file by which commands find it |
-//! | `connections`, `server`, `request_body`, `guard` | limits of connections and requests, protection from other web pages |
+//! | `connections`, `guard`, `server`, `request_body`, `tls` | limits of connections and requests, protection from other web pages, TLS |
 //! | `wanted`, `starts`, `orders` | work that may be withdrawn, order of starts and stops, orders that control must get |
 //! | `course`, `plan`, `download` | thinned course of a predicted run, check of a profile, export |
 //! | `editor`, `imports` | own profiles for the page's editor, tables of other programs |
@@ -24,12 +26,15 @@
 //! | `blocking` | work of a handler that reads files |
 //! | `metrics`, `notify` | figures for Prometheus; signs of life for systemd |
 //! | `commanding` | who sends an order, and whether that client commands |
+//! | `gate`, `sign_in` | who gets through to a route, how browsers sign in |
 //! | `resume`, `progress`, `prepare` | what a run needs before it can start |
 //! | `runs`, `socket`, `page` | life of a run, live view, the technician's page |
 //! | `run_list`, `compare`, `diagnosis_api` | runs in pages with the thread of their index, two runs over each other, diagnoses over HTTP |
-//! | `api` | routes and handlers |
+//! | `description`, `api` | what OpenAPI says of all routes, routes and handlers |
 
-mod api;
+pub(crate) mod access;
+pub(crate) mod api;
+pub(crate) mod audit;
 mod backlog;
 mod blocking;
 pub(crate) mod client_types;
@@ -38,6 +43,7 @@ mod commanding;
 mod compare;
 mod connections;
 mod course;
+mod description;
 mod diagnoses;
 mod diagnosis_api;
 mod disk_space;
@@ -46,6 +52,7 @@ mod download;
 mod editor;
 mod endpoint;
 mod error;
+mod gate;
 mod guard;
 pub(crate) mod header;
 mod imports;
@@ -71,14 +78,17 @@ mod run_list;
 pub(crate) mod run_search;
 mod runs;
 mod server;
+mod sign_in;
 mod socket;
 mod starts;
 mod state;
 pub(crate) mod store;
 mod tally;
+mod tls;
 mod twin_choice;
 mod wanted;
 
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -92,21 +102,24 @@ use crate::control::{Phase, Rig};
 use crate::link::wire_log::WireLog;
 use crate::link::{self, Link, Side};
 use crate::recording::recorder;
+use access::AccessControl;
+use audit::Audit;
 use client_types::Endpoint;
 use endpoint::EndpointFile;
+use guard::RequestGuard;
 use library::Library;
 use live::{Live, Watcher};
 use lock::DaemonLock;
 use notify::ServiceManager;
 use run_list::IndexThread;
-use server::ServerLimits;
+use server::{Door, ServerLimits};
 use state::DaemonState;
 use store::Store;
 use wanted::Withdrawal;
 
 pub(crate) use endpoint::ENDPOINT_FILE;
 pub(crate) use error::{DaemonError, chain};
-pub(crate) use state::DaemonSettings;
+pub(crate) use state::{DaemonSettings, Remote};
 
 /// Longest wait for the rig to unload when the daemon ends. Unloading from 15 mm at 5 mm/s takes 3 s; the daemon must end
 /// within 5 s.
@@ -115,6 +128,10 @@ const UNLOAD_AT_EXIT: Duration = Duration::from_millis(4200);
 const RELINK_PERIOD: Duration = Duration::from_secs(1);
 /// Time between two looks at the free space of the disk.
 const DISK_LOOK_PERIOD: Duration = Duration::from_secs(5);
+/// Time between two looks whether the list of tokens has changed: a token that was removed is good for so long.
+const TOKENS_LOOK_PERIOD: Duration = Duration::from_millis(250);
+/// Longest wait for the audit log when the daemon ends.
+const AUDIT_AT_EXIT: Duration = Duration::from_millis(500);
 /// Longest wait for requests that are still served when the daemon ends.
 const REQUESTS_AT_EXIT: Duration = Duration::from_millis(200);
 /// Longest wait for the control thread after it was asked to end. It looks every millisecond.
@@ -127,19 +144,22 @@ pub(crate) struct Daemon {
     /// The claims on data folder and link, released last.
     lock: DaemonLock,
     endpoint: EndpointFile,
-    listener: TcpListener,
+    doors: Vec<Door>,
+    guard: RequestGuard,
     runtime: Runtime,
     store: Store,
     library: Library,
+    access: AccessControl,
+    audit: Audit,
     wire_log: Option<WireLog>,
 }
 
 impl Daemon {
     /// Claims data folder and link, opens the port, and publishes where the daemon listens.
     pub(crate) fn prepare(mut settings: DaemonSettings) -> Result<Daemon, DaemonError> {
-        let asked = settings.listen;
-        if !asked.ip().is_loopback() {
-            return Err(DaemonError::NotLoopback(asked));
+        let remote = &settings.remote;
+        if !settings.listen.ip().is_loopback() && remote.tls.is_none() && remote.proxy.is_none() {
+            return Err(DaemonError::NotLoopback(settings.listen));
         }
         let lock = DaemonLock::take(&settings.data_folder, &settings.link_address)?;
         // Control needs a core of its own, so the interface gets only two threads.
@@ -147,31 +167,28 @@ impl Daemon {
             .worker_threads(2)
             .enable_all()
             .build()?;
-        let listen = async {
-            let listener = TcpListener::bind(asked).await?;
-            let address = listener.local_addr()?;
-            Ok((listener, address))
-        };
-        let (listener, address) = runtime.block_on(listen).map_err(|source| DaemonError::Listen {
-            address: asked,
-            source,
-        })?;
-        settings.listen = address;
+        let doors = open_doors(&mut settings, &runtime)?;
         let library = Library::open(&settings.profiles_folder)?
             .with_own(settings.data_folder.join(library::OWN_PROFILES));
         let store = Store::new(&settings.data_folder);
         for sentence in store.close_left_open()? {
             tracing::warn!("{sentence}");
         }
-        let endpoint = EndpointFile::publish(&settings.data_folder, address)?;
+        let access = AccessControl::open(&settings.data_folder)?;
+        let audit = Audit::open(&settings.data_folder)?;
+        let page = page_for_others(&settings);
+        let endpoint = EndpointFile::publish(&settings.data_folder, settings.local, page)?;
         Ok(Daemon {
+            guard: guard_of(&settings),
             settings,
             lock,
             endpoint,
-            listener,
+            doors,
             runtime,
             store,
             library,
+            access,
+            audit,
             wire_log: None,
         })
     }
@@ -181,11 +198,12 @@ impl Daemon {
         self.wire_log = Some(log);
     }
 
-    /// Controls the rig at the other end of `link` until SIGTERM or SIGINT. Calls `started` as soon as requests are served.
+    /// Controls the rig at the other end of `link` until SIGTERM or SIGINT. Calls `started` as soon as requests are served, with a
+    /// link that signs the owner's browser in.
     pub(crate) fn serve(
         self,
         mut link: Link,
-        started: impl FnOnce(&Endpoint) + Send,
+        started: impl FnOnce(&Endpoint, &str) + Send,
     ) -> Result<(), DaemonError> {
         let runtime = self.runtime;
         let signals = runtime.block_on(async { Signals::catch() })?;
@@ -199,17 +217,31 @@ impl Daemon {
         // The thread ends with control, which has the only input.
         let (watcher, _) = recorder::spawn(live.idle_recorder())?;
         let (control, thread) = ControlHandle::spawn(rig, link, Box::new(Watcher(watcher)))?;
-        let mut state = DaemonState::new(self.settings, control, self.store, self.library, health, live);
+        let people = (self.access, self.audit);
+        let mut state = DaemonState::new(
+            self.settings,
+            control,
+            self.store,
+            self.library,
+            health,
+            live,
+            people,
+        );
         state.wire_log = self.wire_log;
         let state = Arc::new(state);
         warn_of_limitations(&state);
-        let serving = serve_until_signal(Arc::clone(&state), self.listener, signals, || {
-            started(&self.endpoint.endpoint);
+        let link = state.access.owner_link()?;
+        let link = sign_in::link_url(&state, &link);
+        let router = api::router(self.guard, &state);
+        let server = runtime.spawn(server::serve(self.doors, router, ServerLimits::default()));
+        let serving = serve_until_signal(Arc::clone(&state), server, signals, || {
+            started(&self.endpoint.endpoint, &link);
         });
         runtime.block_on(serving);
         // Does not wait for viewers whose sockets are still open.
         runtime.shutdown_timeout(REQUESTS_AT_EXIT);
         await_end(&thread);
+        state.audit.close(AUDIT_AT_EXIT);
         drop(self.endpoint);
         drop(self.lock);
         Ok(())
@@ -266,14 +298,16 @@ fn await_end(thread: &JoinHandle<()>) {
 
 async fn serve_until_signal(
     state: Arc<DaemonState>,
-    listener: TcpListener,
+    server: tokio::task::JoinHandle<()>,
     mut signals: Signals,
     started: impl FnOnce() + Send,
 ) {
-    let router = api::router(state.settings.listen, Arc::clone(&state));
+    state
+        .audit
+        .note_daemon("start", &format!("tokens: {}", state.access.words()));
+    let tokens = tokio::spawn(watch_tokens(Arc::clone(&state)));
     let relink = tokio::spawn(keep_link_open(Arc::clone(&state)));
     let disk = tokio::spawn(watch_disk_space(Arc::clone(&state)));
-    let server = tokio::spawn(server::serve(listener, router, ServerLimits::default()));
     let manager = Arc::new(ServiceManager::of_this_process());
     let (watching, control) = (Arc::clone(&manager), state.control.clone());
     let watchdog = tokio::spawn(async move { watching.watch(control).await });
@@ -282,6 +316,7 @@ async fn serve_until_signal(
     started();
     manager.tell(&format!("READY=1\nSTATUS=page http://{}/", state.settings.listen));
     let name = signals.next().await;
+    state.audit.note_daemon("end", name);
     manager.tell("STOPPING=1");
     tracing::info!("{name}: unloading the rig, then ending");
     unload(&state, name).await;
@@ -289,6 +324,7 @@ async fn serve_until_signal(
     server.abort();
     relink.abort();
     disk.abort();
+    tokens.abort();
     // Commands end with the control thread and the lease expires. If the rig is still loaded, the firmware unloads it.
     if let Err(error) = orders::insist(&state.control, || Request::End).await {
         tracing::warn!("the control thread was not asked to end: {error}");
@@ -368,6 +404,80 @@ async fn watch_disk_space(state: Arc<DaemonState>) {
         let _ = tokio::task::spawn_blocking(move || looking.disk.look(looking.store.folder())).await;
         tokio::time::sleep(DISK_LOOK_PERIOD).await;
     }
+}
+
+/// Looks whether a token was added or removed, now and then. A disk that does not answer holds up a thread of its own only.
+async fn watch_tokens(state: Arc<DaemonState>) {
+    loop {
+        tokio::time::sleep(TOKENS_LOOK_PERIOD).await;
+        let looking = Arc::clone(&state);
+        // Fails only when the runtime ends.
+        let told = tokio::task::spawn_blocking(move || looking.access.refresh()).await;
+        match told {
+            Ok(Ok(sentences)) => {
+                for sentence in sentences {
+                    tracing::info!("{sentence}");
+                    state.audit.note_daemon("tokens", &sentence);
+                }
+            }
+            Ok(Err(error)) => tracing::warn!("the tokens stay as they are: {}", chain(&error)),
+            Err(_) => {}
+        }
+    }
+}
+
+/// Opens the port, and a port of loopback for the commands of this computer where the first one is for others.
+fn open_doors(settings: &mut DaemonSettings, runtime: &Runtime) -> Result<Vec<Door>, DaemonError> {
+    let open = |asked: SocketAddr| {
+        let listen = async {
+            let listener = TcpListener::bind(asked).await?;
+            let address = listener.local_addr()?;
+            Ok((listener, address))
+        };
+        runtime.block_on(listen).map_err(|source| DaemonError::Listen {
+            address: asked,
+            source,
+        })
+    };
+    let tls = match &settings.remote.tls {
+        Some((certificate, key)) => Some(tls::acceptor(certificate, key)?),
+        None => None,
+    };
+    let (listener, address) = open(settings.listen)?;
+    settings.listen = address;
+    settings.local = address;
+    let for_others = tls.is_some() || !address.ip().is_loopback();
+    let mut doors = vec![Door { listener, tls }];
+    if for_others {
+        let (listener, address) = open(([127, 0, 0, 1], 0).into())?;
+        settings.local = address;
+        doors.push(Door { listener, tls: None });
+    }
+    Ok(doors)
+}
+
+/// The addresses under which the daemon answers.
+fn guard_of(settings: &DaemonSettings) -> RequestGuard {
+    let mut guard = RequestGuard::new(settings.local);
+    if settings.remote.tls.is_some() {
+        guard = guard.with_tls(settings.listen, &settings.remote.names);
+    }
+    if let Some(name) = &settings.remote.proxy {
+        guard = guard.with_proxy(name);
+    }
+    guard
+}
+
+/// Where other computers find the page.
+fn page_for_others(settings: &DaemonSettings) -> Option<String> {
+    let remote = &settings.remote;
+    let port = settings.listen.port();
+    let direct = || match remote.names.first() {
+        Some(name) => format!("https://{name}:{port}/"),
+        None => format!("https://{}/", settings.listen),
+    };
+    let behind = remote.proxy.as_ref().map(|name| format!("https://{name}/"));
+    behind.or_else(|| remote.tls.is_some().then(direct))
 }
 
 /// A random number from 1 to 255 for each start, so that the rig can tell frames of an earlier daemon from ours.

@@ -2,26 +2,32 @@
 
 use std::sync::Arc;
 
-use axum::Router;
 use axum::http::header;
-use axum::routing::get;
+use axum::routing::{MethodRouter, get};
 
+use super::access::role::Needs;
 use super::state::DaemonState;
 
-/// The routes of the page's files.
-pub(super) fn router() -> Router<Arc<DaemonState>> {
-    let file = |kind: &'static str, text: &'static str| {
-        get(move || async move { ([(header::CONTENT_TYPE, kind)], text) })
-    };
-    FILES.iter().fold(Router::new(), |router, (path, kind, text)| {
-        router.route(path, file(kind, text))
+/// Files that the page without a session needs.
+const OPEN: [&str; 3] = ["/login.js", "/login.css", "/icon.svg"];
+
+/// Path, need and handler of each of the page's files.
+pub(super) fn routes() -> impl Iterator<Item = (&'static str, Needs, MethodRouter<Arc<DaemonState>>)> {
+    FILES.iter().map(|&(path, kind, text)| {
+        let needs = if OPEN.contains(&path) {
+            Needs::NOTHING
+        } else {
+            Needs::WATCH
+        };
+        let handler = get(move || async move { ([(header::CONTENT_TYPE, kind)], text) });
+        (path, needs, handler)
     })
 }
 
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Path, type and text of each file.
-const FILES: [(&str, &str, &str); 22] = [
+const FILES: [(&str, &str, &str); 24] = [
     ("/", "text/html; charset=utf-8", include_str!("page/index.html")),
     (
         "/page.css",
@@ -38,6 +44,12 @@ const FILES: [(&str, &str, &str); 22] = [
         "text/css; charset=utf-8",
         include_str!("page/editor.css"),
     ),
+    (
+        "/login.css",
+        "text/css; charset=utf-8",
+        include_str!("page/login.css"),
+    ),
+    ("/login.js", SCRIPT, include_str!("page/login.js")),
     ("/ask.js", SCRIPT, include_str!("page/ask.js")),
     ("/commander.js", SCRIPT, include_str!("page/commander.js")),
     ("/words.js", SCRIPT, include_str!("page/words.js")),
@@ -86,7 +98,7 @@ mod tests {
         for (path, kind, _) in FILES {
             let name = path.trim_start_matches('/');
             assert!(
-                kind != SCRIPT || text_of("/").contains(&format!("src=\"{name}\"")),
+                kind != SCRIPT || name == "login.js" || text_of("/").contains(&format!("src=\"{name}\"")),
                 "{name} is not loaded"
             );
         }

@@ -17,10 +17,13 @@ use hyper::service::{Service, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use nix::sys::socket::{setsockopt, sockopt};
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
+use tokio_rustls::TlsAcceptor;
 
 use super::connections::{Connection, Connections, InUse};
 use super::error::ApiError;
+use super::guard::PeerAddress;
 
 /// The request that is answered also when all ordinary connections are in use.
 pub(super) const STOP_PATH: &str = "/api/stop";
@@ -53,21 +56,40 @@ impl Default for ServerLimits {
     }
 }
 
-/// Serves until the task is aborted.
-pub(super) async fn serve(listener: TcpListener, router: Router, limits: ServerLimits) {
-    let connections = Connections::new(limits.connections, limits.reserve);
+/// An address where connections come in.
+pub(super) struct Door {
+    pub listener: TcpListener,
+    /// Decrypts them; `None` on loopback, and behind a proxy that does it.
+    pub tls: Option<TlsAcceptor>,
+}
+
+/// Serves all doors until the task is aborted. They share the limit of connections.
+pub(super) async fn serve(doors: Vec<Door>, router: Router, limits: ServerLimits) {
+    let connections = Arc::new(Connections::new(limits.connections, limits.reserve));
     let service = TowerToHyperService::new(router);
+    let served = doors
+        .into_iter()
+        .map(|door| serve_door(door, Arc::clone(&connections), service.clone(), limits));
+    futures_util::future::join_all(served).await;
+}
+
+async fn serve_door(
+    door: Door,
+    connections: Arc<Connections>,
+    service: TowerToHyperService<Router>,
+    limits: ServerLimits,
+) {
     loop {
-        match listener.accept().await {
-            Ok((stream, _)) => {
+        match door.listener.accept().await {
+            Ok((stream, peer)) => {
                 // Where there is no place, dropping the stream closes it.
                 if let Some(connection) = connections.admit() {
-                    let task = tokio::spawn(serve_one(
-                        stream,
-                        Arc::clone(&connection),
-                        service.clone(),
+                    let visit = Visit {
+                        connection: Arc::clone(&connection),
+                        peer: PeerAddress(peer.ip()),
                         limits,
-                    ));
+                    };
+                    let task = tokio::spawn(visit.begin(stream, door.tls.clone(), service.clone()));
                     connection.served_by(task.abort_handle());
                 }
             }
@@ -81,42 +103,63 @@ pub(super) async fn serve(listener: TcpListener, router: Router, limits: ServerL
     }
 }
 
-async fn serve_one(
-    stream: TcpStream,
+/// One connection and whose it is.
+struct Visit {
     connection: Arc<Connection>,
-    service: TowerToHyperService<Router>,
+    peer: PeerAddress,
     limits: ServerLimits,
-) {
-    // Both only improve the timing, so the connection is served without them too.
-    let _ = stream.set_nodelay(true);
-    let _ = setsockopt(&stream, sockopt::TcpUserTimeout, &UNREAD_MS);
-    let answer = service_fn(move |mut request: Request<Incoming>| {
-        let in_use = connection.begin_request();
-        let refused = connection.reserved && !is_stop(&request);
-        request.extensions_mut().insert(limits);
-        request.extensions_mut().insert(Arc::clone(&connection));
-        let answered = (!refused).then(|| service.call(request));
-        async move {
-            let response = match answered {
-                Some(answer) => answer.await?,
-                None => too_many_connections(),
-            };
-            Ok::<_, Infallible>(response.map(|body| {
-                Body::new(HeldBody {
-                    body,
-                    _in_use: in_use,
-                })
-            }))
+}
+
+impl Visit {
+    /// Serves the connection to its end, after its TLS handshake where there is one.
+    async fn begin(self, stream: TcpStream, tls: Option<TlsAcceptor>, service: TowerToHyperService<Router>) {
+        // Both only improve the timing, so the connection is served without them too.
+        let _ = stream.set_nodelay(true);
+        let _ = setsockopt(&stream, sockopt::TcpUserTimeout, &UNREAD_MS);
+        let Some(tls) = tls else {
+            return self.serve(stream, service).await;
+        };
+        match tokio::time::timeout(self.limits.headers, tls.accept(stream)).await {
+            Ok(Ok(stream)) => self.serve(stream, service).await,
+            Ok(Err(error)) => tracing::debug!("a TLS handshake failed: {error}"),
+            Err(_) => tracing::debug!("a TLS handshake did not end in time"),
         }
-    });
-    let served = http1::Builder::new()
-        .timer(TokioTimer::new())
-        .header_read_timeout(limits.headers)
-        .serve_connection(TokioIo::new(stream), answer)
-        .with_upgrades()
-        .await;
-    if let Err(error) = served {
-        tracing::debug!("a connection ended: {error}");
+    }
+
+    async fn serve<S>(self, stream: S, service: TowerToHyperService<Router>)
+    where
+        S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
+    {
+        let limits = self.limits;
+        let answer = service_fn(move |mut request: Request<Incoming>| {
+            let in_use = self.connection.begin_request();
+            let refused = self.connection.reserved && !is_stop(&request);
+            request.extensions_mut().insert(limits);
+            request.extensions_mut().insert(self.peer);
+            request.extensions_mut().insert(Arc::clone(&self.connection));
+            let answered = (!refused).then(|| service.call(request));
+            async move {
+                let response = match answered {
+                    Some(answer) => answer.await?,
+                    None => too_many_connections(),
+                };
+                Ok::<_, Infallible>(response.map(|body| {
+                    Body::new(HeldBody {
+                        body,
+                        _in_use: in_use,
+                    })
+                }))
+            }
+        });
+        let served = http1::Builder::new()
+            .timer(TokioTimer::new())
+            .header_read_timeout(limits.headers)
+            .serve_connection(TokioIo::new(stream), answer)
+            .with_upgrades()
+            .await;
+        if let Err(error) = served {
+            tracing::debug!("a connection ended: {error}");
+        }
     }
 }
 
@@ -191,7 +234,8 @@ mod tests {
                 post(|JsonBody(n): JsonBody<u8>| async move { n.to_string() }),
             )
             .route(STOP_PATH, post(|| async { "stopped" }));
-        runtime.spawn(serve(listener, router, limits));
+        let door = Door { listener, tls: None };
+        runtime.spawn(serve(vec![door], router, limits));
         (runtime, address)
     }
 

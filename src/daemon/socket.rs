@@ -10,6 +10,7 @@ use axum::extract::{Query, State};
 use axum::response::Response;
 use tokio::sync::broadcast::error::RecvError;
 
+use super::access::Person;
 use super::client_types::Status;
 use super::connections::Connection;
 use super::live::{LiveBatch, points_in};
@@ -24,6 +25,7 @@ const LARGEST_MESSAGE: usize = 1024;
 
 /// The client that opens the socket.
 #[derive(Debug, Default, serde::Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
 pub(super) struct Viewer {
     /// Id of the client, as in the header `leafbench-caller`: it keeps the command while its socket is open.
     #[serde(default)]
@@ -31,9 +33,9 @@ pub(super) struct Viewer {
 }
 
 /// One message to a viewer.
-#[derive(serde::Serialize)]
+#[derive(serde::Serialize, utoipa::ToSchema)]
 #[serde(tag = "type", rename_all = "snake_case")]
-enum LiveMessage<'a> {
+pub(super) enum LiveMessage<'a> {
     /// Thinned samples. This viewer did not get the `skipped` samples before them.
     Samples {
         skipped: u64,
@@ -49,6 +51,7 @@ enum LiveMessage<'a> {
 pub(super) async fn live(
     State(state): App,
     Extension(connection): Extension<Arc<Connection>>,
+    Extension(person): Extension<Person>,
     Query(viewer): Query<Viewer>,
     upgrade: WebSocketUpgrade,
 ) -> Response {
@@ -56,7 +59,9 @@ pub(super) async fn live(
     upgrade
         .max_message_size(LARGEST_MESSAGE)
         .on_upgrade(move |socket| async move {
-            let _presence = viewer.caller.map(|id| state.commander.presence(&id));
+            let _presence = viewer
+                .caller
+                .map(|id| state.commander.presence((person.name, id)));
             serve(socket, state).await;
             drop(in_use);
         })

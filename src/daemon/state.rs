@@ -4,6 +4,8 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use super::access::AccessControl;
+use super::audit::Audit;
 use super::client_types::{PlotScale, Status};
 use super::commander::Commander;
 use super::diagnoses::Diagnoses;
@@ -33,6 +35,21 @@ pub(crate) struct DaemonSettings {
     pub profiles_folder: PathBuf,
     /// Address of the HTTP interface. Port 0 takes a free port; a prepared daemon has the port that it took.
     pub listen: SocketAddr,
+    /// The address for programs of this computer: `listen`, or a free port of loopback where `listen` is for others.
+    pub local: SocketAddr,
+    /// How other computers reach the daemon; nothing for loopback only.
+    pub remote: Remote,
+}
+
+/// How other computers reach the daemon.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Remote {
+    /// Files of the certificate and its key (PEM), for TLS.
+    pub tls: Option<(PathBuf, PathBuf)>,
+    /// Host name under which a proxy with TLS serves this daemon.
+    pub proxy: Option<String>,
+    /// Further host names of this computer in the addresses that people open.
+    pub names: Vec<String>,
 }
 
 /// The state of the daemon.
@@ -56,6 +73,10 @@ pub(super) struct DaemonState {
     pub starts: Starts,
     /// Who commands the bench.
     pub commander: Commander,
+    /// Who may do what.
+    pub access: AccessControl,
+    /// Who did what.
+    pub audit: Audit,
     /// Taken while a profile is checked for the page: one at a time.
     pub planning: Arc<tokio::sync::Semaphore>,
     link_health: Mutex<Arc<LinkHealth>>,
@@ -75,6 +96,7 @@ impl DaemonState {
         library: Library,
         link_health: Arc<LinkHealth>,
         live: Live,
+        (access, audit): (AccessControl, Audit),
     ) -> Self {
         DaemonState {
             diagnoses: Diagnoses::of(&settings.data_folder),
@@ -89,6 +111,8 @@ impl DaemonState {
             tally: Tally::default(),
             starts: Starts::default(),
             commander: Commander::default(),
+            access,
+            audit,
             planning: Arc::new(tokio::sync::Semaphore::new(1)),
             link_health: Mutex::new(link_health),
             wire_log: None,
@@ -153,8 +177,12 @@ impl DaemonState {
             data_folder: folder.to_owned(),
             profiles_folder: folder.to_owned(),
             listen: ([127, 0, 0, 1], 0).into(),
+            local: ([127, 0, 0, 1], 0).into(),
+            remote: Remote::default(),
             bench,
         };
+        let access = AccessControl::open(folder).expect("a folder");
+        let audit = Audit::open(folder).expect("a folder");
         let library = Library::open(folder)
             .expect("a folder")
             .with_own(folder.join("profiles"));
@@ -165,6 +193,7 @@ impl DaemonState {
             library,
             health,
             Live::default(),
+            (access, audit),
         ))
     }
 }

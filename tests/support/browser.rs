@@ -58,6 +58,13 @@ impl Page {
 
     /// Sends a command of the DevTools protocol and waits for its answer.
     pub fn ask(&mut self, method: &str, parameters: &Value) -> Value {
+        let answer = self.answer(method, parameters);
+        assert!(answer["error"].is_null(), "{method}: {answer}");
+        answer["result"].clone()
+    }
+
+    /// The same with the error, if there is one.
+    fn answer(&mut self, method: &str, parameters: &Value) -> Value {
         self.asked += 1;
         let text = json!({ "id": self.asked, "method": method, "params": parameters }).to_string();
         self.socket.send(Message::Text(text.into())).expect("sent");
@@ -67,8 +74,7 @@ impl Page {
             };
             let answer: Value = serde_json::from_str(&text).expect("JSON");
             if answer["id"] == self.asked {
-                assert!(answer["error"].is_null(), "{method}: {answer}");
-                return answer["result"].clone();
+                return answer;
             }
         }
     }
@@ -81,10 +87,19 @@ impl Page {
         answer["result"]["value"].clone()
     }
 
-    /// Waits until an expression is true.
+    /// Waits until an expression is true; also while the window goes on to another page, as after a link that signs in.
     pub fn until(&mut self, expression: &str) {
+        let parameters =
+            json!({ "expression": format!("!!({expression})"), "awaitPromise": true, "returnByValue": true });
         until(expression, || {
-            (self.value(&format!("!!({expression})")) == true).then_some(())
+            let answer = self.answer("Runtime.evaluate", &parameters);
+            let result = &answer["result"];
+            let goes_on = answer["error"]["message"]
+                .as_str()
+                .is_some_and(|text| text.contains("navigated") || text.contains("context"));
+            assert!(goes_on || answer["error"].is_null(), "{expression}: {answer}");
+            assert!(result["exceptionDetails"].is_null(), "{expression}: {answer}");
+            (result["result"]["value"] == true).then_some(())
         });
     }
 

@@ -5,8 +5,13 @@ use std::net::TcpStream;
 
 use super::{Daemon, PATIENCE};
 
-/// Sends the head of a request and `body`; the answer is not read.
+/// Sends the head of a request with the owner's token, and `body`; the answer is not read.
 pub fn send(daemon: &Daemon, head: &str, body: &str) -> TcpStream {
+    send_as_it_is(daemon, &format!("{head}{}", daemon.bearer()), body)
+}
+
+/// The same without a token, unless `head` has one.
+pub fn send_as_it_is(daemon: &Daemon, head: &str, body: &str) -> TcpStream {
     let mut stream = TcpStream::connect(daemon.authority()).expect("the daemon listens");
     stream.set_read_timeout(Some(PATIENCE)).expect("set");
     let length = body.len();
@@ -35,6 +40,11 @@ pub fn answer(mut stream: TcpStream) -> (u16, String) {
 /// Sends a request with any headers. Returns status and body.
 pub fn request(daemon: &Daemon, head: &str, body: &str) -> (u16, String) {
     answer(send(daemon, head, body))
+}
+
+/// The same without a token, unless `head` has one.
+pub fn request_as_it_is(daemon: &Daemon, head: &str, body: &str) -> (u16, String) {
+    answer(send_as_it_is(daemon, head, body))
 }
 
 /// The head of a request as the page sends it.

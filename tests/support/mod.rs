@@ -46,6 +46,7 @@ pub fn leafbench(arguments: &[&str]) -> Command {
     command
         .args(arguments)
         .env_remove("LEAFBENCH_DATA")
+        .env_remove("LEAFBENCH_TOKEN")
         .current_dir(env!("CARGO_MANIFEST_DIR"));
     command
 }
@@ -173,6 +174,24 @@ impl Daemon {
     pub fn signal(&self, signal: nix::sys::signal::Signal) {
         let pid = nix::unistd::Pid::from_raw(self.process.0.id() as i32);
         nix::sys::signal::kill(pid, signal).expect("the daemon is there");
+    }
+
+    /// The owner's token.
+    pub fn token(&self) -> String {
+        let text = std::fs::read_to_string(self.data.join("token")).expect("the daemon has made it");
+        text.trim().to_owned()
+    }
+
+    /// The header line that shows the owner's token.
+    pub fn bearer(&self) -> String {
+        format!("Authorization: Bearer {}\r\n", self.token())
+    }
+
+    /// A link that opens the page and signs the browser in.
+    pub fn link(&self) -> String {
+        let (link, code) = json(&self.data, &["open"]);
+        assert_eq!(code, 0, "{link}");
+        link["url"].as_str().expect("an address").to_owned()
     }
 
     /// Host and port, as in a `Host` header.

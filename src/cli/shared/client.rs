@@ -11,6 +11,8 @@ use serde::de::DeserializeOwned;
 use super::super::{Done, Output};
 use super::error::CliError;
 use crate::daemon::ENDPOINT_FILE;
+use crate::daemon::access::secret::Secret;
+use crate::daemon::access::tokens::TOKEN_FILE;
 use crate::daemon::client_types::{
     Accepted, CALLER_HEADER, Caller, Endpoint, Failure, StartRun, Started, StopRequest,
 };
@@ -18,7 +20,11 @@ use crate::regular_file;
 
 /// Environment variable in place of `--data`.
 pub(crate) const DATA_VARIABLE: &str = "LEAFBENCH_DATA";
-/// Largest size of the endpoint file, in bytes: an address and a process id.
+/// Environment variable with a token.
+const TOKEN_VARIABLE: &str = "LEAFBENCH_TOKEN";
+/// File of a person's own token, below the folder for settings.
+const OWN_TOKEN: &str = "leafbench/token";
+/// Largest size of the endpoint file and of a token file, in bytes.
 const ENDPOINT_MAX_BYTES: u64 = 4096;
 /// Longest wait for an answer: the plan of a slow model takes its time.
 const TIMEOUT: Duration = Duration::from_secs(120);
@@ -86,7 +92,20 @@ fn caller(stays: bool, take_over: bool) -> Caller {
         name,
         stays,
         take_over,
+        person: String::new(),
     }
+}
+
+/// The token of the person who types the command: from the environment, from the data folder if it is theirs, or their own.
+fn token(folder: &Path) -> Option<Secret> {
+    if let Ok(token) = std::env::var(TOKEN_VARIABLE) {
+        return Secret::read(&token);
+    }
+    let settings = std::env::var_os("XDG_CONFIG_HOME").map(PathBuf::from);
+    let home = || Some(PathBuf::from(std::env::var_os("HOME")?).join(".config"));
+    let own = settings.or_else(home).map(|folder| folder.join(OWN_TOKEN));
+    let read = |path: PathBuf| Secret::read(&regular_file::read_text(&path, ENDPOINT_MAX_BYTES).ok()?);
+    read(folder.join(TOKEN_FILE)).or_else(|| read(own?))
 }
 
 /// JSON that a header can carry: other characters than ASCII are escaped.
@@ -117,6 +136,8 @@ pub(crate) struct Client {
     agent: ureq::Agent,
     url: String,
     folder: PathBuf,
+    /// Of this person; without one the daemon says what to do.
+    token: Option<Secret>,
     /// Who gives the orders; `None` for a client that only reads and stops.
     caller: Option<Caller>,
 }
@@ -141,6 +162,7 @@ impl Client {
             agent,
             url: endpoint.url,
             folder: folder.to_owned(),
+            token: token(folder),
             caller: None,
         })
     }
@@ -154,6 +176,10 @@ impl Client {
     }
 
     fn named<B>(&self, request: ureq::RequestBuilder<B>) -> ureq::RequestBuilder<B> {
+        let request = match &self.token {
+            Some(token) => request.header("Authorization", format!("Bearer {}", token.reveal())),
+            None => request,
+        };
         match &self.caller {
             Some(caller) => request.header(CALLER_HEADER, header_of(caller)),
             None => request,

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::config::ConfigError;
 use crate::control::Refusal;
 use crate::daemon::DaemonError;
+use crate::daemon::access::tokens::TokenError;
 use crate::daemon::library::LibraryError;
 use crate::daemon::store::FindRunError;
 use crate::diagnose::DiagnoseError;
@@ -67,6 +68,9 @@ pub(crate) enum CliError {
     /// The daemon could not start.
     #[error(transparent)]
     Daemon(#[from] DaemonError),
+    /// A token could not be added, listed or removed.
+    #[error(transparent)]
+    Token(#[from] TokenError),
     /// The link could not be opened.
     #[error(transparent)]
     Link(#[from] LinkError),

@@ -1,15 +1,15 @@
 //! Log lines for the systemd journal: each begins with its priority (`<4>` for a warning, sd-daemon(3)) and has no time, because
 //! the journal adds its own.
 
-use std::io::{Stderr, Write};
+use std::io::Write;
 
 use nix::sys::stat::fstat;
 use tracing::{Level, Metadata};
 use tracing_subscriber::fmt::MakeWriter;
 
-/// Whether `stream`, which is stderr, goes to the journal. systemd names the device and the inode of the journal's end in
-/// `JOURNAL_STREAM`, so that a redirected stderr is not taken for it.
-pub(crate) fn is_journal(stream: &Stderr) -> bool {
+/// Whether `stream`, stderr or stdout, goes to the journal. systemd names the device and the inode of the journal's end in
+/// `JOURNAL_STREAM`, so that a redirected one is not taken for it.
+pub(crate) fn is_journal(stream: &impl std::os::fd::AsFd) -> bool {
     let named = std::env::var("JOURNAL_STREAM").ok();
     let named = named.as_deref().and_then(|text| text.split_once(':'));
     let (Some((device, inode)), Ok(file)) = (named, fstat(stream)) else {

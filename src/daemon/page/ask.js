@@ -13,6 +13,9 @@ async function askWithHeaders(path, body, withinMs, more = {}) {
     if (options.method !== "GET") {
       options.headers = { "Content-Type": more.bytes ? "application/octet-stream" : "application/json",
         "leafbench-caller": callerHeader(more.take_over) };
+      // The cookie watches and stops; orders show the key that only this page can read.
+      const key = localStorage.getItem("key");
+      if (key) options.headers.Authorization = `Bearer ${key}`;
       options.body = more.bytes || (body === undefined ? undefined : JSON.stringify(body));
     }
     options.signal = withinMs ? AbortSignal.timeout(withinMs) : more.signal;

@@ -231,8 +231,15 @@ function showWarnings() {
 const SILENT_MS = 2000;
 let heardAt = 0;
 
+// Without a session the daemon shows the page that signs in.
+async function signInIfNeeded() {
+  const answer = await fetch("api/status").catch(() => null);
+  if (answer && (answer.status === 401 || answer.status === 429)) location.reload();
+}
+
 function connect() {
-  const socket = new WebSocket(`ws://${location.host}/api/live?caller=${callerId}`);
+  const scheme = location.protocol === "https:" ? "wss" : "ws";
+  const socket = new WebSocket(`${scheme}://${location.host}/api/live?caller=${callerId}`);
   socket.onopen = () => {
     everConnected = true;
     loadProfiles().catch(error => say(error.message));
@@ -250,7 +257,7 @@ function connect() {
     show();
   };
   const lose = () => { status = null; samplesAt = -Infinity; forgetStale(); show(); };
-  socket.onclose = () => { lose(); setTimeout(connect, 1000); };
+  socket.onclose = () => { lose(); signInIfNeeded(); setTimeout(connect, 1000); };
   // A connection that is open and silent is no connection.
   const watch = setInterval(() => {
     if (socket.readyState === WebSocket.CLOSED) clearInterval(watch);
