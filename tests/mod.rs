@@ -20,6 +20,7 @@ mod diagnosis_jobs;
 mod discovered_law;
 mod documents;
 mod end_to_end;
+mod faults;
 mod foreign_truth;
 mod full_disk;
 mod hostile;
