@@ -73,7 +73,7 @@
 //!
 //! | rank | modules |
 //! |---|---|
-//! | 0 | units, regular_file |
+//! | 0 | units, regular_file, detector, nearest |
 //! | 1 | recording, profile, protocol, calibration |
 //! | 2 | acceptance, model, link, truth |
 //! | 3 | effect, control, conformance |
@@ -97,6 +97,7 @@ mod config;
 mod conformance;
 mod control;
 mod daemon;
+mod detector;
 mod diagnose;
 mod effect;
 mod identify;
@@ -104,6 +105,7 @@ mod library;
 mod link;
 mod mockrig;
 mod model;
+mod nearest;
 mod papers;
 mod profile;
 mod protocol;

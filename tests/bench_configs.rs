@@ -71,7 +71,7 @@ fn with(text: &str, key: &str, value: &str) -> String {
 }
 
 #[test]
-fn a_slip_of_a_thousand_in_any_limit_is_refused() {
+fn p3_a_slip_of_a_thousand_in_any_limit_is_refused() {
     let bench = mock();
     let text = bench.to_toml();
     let limits = toml::Value::try_from(&bench.limits).unwrap();
@@ -245,7 +245,7 @@ const SEGMENT_MISTAKES: &[(&str, &str, &str, &str)] = &[
 ];
 
 #[test]
-fn a_bad_profile_is_refused_with_its_line() {
+fn p7_a_bad_profile_is_refused_with_its_line() {
     for &(segment, from, to, wanted) in SEGMENT_MISTAKES {
         let text = format!("{PROFILE_HEAD}{}", segment.replace(from, to));
         let error = Profile::from_toml(&text, "bad.toml").expect_err(to);

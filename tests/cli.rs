@@ -178,7 +178,7 @@ fn a_technicians_day_tare_run_status_runs_export() {
 }
 
 #[test]
-fn a_second_daemon_is_refused_by_the_data_folder() {
+fn d8_a_second_daemon_is_refused_by_the_data_folder() {
     let folder = tempfile::tempdir().expect("a folder");
     let daemon = Daemon::start(folder.path(), &[]);
     let output = leafbench(&["daemon", "--listen", "127.0.0.1:0", "--data"])

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use super::support::http::request;
 use super::support::{Daemon, PATIENCE, json, until};
 use crate::protocol::message::SAMPLE_RATE_HZ;
+use crate::recording::run_file::RunFile;
 use nix::sys::signal::Signal;
 
 /// A profile that lasts long enough to be interrupted.
@@ -70,7 +71,7 @@ fn a_killed_daemon_leaves_a_readable_file_that_the_next_daemon_closes_with_the_c
 }
 
 #[test]
-fn a_terminated_daemon_unloads_first_and_closes_the_file() {
+fn d9_a_terminated_daemon_unloads_first_and_closes_the_file() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut daemon = Daemon::ready(folder.path(), &[]);
     let run_id = start(&daemon, LONG);
@@ -89,8 +90,46 @@ fn a_terminated_daemon_unloads_first_and_closes_the_file() {
     assert!(!folder.path().join("daemon.json").exists());
 }
 
+/// The same in the ramp and on hold.
 #[test]
-fn a_stopped_run_keeps_its_data_and_a_second_start_is_refused() {
+fn d9_a_daemon_that_is_ended_in_a_ramp_or_on_hold_unloads_too() {
+    for held in [false, true] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut daemon = Daemon::ready(folder.path(), &[]);
+        let run_id = start(&daemon, LONG);
+        if held {
+            let (_, code) = json(folder.path(), &["hold"]);
+            assert_eq!(code, 0);
+            daemon.until_phase("held");
+        }
+        daemon.signal(Signal::SIGTERM);
+        assert!(daemon.process.0.wait().expect("ended").success());
+        let run = run_of(folder.path(), &run_id);
+        assert_eq!(run["ending"], "stopped", "{run}");
+        assert!(run["cause"].as_str().expect("a cause").contains("SIGTERM"));
+    }
+}
+
+/// What makes the control loop less punctual is in the status and in the header of each run.
+#[test]
+fn o3_missing_real_time_rights_are_shown_and_written_into_the_run() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let daemon = Daemon::ready(folder.path(), &[]);
+    let shown = daemon.status()["degraded"].clone();
+    let run_id = start(&daemon, LONG);
+    let (_, code) = json(folder.path(), &["stop"]);
+    assert_eq!(code, 0);
+    daemon.back_to_ready();
+    let file = RunFile::open(&folder.path().join(format!("{run_id}.leafrun"))).expect("a run file");
+    let written = serde_json::json!(file.header().remarks);
+    assert_eq!(
+        written, shown,
+        "the same sentences, none where the system gives the rights"
+    );
+}
+
+#[test]
+fn p4_a_stopped_run_keeps_its_data_and_a_second_start_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let daemon = Daemon::ready(folder.path(), &[]);
     let run_id = start(&daemon, LONG);
@@ -123,7 +162,7 @@ fn a_stopped_run_keeps_its_data_and_a_second_start_is_refused() {
 }
 
 #[test]
-fn a_predicted_trip_is_refused_before_anything_moves() {
+fn p1_a_predicted_trip_is_refused_before_anything_moves() {
     let folder = tempfile::tempdir().expect("a folder");
     let daemon = Daemon::ready(folder.path(), &[]);
     let far = LONG

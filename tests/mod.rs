@@ -21,6 +21,7 @@ mod diagnosis_jobs;
 mod discovered_law;
 mod documents;
 mod end_to_end;
+mod faults;
 mod faults_network;
 mod foreign_truth;
 mod full_disk;

@@ -140,7 +140,7 @@ fn half_a_second_without_a_reader_loses_nothing() {
 }
 
 #[test]
-fn an_unplugged_port_closes_the_link() {
+fn t4_an_unplugged_port_closes_the_link() {
     let terminal = Terminal::new();
     let mut host = host(&terminal);
     assert!(host.health.is_open());
@@ -160,7 +160,7 @@ fn an_unplugged_port_closes_the_link() {
 }
 
 #[test]
-fn a_peer_that_stops_reading_fails_the_sends_and_not_the_caller() {
+fn t5_a_peer_that_stops_reading_fails_the_sends_and_not_the_caller() {
     let mut terminal = Terminal::new();
     let mut host = host(&terminal);
     let mut counter = 0;
@@ -221,7 +221,7 @@ fn a_peer_that_stops_reading_fails_the_sends_and_not_the_caller() {
 }
 
 #[test]
-fn a_taken_port_is_refused_and_the_owner_undisturbed() {
+fn t7_a_taken_port_is_refused_and_the_owner_undisturbed() {
     let mut terminal = Terminal::new();
     let mut owner = host(&terminal);
     let error = link::open(&address(&terminal), Side::Rig { node: NODE })
@@ -241,7 +241,7 @@ fn a_taken_port_is_refused_and_the_owner_undisturbed() {
 
 /// An adapter that is pulled out and plugged in again gets its name in /dev back, here a symbolic link.
 #[test]
-fn a_daemon_outlives_an_unplugged_adapter_and_opens_it_again() {
+fn l12_a_daemon_outlives_an_unplugged_adapter_and_opens_it_again() {
     let folder = tempfile::tempdir().expect("a folder");
     let port = folder.path().join("ttyUSB0");
     let plug_in = || {

@@ -211,7 +211,7 @@ fn a_run_is_resumed_once_and_on_its_own_bench_only() {
 }
 
 #[test]
-fn an_overdue_calibration_and_a_foreign_specimen_need_a_name_that_is_recorded() {
+fn p6_an_overdue_calibration_and_a_foreign_specimen_need_a_name_that_is_recorded() {
     let folder = tempfile::tempdir().expect("a folder");
     let data = folder.path().join("data");
     let overdue = bench(

@@ -185,7 +185,7 @@ fn log_to_stderr() {
 }
 
 /// Ends the process at the first panic: otherwise the daemon could renew the rig's lease and control nothing. Without a lease the rig unloads by itself.
-fn end_with_the_first_panic() {
+pub(crate) fn end_with_the_first_panic() {
     let report = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
         report(panic);

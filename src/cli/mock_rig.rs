@@ -1,5 +1,6 @@
 //! `leafbench mock-rig`.
 
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
@@ -7,12 +8,15 @@ use clap::Args;
 use super::shared::ctrl_c::ctrl_c_flag;
 use super::shared::local::{self, BenchArg};
 use super::{CliCommand, CliError, Done, Output};
+use crate::config::Bench;
 use crate::link::priority::raise_this_thread;
 use crate::link::{self, Side};
+use crate::mockrig::{list_of_faults, read_faults};
+use crate::regular_file;
 
 /// Simulate a rig at the other end of a CAN bus or serial line: firmware, hydraulics, sensors and a spring
 #[derive(Debug, Args)]
-#[command(after_help = "Runs in real time until Ctrl-C or until the line is closed.")]
+#[command(after_help = format!("Runs in real time until Ctrl-C or until the line is closed.\n\nFaults:\n{}", list_of_faults()))]
 pub(super) struct MockRigArgs {
     #[command(flatten)]
     bench: BenchArg,
@@ -25,6 +29,12 @@ pub(super) struct MockRigArgs {
     /// Seed of the sensor noise [default: from the bench file]
     #[arg(long)]
     seed: Option<u64>,
+    /// Fault that the rig plays, as NAME=AMOUNT@FROM..TO; may be given several times. `run+3s` counts from the begin of each motion
+    #[arg(long = "fault", value_name = "FAULT")]
+    fault: Vec<String>,
+    /// File of such faults: a TOML file with the one key `faults`, a list of texts
+    #[arg(long = "faults", value_name = "FILE")]
+    faults: Option<PathBuf>,
 }
 
 impl CliCommand for MockRigArgs {
@@ -32,10 +42,12 @@ impl CliCommand for MockRigArgs {
     const EXAMPLES: &'static [&'static str] = &[
         "leafbench mock-rig --bench bench-configs/benches/mock-vcan.toml --link can:vcan0",
         "leafbench mock-rig --bench bench-configs/benches/mock-serial.toml --link serial:/dev/pts/3 --seed 7",
+        "leafbench mock-rig --link can:vcan0 --fault status-lost@run+3s..8s --fault leak=20@60s",
     ];
 
     fn run(self, output: &Output) -> Result<Done, CliError> {
-        let bench = self.bench.load()?;
+        let mut bench = self.bench.load()?;
+        add_faults(&mut bench, &self.fault, self.faults.as_deref())?;
         let rig = local::mock_rig(&bench, self.seed)?;
         let side = Side::Rig {
             node: bench.link.node,
@@ -77,4 +89,27 @@ impl CliCommand for MockRigArgs {
         })?;
         Ok(Done::Success)
     }
+}
+
+/// Adds the faults of the command line to those of the bench file.
+fn add_faults(bench: &mut Bench, given: &[String], file: Option<&Path>) -> Result<(), CliError> {
+    let mut faults = given.to_vec();
+    if let Some(path) = file {
+        let text = regular_file::read_text(path, regular_file::WRITTEN_MAX_BYTES)
+            .map_err(CliError::file(path, "reading"))?;
+        let of_file =
+            read_faults(&text).map_err(|error| CliError::Input(format!("{}: {error}", path.display())))?;
+        faults.extend(of_file);
+    }
+    if faults.is_empty() {
+        return Ok(());
+    }
+    let listed = bench
+        .mock_rig
+        .entry("faults")
+        .or_insert_with(|| toml::Value::Array(Vec::new()));
+    if let toml::Value::Array(listed) = listed {
+        listed.extend(faults.into_iter().map(toml::Value::String));
+    }
+    Ok(())
 }

@@ -9,7 +9,7 @@ mod blind;
 mod calibrate;
 mod certificate;
 mod completions;
-mod daemon;
+pub(crate) mod daemon;
 mod demo;
 pub(crate) mod diagnose;
 mod doctor;

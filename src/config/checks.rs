@@ -40,15 +40,17 @@ pub(super) fn bench(document: &Document, bench: &Bench) -> Result<(), ConfigErro
 
 /// Checks the settings of the mock rig, also on the bench of a real one.
 pub(super) fn mock_rig(document: &Document, config: &MockRigConfig) -> Result<(), ConfigError> {
-    config.check().map_err(|fault| {
-        let MockRigError::Range {
+    config.check().map_err(|fault| match fault {
+        MockRigError::Range {
             table,
             key,
             value,
             range,
-        } = fault;
-        let reason = format!("{value} is out of range: set it to {range}");
-        document.refuse(&format!("mock_rig.{table}{key}"), reason)
+        } => {
+            let reason = format!("{value} is out of range: set it to {range}");
+            document.refuse(&format!("mock_rig.{table}{key}"), reason)
+        }
+        MockRigError::Fault(error) => document.refuse("mock_rig.faults", error.to_string()),
     })
 }
 

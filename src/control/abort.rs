@@ -2,6 +2,7 @@
 //! The lease is not renewed any more, so that the rig unloads by itself where the frame never arrives.
 
 use super::{Activity, Rig, Turn, is_due};
+use crate::detector;
 use crate::link::Link;
 use crate::protocol::message::{NmtCommand, NmtState, RigState, ToRig};
 use crate::units::{NS_PER_MS, NS_PER_S};
@@ -70,7 +71,7 @@ impl Rig {
             self.abort = (!over).then_some(abort);
             return !over;
         }
-        if is_due(Some(abort.sent_ns), turn.now_ns, REPEAT_NS) {
+        if is_due(Some(abort.sent_ns), turn.now_ns, REPEAT_NS) && detector::acts("L17") {
             self.send_stop(turn.link);
             abort.sent_ns = turn.now_ns;
         }

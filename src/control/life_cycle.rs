@@ -1,8 +1,14 @@
 //! Begin and end of a run: from the armed rig to the closed recording.
 
+use super::detectors::Action;
+use super::status::AT_ZERO_MM;
 use super::{Activity, Channels, Rig, Run, Turn};
+use crate::detector;
 use crate::recording::{Ending, EventKind};
 use crate::units::Mode;
+
+/// A force at zero displacement above this share of the range is told (fault X5).
+const ZERO_LOAD: f64 = 0.01;
 
 impl Rig {
     /// Begins the ordered run. Its time starts when the first command is due. It starts from the mean of the window if the rig
@@ -30,11 +36,32 @@ impl Rig {
                 self.detectors.begin_run();
                 self.activity = Activity::Running(Box::new(run));
                 self.event(turn, EventKind::Start, text);
+                self.check_zero(turn);
             }
             Err(error) => {
                 self.notice = error.to_string();
                 self.unload(turn.now_ns);
             }
+        }
+    }
+
+    /// Tells of a force at zero displacement: the zero of a sensor has moved since the tare, or something presses on the specimen
+    /// (fault X5).
+    fn check_zero(&mut self, turn: &mut Turn) {
+        let Some(at) = self.stillness.measure() else {
+            return;
+        };
+        let limits = &self.config.limits;
+        let range_n = limits.force_max_n.max(-limits.force_min_n);
+        let at_zero = at.displacement_mm.abs() <= AT_ZERO_MM;
+        if at_zero && at.force_n.abs() > ZERO_LOAD * range_n && detector::acts("X5") {
+            let text = format!(
+                "the load cell reads {:.1} N at zero displacement (limit {:.1} N, {:.0} % of its range): unload the specimen and tare, or check the load cell",
+                at.force_n,
+                ZERO_LOAD * range_n,
+                100.0 * ZERO_LOAD
+            );
+            self.act(Action::Tell(text), turn);
         }
     }
 
@@ -95,6 +122,16 @@ impl Rig {
 
     /// Ends the recording of the run under way. An empty cause means that the run is completed.
     pub(super) fn close_run(&mut self, ending: Ending, cause: &str, turn: &mut Turn) {
+        if let Activity::Running(run) | Activity::Stopping { run, .. } = &self.activity
+            && run.late_turns.count > 0
+        {
+            let late = run.late_turns;
+            let text = format!(
+                "{} turns of control were late in this run, the longest pause was {} ms",
+                late.count, late.worst_ms
+            );
+            self.event(turn, EventKind::Link, text);
+        }
         let text = if cause.is_empty() { "run completed" } else { cause };
         self.event(turn, EventKind::End, text.to_owned());
         if let Activity::Running(run) | Activity::Stopping { run, .. } = &self.activity

@@ -38,6 +38,7 @@ mod ticks;
 mod transitions;
 mod watch;
 
+use crate::detector;
 use crate::link::Link;
 use crate::protocol::frame::Frame;
 use crate::protocol::message::{
@@ -51,7 +52,7 @@ use crate::units::NS_PER_MS;
 
 use abort::Abort;
 use channel::{Channels, Reading, Stillness};
-use detectors::{DetectorLimits, Detectors};
+use detectors::{Damage, DetectorLimits, Detectors};
 use physical_limits::PhysicalLimits;
 pub(crate) use requests::{Refusal, TareReport};
 use rig_clock::RigClock;
@@ -159,6 +160,8 @@ pub(crate) struct Rig {
     nmt_sent_ns: Option<u64>,
     /// A command that the link refused; it is sent before the next one.
     refused_command: Option<Frame>,
+    /// Since when the link refuses it.
+    refused_since_ns: Option<u64>,
     /// The request to send once the one before is answered.
     next_request: Option<RequestCode>,
     counters: Counters,
@@ -212,6 +215,7 @@ impl Rig {
             lease_sent_ns: None,
             nmt_sent_ns: None,
             refused_command: None,
+            refused_since_ns: None,
             next_request: None,
             counters: Counters::default(),
             notice: String::new(),
@@ -238,7 +242,7 @@ impl Rig {
                     self.counters.frames_refused += 1;
                     let damaged = !matches!(error, DecodeError::ForeignId(_) | DecodeError::Length { .. });
                     if damaged {
-                        self.on_damaged_frame(turn);
+                        self.on_damaged_frame(Damage::Content, turn);
                     }
                 }
             }
@@ -253,6 +257,11 @@ impl Rig {
             let gap_ms = now_ns.saturating_sub(last) / NS_PER_MS;
             self.counters.worst_poll_gap_ms = self.counters.worst_poll_gap_ms.max(gap_ms);
             self.counters.late_polls += u64::from(gap_ms > LATE_POLL_MS);
+            if let Activity::Running(run) = &mut self.activity
+                && gap_ms > LATE_POLL_MS
+            {
+                run.late_turns.count(gap_ms);
+            }
             // A shorter gap within the time in which it counts does not hide the longer one before.
             if gap_ms > LATE_POLL_MS && gap_ms >= self.recent_gap_ms() {
                 self.long_gap = Some((now_ns, gap_ms));
@@ -309,8 +318,8 @@ impl Rig {
     /// Counts a frame whose counter does not fit. A repeated one is harmless, any other may be damaged or foreign.
     fn on_out_of_sequence(&mut self, sequence: Sequence, turn: &mut Turn) {
         self.counters.frames_out_of_sequence += 1;
-        if sequence == Sequence::Wrong {
-            self.on_damaged_frame(turn);
+        if sequence == Sequence::Wrong || !detector::acts("L7") {
+            self.on_damaged_frame(Damage::Sequence, turn);
         }
     }
 
@@ -322,7 +331,12 @@ impl Rig {
         self.counters.emergencies += 1;
         let text = format!("emergency {code:#06x}: {cause}, the rig went to {state}");
         self.event(turn, EventKind::Limit, text);
-        if code != 0 {
+        if code != 0 && detector::acts("F3") {
+            if matches!(self.activity, Activity::Idle) {
+                // Between runs no event is written: the operator must see it all the same.
+                self.notice =
+                    format!("the rig reports {cause} and went to {state}: remove the cause, then reset");
+            }
             self.on_state(state, cause, turn);
         }
     }

@@ -60,6 +60,25 @@ pub(crate) struct EndedCycle {
     pub measured: CycleMeasurement,
 }
 
+/// Turns of the control loop that came late.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct LateTurns {
+    /// Number of these turns.
+    pub count: u64,
+    /// Longest pause between two turns, ms.
+    pub worst_ms: u64,
+    /// The operator has been told.
+    pub told: bool,
+}
+
+impl LateTurns {
+    /// Counts a turn that came `gap_ms` after the one before.
+    pub(super) fn count(&mut self, gap_ms: u64) {
+        self.count += 1;
+        self.worst_ms = self.worst_ms.max(gap_ms);
+    }
+}
+
 /// A run under way.
 #[derive(Debug)]
 pub(crate) struct Run {
@@ -67,6 +86,8 @@ pub(crate) struct Run {
     pub header: Header,
     /// What the run is for, if it is not recorded.
     pub motion: Option<SlowMotion>,
+    /// Turns of control that came late in this run.
+    pub late_turns: LateTurns,
     profile: Profile,
     player: Player,
     /// Commands that a hold dropped; they are played before the player goes on.
@@ -112,6 +133,7 @@ impl Run {
         Ok(Run {
             header: order.header,
             motion: None,
+            late_turns: LateTurns::default(),
             profile: order.profile,
             player,
             replay: VecDeque::from([start]),
@@ -192,12 +214,12 @@ impl Run {
         self.late += 1;
     }
 
-    /// Counts the sample of `tick` and follows the cycles. Returns a cycle that ended.
+    /// Counts the sample of `tick` and follows the cycles; `feedback` is `None` where the reading cannot be used. Returns a cycle that ended.
     pub(crate) fn on_sample(
         &mut self,
         tick: u64,
         slot: Option<&Slot>,
-        feedback: f64,
+        feedback: Option<f64>,
         lost: u64,
     ) -> Option<EndedCycle> {
         self.newest_tick = tick;
@@ -359,7 +381,7 @@ struct CycleTracker {
 
 impl CycleTracker {
     /// Takes one sample. A cycle ends when the phase wraps or the periodic segment ends.
-    fn follow(&mut self, due: Option<(&Slot, CycleTarget)>, feedback: f64) -> Option<EndedCycle> {
+    fn follow(&mut self, due: Option<(&Slot, CycleTarget)>, feedback: Option<f64>) -> Option<EndedCycle> {
         let Some((slot, target)) = due else {
             return self.open.take();
         };
@@ -372,15 +394,17 @@ impl CycleTracker {
             segment: slot.segment,
             target,
             measured: CycleMeasurement {
-                peak: feedback,
-                valley: feedback,
+                peak: feedback.unwrap_or(command),
+                valley: feedback.unwrap_or(command),
                 command_peak: command,
                 command_valley: command,
             },
         });
         let m = &mut open.measured;
-        m.peak = m.peak.max(feedback);
-        m.valley = m.valley.min(feedback);
+        if let Some(feedback) = feedback {
+            m.peak = m.peak.max(feedback);
+            m.valley = m.valley.min(feedback);
+        }
         m.command_peak = m.command_peak.max(command);
         m.command_valley = m.command_valley.min(command);
         ended

@@ -1,13 +1,20 @@
 //! One sample of the rig: its place in time, its flags, the detectors on it, and its record in the run under way.
 
-use super::detectors::Action;
+use super::detectors::{Action, Judged};
 use super::run::EndedCycle;
 use super::ticks::TickOrder;
 use super::{Activity, Channels, Reading, Rig, Turn};
 use crate::profile::{Correction, Slot};
 use crate::protocol::message::{RigState, SAMPLE_RATE_HZ, SampleMessage};
 use crate::protocol::protection::Sequence;
+use crate::protocol::tick::ticks_in_ms;
 use crate::recording::{Event, EventKind, Flags, Sample};
+
+/// A tick that is further ahead than the time since the last sample explains, by more than this, is of another rig, ms.
+const JUMP_MS: u64 = 1000;
+/// Half of the range of a tick on the wire: more than that ahead counts as behind.
+const WRAP_TICKS: u64 = 0x7FFF;
+const WRAP_MS: u64 = 40_000;
 
 /// A sample with its place in the stream.
 struct PlacedSample {
@@ -25,6 +32,13 @@ impl Rig {
         let sequence = self.sample_counter.check(message.counter);
         if sequence != Sequence::Usable {
             self.on_out_of_sequence(sequence, turn);
+            return;
+        }
+        // A second rig may hit the counter, but not the tick: no link loses a second of samples between two that arrive together.
+        let silent_ms = self.detectors.age_ms(turn.now_ns).unwrap_or(u64::MAX / 2);
+        let ahead = self.ticks.ahead(message.tick);
+        if (ticks_in_ms(silent_ms.min(WRAP_MS) + JUMP_MS)..=WRAP_TICKS).contains(&ahead) {
+            self.on_out_of_sequence(Sequence::Wrong, turn);
             return;
         }
         let TickOrder::Next { tick, lost } = self.ticks.place(message.tick) else {
@@ -52,6 +66,7 @@ impl Rig {
             sample.reading.flags.insert(Flags::LATE);
             self.counters.late += 1;
         }
+        let of_sensors = self.judge(&mut sample, turn.now_ns);
         let invalid = [Flags::FORCE_INVALID, Flags::DISPLACEMENT_INVALID];
         let is_invalid = invalid
             .into_iter()
@@ -76,10 +91,29 @@ impl Rig {
         }
         self.show(&sample, turn);
         let of_cycle = self.record(&sample, turn);
-        if let Some(action) = of_cycle.or(of_stream) {
+        for action in [of_stream, of_sensors, of_cycle].into_iter().flatten() {
             self.act(action, turn);
         }
         self.finish_run_at(sample.tick, turn);
+    }
+
+    /// Marks a sample that cannot be right. Returns what is to be done.
+    fn judge(&mut self, sample: &mut PlacedSample, now_ns: u64) -> Option<Action> {
+        let command = match &self.activity {
+            Activity::Running(run) if !run.is_held() => run.due(sample.tick).map(|slot| slot.command),
+            _ => None,
+        };
+        let judged = Judged {
+            reading: &sample.reading,
+            counts: [sample.force_counts, sample.displacement_counts],
+            lost: sample.lost,
+            command,
+            limits: &self.config.limits,
+            noise_max: [self.config.still_sigma_n, self.config.still_sigma_mm],
+        };
+        let (flags, action) = self.detectors.judge(now_ns, &judged);
+        sample.reading.flags.insert(flags);
+        action
     }
 
     /// Shows a sample that no run records to those who watch the rig.
@@ -123,7 +157,9 @@ impl Rig {
         if record.flags.contains(Flags::LATE) {
             run.count_late();
         }
-        let feedback = Channels::feedback(run.mode(), &sample.reading);
+        // A spike must not become the peak of its cycle.
+        let usable = !sample.reading.flags.intersects(Flags::UNUSABLE);
+        let feedback = usable.then(|| Channels::feedback(run.mode(), &sample.reading));
         let ended = run.on_sample(sample.tick, slot.as_ref(), feedback, lost);
         if is_recorded {
             turn.recorder.sample(&record);

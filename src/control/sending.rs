@@ -2,6 +2,7 @@
 
 use super::detectors::Action;
 use super::{Activity, DEAD_STREAM_NS, Rig, Turn, is_due};
+use crate::detector;
 use crate::link::Link;
 use crate::protocol::frame::Frame;
 use crate::protocol::message::{
@@ -11,6 +12,9 @@ use crate::units::{Mode, NS_PER_MS};
 
 /// The lease is sent this often, from the control loop itself.
 const LEASE_PERIOD_NS: u64 = 10 * NS_PER_MS;
+/// A link that refuses a command for longer is a fault, ns (L5). Each turn tries again. A bus that is busy for a few ms is none;
+/// the rig's queue of 100 ms still has the time for an orderly end.
+const REFUSED_NS: u64 = 20 * NS_PER_MS;
 /// NMT start is repeated this often until samples come.
 const NMT_START_PERIOD_NS: u64 = 500 * NS_PER_MS;
 
@@ -27,10 +31,11 @@ impl Rig {
         if !self.session.is_owned() {
             return;
         }
+        // A lease that the link refused is tried again in the next turn.
         if is_due(self.lease_sent_ns, turn.now_ns, LEASE_PERIOD_NS)
             && let Some(newest) = self.ticks.newest()
+            && self.send_lease(newest, turn.link)
         {
-            self.send_lease(newest, turn.link);
             self.lease_sent_ns = Some(turn.now_ns);
         }
         if !self.session.is_open() {
@@ -47,6 +52,25 @@ impl Rig {
             self.session.request(code, argument, turn.now_ns, turn.link);
         }
         self.send_commands(turn.link);
+        self.watch_refusals(turn);
+    }
+
+    /// Ends the run if the link takes no command for too long.
+    fn watch_refusals(&mut self, turn: &mut Turn) {
+        if self.refused_command.is_none() {
+            self.refused_since_ns = None;
+            return;
+        }
+        let since_ns = *self.refused_since_ns.get_or_insert(turn.now_ns);
+        let refused_ns = turn.now_ns.saturating_sub(since_ns);
+        if refused_ns > REFUSED_NS && detector::acts("L5") {
+            let why = format!(
+                "the link has taken no command for {} ms (limit {} ms): check bus load, cable and adapter",
+                refused_ns / NS_PER_MS,
+                REFUSED_NS / NS_PER_MS
+            );
+            self.act(Action::Abort(why), turn);
+        }
     }
 
     /// NMT start: until samples flow, and again after an abort or a restart, before the next run.
@@ -81,14 +105,15 @@ impl Rig {
         }
     }
 
-    fn send_lease(&mut self, newest_tick: u64, link: &mut Link) {
+    /// True if the link took the lease.
+    fn send_lease(&mut self, newest_tick: u64, link: &mut Link) -> bool {
         self.lease_counter = next_counter(self.lease_counter);
         let lease = ToRig::Lease(LeaseMessage {
             counter: self.lease_counter,
             session: self.session.id(),
             control_tick: newest_tick as u16,
         });
-        link.send(lease.encode(self.config.node));
+        link.send(lease.encode(self.config.node))
     }
 
     fn send_commands(&mut self, link: &mut Link) {

@@ -10,7 +10,7 @@ use crate::recording::{FirmwareIdentity, Flags};
 
 /// A rig within this distance of the tared zero is at zero, mm: five times the way of an unload that begins there (six ticks
 /// at 5 mm/s). A sine profile of 6 mm is then off by less than 3 % of its amplitude at its start.
-const AT_ZERO_MM: f64 = 0.15;
+pub(super) const AT_ZERO_MM: f64 = 0.15;
 /// A force up to this is none, N, on a bench whose unload ends at less.
 const AT_ZERO_N: f64 = 5.0;
 

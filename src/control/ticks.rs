@@ -26,6 +26,12 @@ impl Ticks {
         self.newest
     }
 
+    /// Ticks from the newest one to the one with these low bits; 0 before the first.
+    pub(crate) fn ahead(&self, low: u16) -> u64 {
+        self.newest
+            .map_or(0, |newest| u64::from(low.wrapping_sub(newest as u16)))
+    }
+
     /// Starts again after a reboot of the firmware or a loss of the link.
     pub(crate) fn restart(&mut self) {
         self.newest = None;

@@ -1,6 +1,7 @@
 //! What control does when the rig changes its state or restarts.
 
 use super::{Activity, Channels, Rig, Turn};
+use crate::detector;
 use crate::protocol::message::{Cause, NmtState, RequestCode, RigState};
 use crate::recording::{Ending, EventKind};
 use crate::units::NS_PER_S;
@@ -98,6 +99,9 @@ impl Rig {
     }
 
     pub(super) fn on_reboot(&mut self, turn: &mut Turn) {
+        if !detector::acts("F2") {
+            return;
+        }
         let text = "the rig's firmware restarted: check the rig, then reset and start again";
         // Before the ticks are forgotten, because events have the time of the newest one.
         self.event(turn, EventKind::RigState, text.to_owned());
@@ -111,6 +115,8 @@ impl Rig {
                 self.close_run(Ending::Aborted, &cause, turn);
             }
             Activity::Arming { .. } | Activity::Unloading { .. } => text.clone_into(&mut self.notice),
+            // A rig that was just switched on is no restart.
+            Activity::Idle if self.state.is_some() => text.clone_into(&mut self.notice),
             Activity::Idle => {}
         }
         self.activity = Activity::Idle;

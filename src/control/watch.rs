@@ -2,8 +2,9 @@
 
 use std::sync::atomic::Ordering;
 
-use super::detectors::{Action, LinkCounts};
+use super::detectors::{Action, Damage, LinkCounts};
 use super::{Activity, DEAD_STREAM_NS, Rig, Turn};
+use crate::detector;
 use crate::protocol::message::{RequestCode, RigState};
 use crate::recording::{Ending, EventKind};
 use crate::units::{NS_PER_MS, NS_PER_S};
@@ -16,6 +17,8 @@ const UNLOAD_PATIENCE_NS: u64 = NS_PER_S;
 const ARM_PATIENCE_NS: u64 = 5 * NS_PER_S;
 /// A rig clock that is further off than this is told, ppm: a quartz is off by 100 at most (fault F4).
 const DRIFT_MAX_PPM: u64 = 1000;
+/// A turn of control that comes later than this is told, ms (fault O1). The lease of the rig is 50 ms.
+const LATE_TOLD_MS: u64 = 20;
 /// A stopped run is recorded at least this long: a trip at once is followed by its first movements.
 const AFTER_STOP_NS: u64 = 500 * NS_PER_MS;
 
@@ -31,6 +34,10 @@ impl Rig {
             return;
         }
         match action {
+            Action::Tell(why) => {
+                self.event(turn, EventKind::Limit, why.clone());
+                self.notice = why;
+            }
             Action::Hold(why) => {
                 self.event(turn, EventKind::Limit, why.clone());
                 self.notice = why;
@@ -46,8 +53,8 @@ impl Rig {
     }
 
     /// A frame with a wrong CRC, field or sequence.
-    pub(super) fn on_damaged_frame(&mut self, turn: &mut Turn) {
-        if let Some(action) = self.detectors.on_damaged_frame(turn.now_ns) {
+    pub(super) fn on_damaged_frame(&mut self, damage: Damage, turn: &mut Turn) {
+        if let Some(action) = self.detectors.on_damaged_frame(damage, turn.now_ns) {
             self.act(action, turn);
         }
     }
@@ -72,6 +79,7 @@ impl Rig {
             self.act(action, turn);
         }
         self.watch_clock(turn);
+        self.watch_lateness(turn);
         self.watch_silence(turn);
         self.watch_activity(turn);
     }
@@ -79,7 +87,7 @@ impl Rig {
     fn watch_clock(&mut self, turn: &mut Turn) {
         let ppm = self.clock.drift_ppm().unwrap_or(0);
         let drifts = ppm.unsigned_abs() > DRIFT_MAX_PPM;
-        if drifts && !self.clock_drifts {
+        if drifts && !self.clock_drifts && detector::acts("F4") {
             let text = format!(
                 "the rig's clock is off by {ppm} ppm against this computer (limit {DRIFT_MAX_PPM} ppm): frequencies of the profile are off by as much, check the rig's oscillator"
             );
@@ -87,6 +95,23 @@ impl Rig {
             self.notice = text;
         }
         self.clock_drifts = drifts;
+    }
+
+    /// Tells of a run whose control was late for so long that its samples and commands waited (fault O1).
+    fn watch_lateness(&mut self, turn: &mut Turn) {
+        let Activity::Running(run) = &mut self.activity else {
+            return;
+        };
+        let late = &mut run.late_turns;
+        if late.told || late.worst_ms <= LATE_TOLD_MS || !detector::acts("O1") {
+            return;
+        }
+        late.told = true;
+        let text = format!(
+            "control was late by {} ms on this computer (limit {LATE_TOLD_MS} ms): end other programs or allow real-time priority",
+            late.worst_ms
+        );
+        self.act(Action::Tell(text), turn);
     }
 
     fn watch_link(&mut self, turn: &mut Turn) {
@@ -107,6 +132,7 @@ impl Rig {
         }
         self.counters.bus_errors = bus_errors;
         self.counters.receive_overflows = counts.overflows;
+        let error_passive = error_passive && detector::acts("L4");
         if error_passive && !self.error_passive {
             let text = "the CAN controller is error passive: check bit rate, termination and wiring; no new run starts until it recovers";
             self.event(turn, EventKind::Link, text.to_owned());
@@ -162,7 +188,11 @@ impl Rig {
             Activity::Unloading { .. } if without_pressure && !waits => self.activity = Activity::Idle,
             Activity::Stopping { since_ns, .. } | Activity::Unloading { since_ns } => {
                 let unloads = without_pressure || self.state == Some(RigState::Unload);
-                if !unloads && self.abort.is_none() && passed(*since_ns) > UNLOAD_PATIENCE_NS {
+                if !unloads
+                    && self.abort.is_none()
+                    && passed(*since_ns) > UNLOAD_PATIENCE_NS
+                    && detector::acts("F5")
+                {
                     let text = "the rig did not begin to unload within 1 s after the request: it is aborted by NMT stop";
                     self.event(turn, EventKind::Limit, text.to_owned());
                     self.fault = Some(text.to_owned());

@@ -6,7 +6,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::client_types::{ProfileOrigin, ProfileSummary, ProfileText};
-use super::nearest;
+use crate::nearest;
 use crate::profile::{Player, Profile, ProfileError};
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::recording::atomic_file;

@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn a_viewer_that_never_reads_loses_its_oldest_batches_and_the_others_lose_none() {
+    fn d6_a_viewer_that_never_reads_loses_its_oldest_batches_and_the_others_lose_none() {
         let live = Live::default();
         let ((_, mut slow), (_, mut quick)) = (live.subscribe(), live.subscribe());
         let mut recorder = recorder(&live);

@@ -8,7 +8,6 @@
 //! |---|---|
 //! | `access` | tokens, roles, sessions: who may do what |
 //! | `client_types` | requests and answers |
-//! | `nearest` | the name that a mistyped one stands for |
 //! | `run_index`, `run_search` | what a list says about each run file, filters and pages |
 //! | `library`, `store`, `header` | profiles, run files, header of a recording |
 //! | `reading`, `live`, `backlog`, `disk_space`, `disk_watch` | readings of the last second, samples for the live view, samples that wait for the recording thread or for the disk, free space |
@@ -24,7 +23,7 @@
 //! | `commander` | who commands, who watches |
 //! | `newest_run`, `tally`, `state` | what the handlers and the runs share |
 //! | `blocking` | work of a handler that reads files |
-//! | `metrics`, `notify` | figures for Prometheus; signs of life for systemd |
+//! | `metrics`, `notify`, `computer` | figures for Prometheus; signs of life for systemd; memory and wall clock |
 //! | `commanding` | who sends an order, and whether that client commands |
 //! | `gate`, `sign_in` | who gets through to a route, how browsers sign in |
 //! | `resume`, `progress`, `prepare` | what a run needs before it can start |
@@ -41,6 +40,7 @@ pub(crate) mod client_types;
 mod commander;
 mod commanding;
 mod compare;
+mod computer;
 mod connections;
 mod course;
 mod description;
@@ -60,7 +60,6 @@ pub(crate) mod library;
 mod live;
 mod lock;
 mod metrics;
-pub(crate) mod nearest;
 mod newest_run;
 mod notify;
 mod orders;
@@ -308,6 +307,7 @@ async fn serve_until_signal(
     let tokens = tokio::spawn(watch_tokens(Arc::clone(&state)));
     let relink = tokio::spawn(keep_link_open(Arc::clone(&state)));
     let disk = tokio::spawn(watch_disk_space(Arc::clone(&state)));
+    let computer = tokio::spawn(computer::watch(Arc::clone(&state)));
     let manager = Arc::new(ServiceManager::of_this_process());
     let (watching, control) = (Arc::clone(&manager), state.control.clone());
     let watchdog = tokio::spawn(async move { watching.watch(control).await });
@@ -325,6 +325,7 @@ async fn serve_until_signal(
     relink.abort();
     disk.abort();
     tokens.abort();
+    computer.abort();
     // Commands end with the control thread and the lease expires. If the rig is still loaded, the firmware unloads it.
     if let Err(error) = orders::insist(&state.control, || Request::End).await {
         tracing::warn!("the control thread was not asked to end: {error}");

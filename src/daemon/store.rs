@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::nearest;
 use super::run_index::{CheckLimits, IndexedRun, IndexedRuns, RunIndex};
 use super::run_search::{self, RunPage, RunQuery};
+use crate::nearest;
 use crate::recording::run_file::{EXTENSION, RunFile, RunFileError, RunListing};
 
 /// The cause of a run that was closed by the next daemon.

@@ -157,6 +157,8 @@ pub(crate) struct Actuator {
     pub valve_stuck: bool,
     /// Injected fault: no supply pressure.
     pub supply_lost: bool,
+    /// Injected fault: the piston retracts at this speed with the valve closed, mm/s.
+    pub leak_mm_s: f64,
 }
 
 impl Actuator {
@@ -180,6 +182,7 @@ impl Actuator {
             displacement_mm,
             valve_stuck: false,
             supply_lost: false,
+            leak_mm_s: 0.0,
         }
     }
 
@@ -205,7 +208,8 @@ impl Actuator {
 
         // Semi-implicit: pressure from the old speed, speed from the new pressure, displacement from the new speed. Leakage
         // and seal friction are implicit, so that they are stable at any setting.
-        let inflow = flow - self.area * self.velocity_mm_s;
+        let leak = self.area * self.leak_mm_s;
+        let inflow = flow - leak - self.area * self.velocity_mm_s;
         self.load_pressure =
             (self.load_pressure + STEP_S * self.oil * inflow) / (1.0 + STEP_S * self.oil * self.leakage);
         let drag = self.viscous + self.seal_n / (self.velocity_mm_s.abs() + SEAL_SPEED_MM_S);

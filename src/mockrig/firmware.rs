@@ -12,6 +12,7 @@ use super::guard::{Following, Reaction, SafetyGuard, SensorReading};
 use super::host_side::HostSide;
 use super::queue::{CommandQueue, SetPoint};
 use super::servo::{Servo, ServoConfig, ServoTarget};
+use crate::detector;
 use crate::protocol::message::{
     Cause, DISPLACEMENT_MM_PER_COUNT, EmergencyMessage, FORCE_N_PER_COUNT, FromRig, Limits, NmtState,
     RequestResult, RigState, SampleMessage, StatusMessage, WireMode, next_counter,
@@ -115,6 +116,8 @@ pub(crate) struct Firmware {
     unloaded: u64,
     last_reading: Option<SensorReading>,
     pub(super) status_due: bool,
+    /// Injected fault: no limit is enforced and no fault of a sensor found.
+    pub limits_ignored: bool,
     sample_counter: u8,
     status_counter: u8,
     pub(super) outbox: Outbox,
@@ -151,6 +154,7 @@ impl Firmware {
             unloaded: 0,
             last_reading: None,
             status_due: true,
+            limits_ignored: false,
             sample_counter: 0,
             status_counter: 0,
             outbox,
@@ -184,7 +188,8 @@ impl Firmware {
         self.watch_host();
         if self.pressure_on() {
             let following = self.following();
-            if let Some((cause, reaction)) = self.guard.check(reading, &self.limits, &following) {
+            let found = self.guard.check(reading, &self.limits, &following);
+            if let Some((cause, reaction)) = found.filter(|_| !self.limits_ignored) {
                 // An unload that does not follow its ramp cannot be answered by an unload.
                 let failed = self.state == RigState::Unload && cause == Cause::FollowingError;
                 self.trip(cause, if failed { Reaction::Off } else { reaction });
@@ -309,6 +314,7 @@ impl Firmware {
             rate_counts_s: self.rate * TICKS_PER_S,
             speed_mm_s: self.servo.speed_mm_s(),
             pressure_ticks: self.tick - self.pressure_since,
+            holds: self.state == RigState::Hold && self.rate == 0.0,
         }
     }
 
@@ -368,7 +374,7 @@ impl Firmware {
             let ends = self.queue.newest().map_or(self.point.last, |newest| newest.last);
             if ends && level == 0 {
                 self.enter(RigState::Armed);
-            } else if !ends && level < ticks_in_ms(self.limits.queue_low_ms as u64) {
+            } else if !ends && level < ticks_in_ms(self.limits.queue_low_ms as u64) && detector::acts("F6") {
                 self.trip(Cause::QueueDry, Reaction::Hold);
             }
         }

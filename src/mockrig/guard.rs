@@ -1,5 +1,6 @@
 //! The firmware's detectors: the faults of each tick and the reaction to each. `firmware` carries the reactions out.
 
+use crate::detector;
 use crate::protocol::message::{
     COUNTS_INVALID, Cause, DISPLACEMENT_MM_PER_COUNT, FORCE_N_PER_COUNT, Limits, SAMPLE_RATE_HZ, WireMode,
 };
@@ -42,6 +43,8 @@ pub(crate) struct Following {
     pub speed_mm_s: f64,
     /// Ticks since the pressure was switched on.
     pub pressure_ticks: u64,
+    /// The set point rests, because the rig holds.
+    pub holds: bool,
 }
 
 /// Samples in a row beyond a limit that trip; one spike does not.
@@ -52,6 +55,10 @@ const VELOCITY_SAMPLES: u64 = 3;
 const FOLLOWING_TICKS: u64 = ticks_in_ms(20);
 /// The limit of the following error grows by the set point's travel in this time, s.
 const FOLLOWING_SPEED_S: f64 = 0.02;
+/// Error of the position during a hold that is creep, mm (fault H8).
+const CREEP_MM: f64 = 0.2;
+/// Ticks in a row for the creep: 100 ms, longer than the piston swings after its brake.
+const CREEP_TICKS: u64 = ticks_in_ms(100);
 /// Equal LVDT readings in a row that mean a stuck channel if the loop demanded motion meanwhile: 20 ms.
 const STUCK_TICKS: u64 = ticks_in_ms(20);
 /// Travel that the loop must have demanded meanwhile, mm.
@@ -79,6 +86,7 @@ pub(crate) struct SafetyGuard {
     /// Positive for too fast a loading, negative for too fast an unloading.
     velocity_over: i64,
     following_over: u64,
+    creep: u64,
     stuck: u64,
     stuck_travel_mm: f64,
     supply_low: u64,
@@ -163,16 +171,20 @@ impl SafetyGuard {
         let faults = [
             reading
                 .emergency_stop
-                .then_some((Cause::EmergencyStop, Reaction::Off)),
+                .then_some((Cause::EmergencyStop, Reaction::Off))
+                .filter(|_| detector::acts("H7")),
             self.supply(reading, following),
-            (self.displacement_bad >= LIMIT_SAMPLES).then_some((Cause::DisplacementSensor, Reaction::Off)),
+            (self.displacement_bad >= LIMIT_SAMPLES && detector::acts("X2"))
+                .then_some((Cause::DisplacementSensor, Reaction::Off)),
             self.stuck(following),
             self.displacement_limit(limits),
             self.specimen_break(),
-            (self.force_bad >= LIMIT_SAMPLES).then_some((Cause::ForceSensor, Reaction::Unload)),
+            (self.force_bad >= LIMIT_SAMPLES && detector::acts("X1"))
+                .then_some((Cause::ForceSensor, Reaction::Unload)),
             self.force_limit(limits),
             self.velocity_limit(limits),
             self.following_error(limits, following),
+            self.creep(following),
         ];
         faults.into_iter().flatten().next()
     }
@@ -183,7 +195,8 @@ impl SafetyGuard {
             &mut self.supply_low,
             built_up && reading.supply_ratio < SUPPLY_RATIO_MIN,
         );
-        (self.supply_low >= SUPPLY_TICKS).then_some((Cause::SupplyPressure, Reaction::Off))
+        (self.supply_low >= SUPPLY_TICKS && detector::acts("H6"))
+            .then_some((Cause::SupplyPressure, Reaction::Off))
     }
 
     fn stuck(&mut self, following: &Following) -> Option<(Cause, Reaction)> {
@@ -194,20 +207,22 @@ impl SafetyGuard {
             self.stuck_travel_mm += following.speed_mm_s * TICK_S;
         }
         let is_stuck = self.stuck >= STUCK_TICKS && self.stuck_travel_mm.abs() > STUCK_TRAVEL_MM;
-        is_stuck.then_some((Cause::SensorStuck, Reaction::Off))
+        (is_stuck && detector::acts("X3")).then_some((Cause::SensorStuck, Reaction::Off))
     }
 
     fn displacement_limit(&mut self, limits: &Limits) -> Option<(Cause, Reaction)> {
         let x = self.last_displacement;
         let over = x > limits.displacement_max_counts || x < limits.displacement_min_counts;
         count(&mut self.displacement_over, over);
-        (self.displacement_over >= LIMIT_SAMPLES).then_some((Cause::DisplacementLimit, Reaction::Off))
+        (self.displacement_over >= LIMIT_SAMPLES && detector::acts("H3"))
+            .then_some((Cause::DisplacementLimit, Reaction::Off))
     }
 
     fn force_limit(&mut self, limits: &Limits) -> Option<(Cause, Reaction)> {
         let over = self.last_force > limits.force_max_counts || self.last_force < limits.force_min_counts;
         count(&mut self.force_over, over);
-        (self.force_over >= LIMIT_SAMPLES).then_some((Cause::ForceLimit, Reaction::Unload))
+        (self.force_over >= LIMIT_SAMPLES && detector::acts("H2"))
+            .then_some((Cause::ForceLimit, Reaction::Unload))
     }
 
     fn velocity_limit(&mut self, limits: &Limits) -> Option<(Cause, Reaction)> {
@@ -231,7 +246,16 @@ impl SafetyGuard {
         });
         let limit = limit + FOLLOWING_SPEED_S * following.rate_counts_s.abs();
         count(&mut self.following_over, following.error_counts.abs() > limit);
-        (self.following_over >= FOLLOWING_TICKS).then_some((Cause::FollowingError, Reaction::Unload))
+        (self.following_over >= FOLLOWING_TICKS && detector::acts("H1"))
+            .then_some((Cause::FollowingError, Reaction::Unload))
+    }
+
+    /// The piston does not stay where the hold has put it.
+    fn creep(&mut self, following: &Following) -> Option<(Cause, Reaction)> {
+        let error_mm = following.error_counts.abs() * DISPLACEMENT_MM_PER_COUNT;
+        count(&mut self.creep, following.holds && error_mm > CREEP_MM);
+        (self.creep >= CREEP_TICKS && detector::acts("H8"))
+            .then_some((Cause::FollowingError, Reaction::Unload))
     }
 
     /// Detects a fall of the force by more than half, and by more than the retreat of the pusher explains. Two samples on
@@ -245,7 +269,7 @@ impl SafetyGuard {
         let retreat = f64::from(self.at(BREAK_TICKS + 1)[1] - self.at(0)[1]) * DISPLACEMENT_MM_PER_COUNT;
         let fall = before - now;
         let broken = fall > 0.5 * before && fall > BREAK_FALL_N && fall > BREAK_RATE_N_PER_MM * retreat;
-        broken.then_some((Cause::SpecimenBreak, Reaction::Off))
+        (broken && detector::acts("H4")).then_some((Cause::SpecimenBreak, Reaction::Off))
     }
 
     /// Force and displacement `ago` ticks before now.

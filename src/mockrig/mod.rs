@@ -7,14 +7,16 @@ use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
+use crate::detector;
 use crate::link::Link;
 use crate::model::Plant;
 use crate::protocol::message::{
-    Cause, DISPLACEMENT_MM_PER_COUNT, DecodeError, FORCE_N_PER_COUNT, FromRig, ToRig,
+    Cause, DISPLACEMENT_MM_PER_COUNT, DecodeError, FORCE_N_PER_COUNT, FromRig, RigState, ToRig,
 };
 use crate::protocol::tick::ticks_in_ms;
 
 mod actuator;
+mod faults;
 mod firmware;
 mod guard;
 mod host_side;
@@ -25,12 +27,18 @@ mod sensors;
 mod servo;
 #[cfg(test)]
 mod tests;
+mod wire;
 
 use actuator::{Actuator, ActuatorConfig, STEP_S, STEPS_PER_TICK};
+use faults::SPIKE_TICKS;
+#[cfg(test)]
+pub(crate) use faults::{Amount, FAULTS};
+pub(crate) use faults::{FaultError, FaultSchedule, list_of_faults, read_faults};
 use firmware::{Drive, Firmware, Identity};
 use guard::{Reaction, SensorReading};
 use sensors::{Sensor, SensorConfig};
 use servo::ServoConfig;
+use wire::{Wire, WireFaults};
 
 /// The `[mock_rig]` table of a bench file; every key has a default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -52,6 +60,8 @@ pub(crate) struct MockRigConfig {
     pub contact_displacement_mm: f64,
     /// Steps of the plant per tick: 1 for a slow model, or 5, one per step of the hydraulics.
     pub plant_steps_per_ms: u32,
+    /// Faults that the rig plays, as `NAME=AMOUNT@FROM..TO`.
+    pub faults: Vec<String>,
     /// Properties of the load cell.
     pub load_cell: SensorConfig,
     /// Properties of the LVDT.
@@ -73,6 +83,7 @@ impl Default for MockRigConfig {
             start_displacement_mm: 0.0,
             contact_displacement_mm: 0.0,
             plant_steps_per_ms: STEPS_PER_TICK as u32,
+            faults: Vec::new(),
             load_cell: SensorConfig::default(),
             lvdt: SensorConfig::default(),
             actuator: ActuatorConfig::default(),
@@ -96,6 +107,9 @@ pub(crate) enum MockRigError {
         /// The allowed range.
         range: &'static str,
     },
+    /// A fault of the list is not understood.
+    #[error("mock_rig.faults: {0}")]
+    Fault(#[from] FaultError),
 }
 
 impl MockRigConfig {
@@ -146,7 +160,9 @@ impl MockRigConfig {
                     value,
                     range,
                 })
-            })
+            })?;
+        FaultSchedule::parse(&self.faults)?;
+        Ok(())
     }
 }
 
@@ -163,27 +179,55 @@ fn first_out_of_range<const N: usize>(
         .map(|(key, value, _, range)| (key, value, range))
 }
 
-/// Faults that a test injects into the rig; none by default.
+/// Faults that are injected into the rig; none by default. [`FaultSchedule`] gives them names and times.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Injection {
-    /// The reading of the LVDT no longer changes.
-    pub displacement_frozen: bool,
+    /// Faults of the link.
+    pub wire: WireFaults,
     /// Wire of the load cell open: no valid reading.
     pub force_open: bool,
     /// Wire of the LVDT open: no valid reading.
     pub displacement_open: bool,
+    /// The reading of the load cell no longer changes.
+    pub force_frozen: bool,
+    /// The reading of the LVDT no longer changes.
+    pub displacement_frozen: bool,
+    /// One sample of the load cell is off by this, again and again while the fault lasts, N.
+    pub force_spike_n: f64,
+    /// One sample of the LVDT is off by this, again and again while the fault lasts, mm.
+    pub displacement_spike_mm: f64,
+    /// Additional noise of the load cell in multiples of its own.
+    pub force_noise: f64,
+    /// Additional noise of the LVDT in multiples of its own.
+    pub displacement_noise: f64,
     /// Relative error of the load cell's gain: 0.05 reads 5 % high.
     pub force_gain_error: f64,
-    /// The servo valve does not move.
-    pub valve_stuck: bool,
-    /// The supply pressure fails.
-    pub supply_lost: bool,
-    /// The specimen carries no load.
-    pub specimen_broken: bool,
-    /// The emergency stop is pressed.
-    pub emergency_stop: bool,
+    /// Relative error of the LVDT's gain.
+    pub displacement_gain_error: f64,
+    /// Error of the load cell's zero, N.
+    pub force_offset_n: f64,
+    /// The load cell reads with the wrong sign.
+    pub force_inverted: bool,
+    /// The LVDT reads with the wrong sign.
+    pub displacement_inverted: bool,
     /// The firmware does not run: no samples; the hardware watchdog closes the valve after 10 ms.
     pub firmware_hangs: bool,
+    /// The firmware restarts, once.
+    pub firmware_reboots: bool,
+    /// The firmware enforces no limit and finds no fault of a sensor.
+    pub limits_ignored: bool,
+    /// The servo valve does not move.
+    pub valve_stuck: bool,
+    /// The piston retracts at this speed with the valve closed, mm/s.
+    pub leak_mm_s: f64,
+    /// The supply pressure fails.
+    pub supply_lost: bool,
+    /// The emergency stop is pressed.
+    pub emergency_stop: bool,
+    /// The specimen carries no load.
+    pub specimen_broken: bool,
+    /// Additional force of the specimen in multiples of its own.
+    pub specimen_stiffer: f64,
 }
 
 /// The hardware watchdog switches the pressure off if the firmware does not run for this long: 10 ms.
@@ -204,9 +248,17 @@ pub(crate) struct MockRig {
     specimen_n: f64,
     /// Ticks in a row in which the firmware did not run.
     hung_ticks: u64,
+    wire: Wire,
+    /// Ticks since the start of the rig.
+    ticks: u64,
+    /// Tick at which the newest motion began.
+    run_since: Option<u64>,
+    was_running: bool,
+    /// Faults that come and go by themselves.
+    schedule: FaultSchedule,
     /// Faults in effect from the next tick on.
     pub injection: Injection,
-    /// Faults that sensors and actuator already have.
+    /// Faults that wire, firmware, sensors and actuator already have.
     injected: Injection,
 }
 
@@ -243,6 +295,11 @@ impl MockRig {
             plant_every: STEPS_PER_TICK / config.plant_steps_per_ms as usize,
             specimen_n,
             hung_ticks: 0,
+            wire: Wire::new(config.node, config.seed),
+            ticks: 0,
+            run_since: None,
+            was_running: false,
+            schedule: FaultSchedule::parse(&config.faults)?,
             injection: Injection::default(),
             injected: Injection::default(),
         })
@@ -250,7 +307,54 @@ impl MockRig {
 
     /// One tick: handles the frames that arrived, steps the physics, reads the sensors, sends.
     pub(crate) fn tick(&mut self, link: &mut Link) {
+        self.ticks += 1;
+        self.play_schedule();
+        self.wire.begin_tick(link);
+        self.take_frames(link);
+        if self.injection != self.injected {
+            self.inject();
+        }
+        self.physics();
+        if self.injection.firmware_hangs {
+            self.hung_ticks += 1;
+            if self.hung_ticks >= WATCHDOG_TICKS && detector::acts("F1") {
+                self.drive = Drive::OFF;
+            }
+        } else {
+            if std::mem::take(&mut self.hung_ticks) >= WATCHDOG_TICKS && detector::acts("F1") {
+                self.firmware.trip(Cause::Watchdog, Reaction::Off);
+            }
+            let spikes = self.ticks.is_multiple_of(SPIKE_TICKS) || !self.lasting_spike();
+            let spike = |amount: f64| if spikes { amount } else { 0.0 };
+            let reading = SensorReading {
+                force_counts: self.load_cell.read(spike(self.injection.force_spike_n)),
+                displacement_counts: self.lvdt.read(spike(self.injection.displacement_spike_mm)),
+                supply_ratio: self.actuator.supply_ratio(),
+                emergency_stop: self.injection.emergency_stop,
+            };
+            self.drive = self.firmware.tick(&reading);
+        }
+        self.send(link);
+    }
+
+    /// Puts the faults of the schedule into effect whose time has come. Without a schedule the injection stays as it is.
+    fn play_schedule(&mut self) {
+        let is_running = self.firmware.state == RigState::Running;
+        if is_running && !self.was_running {
+            self.run_since = Some(self.ticks);
+        }
+        self.was_running = is_running;
+        if !self.schedule.is_empty() {
+            let run_tick = self.run_since.map(|since| self.ticks - since);
+            self.injection = self.schedule.injection(self.ticks, run_tick);
+        }
+    }
+
+    fn take_frames(&mut self, link: &mut Link) {
         while let Some(frame) = link.receive() {
+            let Some(frame) = self.wire.arrives(frame) else {
+                continue;
+            };
             match ToRig::decode(&frame, self.node) {
                 Ok(message) => self.firmware.handle(message),
                 // A frame of another length is foreign, not corrupt.
@@ -261,28 +365,17 @@ impl MockRig {
             }
             self.send(link);
         }
-        if self.injection != self.injected {
-            self.inject();
+        if let Some(message) = self.wire.foreign() {
+            self.firmware.handle(message);
         }
-        self.physics();
-        if self.injection.firmware_hangs {
-            self.hung_ticks += 1;
-            if self.hung_ticks >= WATCHDOG_TICKS {
-                self.drive = Drive::OFF;
-            }
-        } else {
-            if std::mem::take(&mut self.hung_ticks) >= WATCHDOG_TICKS {
-                self.firmware.trip(Cause::Watchdog, Reaction::Off);
-            }
-            let reading = SensorReading {
-                force_counts: self.load_cell.read(),
-                displacement_counts: self.lvdt.read(),
-                supply_ratio: self.actuator.supply_ratio(),
-                emergency_stop: self.injection.emergency_stop,
-            };
-            self.drive = self.firmware.tick(&reading);
-        }
-        self.send(link);
+    }
+
+    /// True if a spike is in effect for longer than a tick: then it comes again and again.
+    fn lasting_spike(&self) -> bool {
+        let before = &self.injected;
+        let now = &self.injection;
+        (before.force_spike_n != 0.0 && now.force_spike_n != 0.0)
+            || (before.displacement_spike_mm != 0.0 && now.displacement_spike_mm != 0.0)
     }
 
     fn physics(&mut self) {
@@ -297,7 +390,7 @@ impl MockRig {
                 self.specimen_n = if self.injection.specimen_broken {
                     0.0
                 } else {
-                    force_n
+                    force_n * (1.0 + self.injection.specimen_stiffer)
                 };
             }
             self.load_cell.step(self.specimen_n);
@@ -306,14 +399,29 @@ impl MockRig {
     }
 
     fn inject(&mut self) {
+        let restarts = self.injection.firmware_reboots && !self.injected.firmware_reboots;
         self.injected = self.injection.clone();
         let injection = &self.injected;
+        self.wire.faults = injection.wire;
+        let sign = |inverted: bool| if inverted { -1.0 } else { 1.0 };
         self.load_cell.open = injection.force_open;
-        self.load_cell.gain_fault = 1.0 + injection.force_gain_error;
-        self.lvdt.frozen = injection.displacement_frozen;
+        self.load_cell.frozen = injection.force_frozen;
+        self.load_cell.gain_fault = (1.0 + injection.force_gain_error) * sign(injection.force_inverted);
+        self.load_cell.noise_fault = 1.0 + injection.force_noise;
+        self.load_cell.offset_fault = injection.force_offset_n;
         self.lvdt.open = injection.displacement_open;
+        self.lvdt.frozen = injection.displacement_frozen;
+        self.lvdt.gain_fault =
+            (1.0 + injection.displacement_gain_error) * sign(injection.displacement_inverted);
+        self.lvdt.noise_fault = 1.0 + injection.displacement_noise;
         self.actuator.valve_stuck = injection.valve_stuck;
         self.actuator.supply_lost = injection.supply_lost;
+        self.actuator.leak_mm_s = injection.leak_mm_s;
+        self.firmware.limits_ignored = injection.limits_ignored;
+        if restarts {
+            self.firmware.reboot();
+            self.drive = Drive::OFF;
+        }
     }
 
     /// Sends the outbox. Frames that the link refuses are counted by the link.
@@ -322,12 +430,8 @@ impl MockRig {
             return;
         }
         for message in self.firmware.outbox().drain() {
-            let frame = message.encode(self.node);
-            if matches!(message, FromRig::Emergency(_)) {
-                link.send_urgent(frame);
-            } else {
-                link.send(frame);
-            }
+            let urgent = matches!(message, FromRig::Emergency(_));
+            self.wire.send(message.encode(self.node), urgent, link);
         }
     }
 }

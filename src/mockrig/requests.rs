@@ -4,6 +4,7 @@
 use super::firmware::Firmware;
 use super::guard::Reaction;
 use super::queue::SetPoint;
+use crate::detector;
 use crate::protocol::message::{
     Cause, CommandMessage, ConfigAbort, FromRig, LIMIT_COUNT, LIMITS, LeaseMessage, Limits, NmtCommand,
     NmtState, PROTOCOL_VERSION, RequestCode, RequestMessage, RequestResult, RigState, SAMPLE_RATE_HZ, ToRig,
@@ -62,14 +63,14 @@ impl Firmware {
     /// Counts a corrupt frame (CRC or field) or one out of sequence.
     pub(crate) fn note_corrupt(&mut self) {
         self.host.dropped.refused = self.host.dropped.refused.wrapping_add(1);
-        if self.host.corrupt.hit(self.tick) {
+        if self.host.corrupt.hit(self.tick) && detector::acts("L6 firmware") {
             self.trip(Cause::CorruptFrames, Reaction::Unload);
         }
     }
 
     /// Checks the lease in each tick.
     pub(super) fn watch_host(&mut self) {
-        if self.host.session != 0 && !self.lease_alive() {
+        if self.host.session != 0 && !self.lease_alive() && detector::acts("D1") {
             self.trip(Cause::LeaseLapsed, Reaction::Unload);
             self.host.session = 0;
             self.status_due = true;
@@ -85,7 +86,7 @@ impl Firmware {
         let own = session != 0 && session == self.host.session;
         if !own && self.host.session != 0 {
             self.host.dropped.foreign = self.host.dropped.foreign.wrapping_add(1);
-            if self.host.foreign.hit(self.tick) {
+            if self.host.foreign.hit(self.tick) && detector::acts("L10 firmware") {
                 self.trip(Cause::ForeignSession, Reaction::Unload);
             }
         }
@@ -107,7 +108,7 @@ impl Firmware {
             .host
             .control_tick
             .is_none_or(|last| lease.control_tick.wrapping_sub(last) as i16 > 0);
-        if self.in_order(sequence) && is_newer {
+        if self.in_order(sequence) && (is_newer || !detector::acts("D4")) {
             self.host.control_tick = Some(lease.control_tick);
             self.host.renewed_at = self.tick;
         }

@@ -89,6 +89,10 @@ pub(crate) struct Sensor {
     pub open: bool,
     /// Injected fault: another factor on the gain; 1 without fault.
     pub gain_fault: f64,
+    /// Injected fault: another factor on the noise; 1 without fault.
+    pub noise_fault: f64,
+    /// Injected fault: error of the zero, in the unit of the channel.
+    pub offset_fault: f64,
 }
 
 impl Sensor {
@@ -114,6 +118,8 @@ impl Sensor {
             frozen: false,
             open: false,
             gain_fault: 1.0,
+            noise_fault: 1.0,
+            offset_fault: 0.0,
             config: config.clone(),
         }
     }
@@ -131,9 +137,10 @@ impl Sensor {
         self.filter.step(value);
     }
 
-    /// The reading of this tick in counts, or `COUNTS_INVALID`.
-    pub(crate) fn read(&mut self) -> i32 {
-        let noise = self.gaussian() * self.config.noise_rms_counts;
+    /// The reading of this tick in counts, or `COUNTS_INVALID`. `spike` is an error of this one reading, in the unit of the
+    /// channel.
+    pub(crate) fn read(&mut self, spike: f64) -> i32 {
+        let noise = self.gaussian() * self.config.noise_rms_counts * self.noise_fault;
         self.head = (self.head + 1) % DELAY_LINE_TICKS;
         self.delayed[self.head] = self.counts(noise);
         let delay = ticks_in_ms(u64::from(self.config.delay_ms)) as usize;
@@ -144,12 +151,16 @@ impl Sensor {
         if !self.frozen {
             self.last_counts = self.delayed[due];
         }
+        if spike != 0.0 && self.last_counts != COUNTS_INVALID {
+            let counts = self.last_counts + (spike * self.counts_per_unit) as i32;
+            return counts.clamp(-self.config.rail_counts, self.config.rail_counts);
+        }
         self.last_counts
     }
 
     fn counts(&self, noise_counts: f64) -> i32 {
         let gain = self.config.gain * self.gain_fault * self.counts_per_unit;
-        let straight = self.filter.value() * gain;
+        let straight = self.filter.value() * gain + self.offset_fault * self.counts_per_unit;
         let bent = straight * (1.0 + self.bend_per_count * straight);
         let counts = bent + self.config.zero_counts + noise_counts;
         if counts.abs() > f64::from(self.config.rail_counts) {
@@ -233,8 +244,8 @@ mod tests {
         let (mut a, mut b) = (sensor(&config), sensor(&config));
         let mut sum = [0.0f64; 2];
         for _ in 0..20_000 {
-            let counts = a.read();
-            assert_eq!(counts, b.read());
+            let counts = a.read(0.0);
+            assert_eq!(counts, b.read(0.0));
             sum[0] += f64::from(counts);
             sum[1] += f64::from(counts).powi(2);
         }
@@ -255,10 +266,10 @@ mod tests {
         let mut sensor = sensor(&config);
         sensor.settle(0.0);
         sensor.filter.settle(100.0);
-        let readings: Vec<i32> = (0..5).map(|_| sensor.read()).collect();
+        let readings: Vec<i32> = (0..5).map(|_| sensor.read(0.0)).collect();
         assert_eq!(readings, [-5, -5, -5, 1005, 1005]);
         sensor.settle(12_000.0);
-        assert_eq!(sensor.read(), COUNTS_INVALID);
+        assert_eq!(sensor.read(0.0), COUNTS_INVALID);
     }
 
     #[test]

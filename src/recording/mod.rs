@@ -37,9 +37,9 @@ bitflags::bitflags! {
         const FORCE_INVALID = 1 << 2;
         /// The LVDT is at its rail or open.
         const DISPLACEMENT_INVALID = 1 << 3;
-        /// The value did not move although the command moved. No part of leafbench sets this bit yet.
+        /// A value did not change although the piston or the command moved (fault X3).
         const STUCK = 1 << 4;
-        /// The value changed faster than the channel can. No part of leafbench sets this bit yet.
+        /// A value jumped faster than the channel can change (fault X4).
         const SPIKE = 1 << 5;
         /// The rig had no command for this tick (queue empty, hold, taper to a stop).
         const NO_COMMAND = 1 << 6;

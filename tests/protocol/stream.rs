@@ -45,7 +45,7 @@ fn lost(sent: &[Frame], bytes: &[u8]) -> usize {
 }
 
 #[test]
-fn a_dropped_byte_loses_at_most_two_frames() {
+fn t1_a_dropped_byte_loses_at_most_two_frames() {
     let frames = frames();
     let good = line(&frames);
     assert_eq!(lost(&frames, &good), 0);
@@ -84,7 +84,7 @@ fn an_inserted_byte_loses_at_most_two_frames() {
 
 /// The decoder is a plain value without a heap behind it, so its size is all the memory there is.
 #[test]
-fn ten_megabytes_of_noise_are_survived() {
+fn t3_ten_megabytes_of_noise_are_survived() {
     assert!(size_of::<Decoder>() <= 512);
     let mut decoder = Decoder::default();
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);

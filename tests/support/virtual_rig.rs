@@ -43,6 +43,13 @@ pub struct VirtualRig {
     pub delay_ms: usize,
     delayed: VecDeque<Vec<Frame>>,
     pub now_ns: u64,
+    /// Length of a millisecond of the rig on the host's clock, ns.
+    pub ms_ns: u64,
+    /// Frames to the host are delivered in blocks of this length, ms; 1 for at once.
+    pub block_ms: u64,
+    ticks: u64,
+    /// The host's frames stay in its queue.
+    pub jammed: bool,
     pub memory: Memory,
     /// The host's program runs.
     pub host_alive: bool,
@@ -69,6 +76,10 @@ impl VirtualRig {
             delay_ms: 0,
             delayed: VecDeque::new(),
             now_ns: 0,
+            ms_ns: MS,
+            jammed: false,
+            block_ms: 1,
+            ticks: 0,
             memory: Memory::default(),
             host_alive: true,
             rig_alive: true,
@@ -85,7 +96,7 @@ impl VirtualRig {
     }
 
     pub fn tick(&mut self) {
-        self.now_ns += MS;
+        self.now_ns += self.ms_ns;
         if self.rig_alive {
             self.mock.tick(&mut self.far);
         }
@@ -94,7 +105,8 @@ impl VirtualRig {
             sent.extend((self.to_host)(frame));
         }
         self.delayed.push_back(sent);
-        while self.delayed.len() > self.delay_ms {
+        self.ticks += 1;
+        while self.delayed.len() > self.delay_ms && self.ticks.is_multiple_of(self.block_ms) {
             for frame in self.delayed.pop_front().into_iter().flatten() {
                 self.wire[0].send(frame);
             }
@@ -102,11 +114,18 @@ impl VirtualRig {
         if self.host_alive {
             self.rig.poll(self.now_ns, &mut self.host, &mut self.memory);
         }
-        while let Some(frame) = self.wire[0].receive() {
+        while !self.jammed
+            && let Some(frame) = self.wire[0].receive()
+        {
             if let Some(frame) = (self.to_rig)(frame) {
                 self.wire[1].send(frame);
             }
         }
+    }
+
+    /// A frame of another node arrives at the host.
+    pub fn from_others(&mut self, frame: Frame) {
+        self.wire[0].send(frame);
     }
 
     pub fn ticks(&mut self, ms: u64) {
@@ -131,6 +150,13 @@ impl VirtualRig {
         self.ticks(600);
         self.rig.start(order(profile)).expect("the rig is ready");
         self.until(Phase::Running, 1_000);
+    }
+
+    /// The host again, as after a restart of the daemon: it knows nothing, and has another session.
+    pub fn restart_host(&mut self) {
+        let mut config = rig_config();
+        config.session += 1;
+        self.rig = Rig::new(config);
     }
 
     pub fn stop(&mut self) {

@@ -8,10 +8,10 @@ use super::client::DataArg;
 use super::error::CliError;
 use crate::config::Bench;
 use crate::daemon::library::{self, Library};
-use crate::daemon::nearest;
 use crate::daemon::store::{FindRunError, Store};
 use crate::mockrig::{MockRig, MockRigConfig};
 use crate::model;
+use crate::nearest;
 use crate::profile::Profile;
 use crate::recording::run_file::RunListing;
 

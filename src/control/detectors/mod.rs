@@ -6,20 +6,26 @@
 //! | `silence` | streams that stopped |
 //! | `window` | bursts and rates of events |
 //! | `values` | readings beyond the limits, sensors without a reading |
+//! | `plausibility` | sensors that cannot be right |
 //! | `obedience` | a rig that does not do what the commands ask |
 
 mod obedience;
+mod plausibility;
 mod silence;
 mod values;
 mod window;
 
 use super::channel::Reading;
 use super::physical_limits::PhysicalLimits;
+use crate::detector;
 use crate::protocol::message::RigState;
+use crate::recording::Flags;
 use crate::units::{NS_PER_MS, NS_PER_S};
 
 pub(crate) use obedience::Expected;
 use obedience::ObedienceWatch;
+pub(crate) use plausibility::Judged;
+use plausibility::PlausibilityWatch;
 use silence::Silence;
 use values::ValueWatch;
 use window::{Burst, Rate};
@@ -27,6 +33,8 @@ use window::{Burst, Rate};
 /// What control must do, mildest first.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Action {
+    /// Tell the operator and write it into the run, which goes on.
+    Tell(String),
     /// Keep the position; an operator may resume.
     Hold(String),
     /// NMT stop: the firmware unloads.
@@ -68,6 +76,15 @@ const BAD_PACKETS_LEAST: u64 = 5;
 /// This many late samples in a row are an abort. A single one can be a frame that a bridge held back.
 const LATE_SAMPLES: u32 = 3;
 
+/// What is wrong with a frame that was refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Damage {
+    /// Its checksum or a field.
+    Content,
+    /// Its counter or tick, with a right checksum.
+    Sequence,
+}
+
 /// Counters of a link at one moment, each since the link was opened.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(crate) struct LinkCounts {
@@ -91,10 +108,13 @@ pub(crate) struct Detectors {
     last_sample_ns: Option<u64>,
     lost: Rate,
     corrupt: Burst<CORRUPT_FRAMES>,
+    /// Frames in a row that were out of sequence and had a right checksum.
+    whole_frames: u32,
     packets: Rate,
     link: LinkCounts,
     late_samples: u32,
     values: ValueWatch,
+    plausibility: PlausibilityWatch,
     obedience: ObedienceWatch,
     /// Counted cycles in a row with too small an amplitude.
     short_cycles: u32,
@@ -111,10 +131,12 @@ impl Detectors {
             last_sample_ns: None,
             lost: Rate::default(),
             corrupt: Burst::default(),
+            whole_frames: 0,
             packets: Rate::default(),
             link: LinkCounts::default(),
             late_samples: 0,
             values: ValueWatch::default(),
+            plausibility: PlausibilityWatch::default(),
             obedience: ObedienceWatch::default(),
             short_cycles: 0,
         }
@@ -124,9 +146,11 @@ impl Detectors {
     pub(crate) fn begin_run(&mut self) {
         self.lost = Rate::default();
         self.corrupt = Burst::default();
+        self.whole_frames = 0;
         self.packets = Rate::default();
         self.late_samples = 0;
         self.values = ValueWatch::default();
+        self.plausibility = PlausibilityWatch::default();
         self.obedience = ObedienceWatch::default();
         self.short_cycles = 0;
     }
@@ -135,6 +159,11 @@ impl Detectors {
     pub(crate) fn forget_stream(&mut self) {
         self.samples.forget();
         self.statuses.forget();
+    }
+
+    /// Judges both readings of a sample. Returns its flags and what is wrong.
+    pub(crate) fn judge(&mut self, now_ns: u64, judged: &Judged) -> (Flags, Option<Action>) {
+        self.plausibility.take(now_ns, judged)
     }
 
     /// Takes a sample that arrived at `now_ns` after `lost` missing ones, `age_ms` late on the link.
@@ -148,7 +177,11 @@ impl Detectors {
     ) -> Option<Action> {
         self.last_sample_ns = Some(now_ns);
         self.samples.hear();
-        let of_values = self.values.take(reading, limits).map(Action::Abort);
+        let of_values = self
+            .values
+            .take(reading, limits)
+            .filter(|_| detector::acts("F8"))
+            .map(Action::Abort);
         of_values
             .or_else(|| self.late(age_ms))
             .or_else(|| self.lost(now_ns, lost))
@@ -161,7 +194,7 @@ impl Detectors {
         } else {
             0
         };
-        (self.late_samples >= LATE_SAMPLES).then(|| {
+        (self.late_samples >= LATE_SAMPLES && detector::acts("L9")).then(|| {
             Action::Abort(format!(
                 "samples arrive {age_ms} ms late (limit {limit_ms} ms): check the link for a bridge or an adapter that collects frames"
             ))
@@ -173,7 +206,7 @@ impl Detectors {
             return None;
         }
         let [within_1s, _] = self.lost.add([lost, 0], now_ns, NS_PER_S);
-        (within_1s > self.limits.lost_per_s).then(|| {
+        (within_1s > self.limits.lost_per_s && detector::acts("L1")).then(|| {
             Action::Hold(format!(
                 "{within_1s} samples were lost within 1 s (limit {}): check the bus load and the cable, then resume",
                 self.limits.lost_per_s
@@ -202,6 +235,7 @@ impl Detectors {
     ) -> Option<Action> {
         self.obedience
             .take(state, queue_ms, tick, expected)
+            .filter(|_| detector::acts("F7"))
             .map(Action::Abort)
     }
 
@@ -210,7 +244,11 @@ impl Detectors {
         let pause_ns = now_ns.saturating_sub(self.last_poll_ns.replace(now_ns).unwrap_or(now_ns));
         self.samples.end_poll(pause_ns);
         self.statuses.end_poll(pause_ns);
-        if let Some(ms) = self.samples.beyond_ms(self.limits.silence_ms) {
+        if let Some(ms) = self
+            .samples
+            .beyond_ms(self.limits.silence_ms)
+            .filter(|_| detector::acts("L2"))
+        {
             return Some(Action::Abort(format!(
                 "no sample for {ms} ms (limit {} ms): check the link and the rig",
                 self.limits.silence_ms
@@ -226,15 +264,29 @@ impl Detectors {
 
     /// Milliseconds without a status, if they exceed the limit.
     pub(crate) fn status_silence_ms(&self) -> Option<u64> {
-        self.statuses.beyond_ms(self.limits.status_silence_ms)
+        self.statuses
+            .beyond_ms(self.limits.status_silence_ms)
+            .filter(|_| detector::acts("L16"))
     }
 
-    /// Takes a frame that was refused for its content or its sequence.
-    pub(crate) fn on_damaged_frame(&mut self, now_ns: u64) -> Option<Action> {
-        self.corrupt.hit(now_ns, CORRUPT_WINDOW_NS).then(|| {
-            Action::Abort(format!(
-                "{CORRUPT_FRAMES} damaged frames within 100 ms: check cable, termination and shielding, and that no second rig has this node"
-            ))
+    /// Takes a frame that was refused: for its content, or because counter or tick is out of sequence.
+    pub(crate) fn on_damaged_frame(&mut self, damage: Damage, now_ns: u64) -> Option<Action> {
+        // Noise on the cable does not write right checksums.
+        self.whole_frames = match damage {
+            Damage::Content => 0,
+            Damage::Sequence => self.whole_frames.saturating_add(1),
+        };
+        let is_masquerade = self.whole_frames as usize >= CORRUPT_FRAMES && detector::acts("L10");
+        let found = self.corrupt.hit(now_ns, CORRUPT_WINDOW_NS) && detector::acts("L6");
+        found.then(|| {
+            Action::Abort(match is_masquerade {
+                true => format!(
+                    "masquerade: {CORRUPT_FRAMES} damaged frames within 100 ms, all with a right checksum and a wrong counter or tick: a second rig has this node, or the link exchanges frames"
+                ),
+                false => format!(
+                    "{CORRUPT_FRAMES} damaged frames within 100 ms: check cable, termination and shielding, and that no second rig has this node"
+                ),
+            })
         })
     }
 
@@ -245,19 +297,22 @@ impl Detectors {
         let bad = more(now.bad_packets, before.bad_packets);
         let good = more(now.good_packets, before.good_packets);
         let [bad, good] = self.packets.add([bad, good], now_ns, NS_PER_S);
-        if more(now.bus_off, before.bus_off) > 0 {
+        if more(now.bus_off, before.bus_off) > 0 && detector::acts("L3") {
             return Some(Action::Abort(
                 "the CAN controller went bus-off: check bit rate, termination and wiring, then set the interface down and up".to_owned(),
             ));
         }
-        if bad >= BAD_PACKETS_LEAST && bad as f64 > self.limits.bad_packets * (bad + good) as f64 {
+        if detector::acts("T2")
+            && bad >= BAD_PACKETS_LEAST
+            && bad as f64 > self.limits.bad_packets * (bad + good) as f64
+        {
             return Some(Action::Abort(format!(
                 "{bad} of {} serial packets within 1 s were damaged: check cable, bit rate and adapter",
                 bad + good
             )));
         }
         let lost = more(now.overflows, before.overflows);
-        (lost > 0).then(|| {
+        (lost > 0 && detector::acts("L11")).then(|| {
             Action::Hold(format!(
                 "{lost} frames were lost in this computer's receive queue: end other programs, then resume"
             ))
@@ -266,16 +321,20 @@ impl Detectors {
 
     /// Takes the amplitude of a counted cycle that ended; `asked` is the amplitude of the profile.
     pub(crate) fn on_cycle(&mut self, cycle: u32, asked: f64, measured: f64) -> Option<Action> {
-        if asked <= 0.0 || measured >= asked * (1.0 - self.limits.under_peak) {
+        if asked <= 0.0 || measured >= asked * (1.0 - self.limits.under_peak) || !detector::acts("H5") {
             self.short_cycles = 0;
             return None;
         }
         self.short_cycles += 1;
-        (self.short_cycles >= 2).then(|| {
-            Action::Hold(format!(
-                "the amplitude of cycle {cycle} is {measured:.3} instead of {asked:.3}, as in the cycle before (limit {:.0} % too small), the actuator cannot follow: lower the frequency or the amplitude",
-                100.0 * self.limits.under_peak
-            ))
+        let short = format!(
+            "the amplitude of cycle {cycle} is {measured:.3} instead of {asked:.3} (limit {:.0} % too small)",
+            100.0 * self.limits.under_peak
+        );
+        Some(match self.short_cycles {
+            1 => Action::Tell(format!("{short}: the cycle is not valid")),
+            _ => Action::Hold(format!(
+                "{short}, as in the cycle before, neither is valid, the actuator cannot follow: lower the frequency or the amplitude"
+            )),
         })
     }
 }
@@ -338,10 +397,10 @@ mod tests {
     #[test]
     fn three_damaged_frames_in_a_tenth_of_a_second_abort() {
         let mut d = detectors();
-        assert_eq!(d.on_damaged_frame(0), None);
-        assert_eq!(d.on_damaged_frame(50 * NS_PER_MS), None);
+        assert_eq!(d.on_damaged_frame(Damage::Content, 0), None);
+        assert_eq!(d.on_damaged_frame(Damage::Content, 50 * NS_PER_MS), None);
         assert!(matches!(
-            d.on_damaged_frame(90 * NS_PER_MS),
+            d.on_damaged_frame(Damage::Sequence, 90 * NS_PER_MS),
             Some(Action::Abort(_))
         ));
     }
@@ -395,9 +454,9 @@ mod tests {
     #[test]
     fn too_small_an_amplitude_needs_two_cycles_in_a_row() {
         let mut d = detectors();
-        assert_eq!(d.on_cycle(1, 6.0, 5.6), None);
+        assert!(matches!(d.on_cycle(1, 6.0, 5.6), Some(Action::Tell(_))));
         assert_eq!(d.on_cycle(2, 6.0, 5.95), None);
-        assert_eq!(d.on_cycle(3, 6.0, 5.6), None);
+        assert!(matches!(d.on_cycle(3, 6.0, 5.6), Some(Action::Tell(_))));
         assert!(matches!(d.on_cycle(4, 6.0, 5.6), Some(Action::Hold(_))));
     }
 }

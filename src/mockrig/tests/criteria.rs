@@ -20,6 +20,7 @@ const FOLLOWING: Following = Following {
     rate_counts_s: 0.0,
     speed_mm_s: 0.0,
     pressure_ticks: 1_000,
+    holds: false,
 };
 
 /// The sample, counted from 1, in which the first fault is found, and its cause. `at` gives the inputs of sample n.

@@ -19,7 +19,7 @@ mod tracking;
 
 impl MockRig {
     /// True displacement in mm.
-    fn displacement_mm(&self) -> f64 {
+    pub(crate) fn displacement_mm(&self) -> f64 {
         self.actuator.displacement_mm
     }
 
@@ -33,7 +33,29 @@ impl MockRig {
         self.firmware.state
     }
 
-    fn limits_crc(&self) -> u32 {
+    /// The valve is open and the pump on.
+    pub(crate) fn pressure_on(&self) -> bool {
+        self.drive.open
+    }
+
+    /// The first cause that the firmware has latched.
+    pub(crate) fn cause(&self) -> Cause {
+        self.firmware.cause
+    }
+
+    /// Ticks since the lease was renewed.
+    pub(crate) fn lease_age_ticks(&self) -> u64 {
+        self.firmware.tick - self.firmware.host.renewed_at
+    }
+
+    /// Ends all faults, those of the schedule too.
+    pub(crate) fn end_faults(&mut self) {
+        self.schedule = FaultSchedule::default();
+        self.injection = Injection::default();
+    }
+
+    /// CRC-32 of the limits in the firmware.
+    pub(crate) fn limits_crc(&self) -> u32 {
         self.firmware.limits.crc32()
     }
 }

@@ -389,7 +389,7 @@ mod tests {
     ];
 
     #[test]
-    fn every_mistake_is_told_with_row_column_and_advice() {
+    fn p8_every_mistake_is_told_with_row_column_and_advice() {
         let headers = HEADER_MISTAKES
             .iter()
             .map(|&(text, wanted)| (message(text), wanted));

@@ -221,7 +221,7 @@ fn refusal(text: &str, options: &ImportOptions) -> String {
 }
 
 #[test]
-fn every_mistake_is_told_with_row_column_and_advice() {
+fn p8_every_mistake_is_told_with_row_column_and_advice() {
     let head = "t [s];x [mm];F [N]\n0,0;0,5;1\n0,1;0,6;2\n";
     let none = ImportOptions::default();
     for (rows, wanted) in [
