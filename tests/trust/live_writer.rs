@@ -15,8 +15,6 @@ use crate::recording::{Event, EventKind, Flags, Recorder, Sample, recorder};
 pub const FILE: &str = "LEAFBENCH_LIVE_RUN";
 /// Name of the test that records.
 pub const WRITER: &str = "tests::trust::live_writer::writer";
-/// Name of the test that reads what is left.
-pub const READER: &str = "tests::trust::live_writer::reader";
 /// An event each so many ticks.
 const EVENT_TICKS: u64 = 50;
 const TICK_NS: u64 = 1_000_000;
