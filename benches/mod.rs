@@ -4,6 +4,7 @@
 
 pub mod bench_loop;
 pub mod identify;
+pub mod lateness;
 pub mod leaf_pack;
 pub mod protocol;
 pub mod recording;

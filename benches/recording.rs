@@ -78,6 +78,7 @@ pub fn recording(criterion: &mut Criterion) {
         late: 0,
         cycles_completed: 0,
         unsaved: None,
+        punctuality: None,
     };
     let folder = tempfile::tempdir().expect("the temporary folder can be made");
     let mut group = criterion.benchmark_group("recording");

@@ -94,7 +94,7 @@ fn newest(daemon: &Daemon) -> serde_json::Value {
 }
 
 #[test]
-fn a_run_on_a_full_disk_is_not_called_completed_and_fails() {
+fn k1_a_run_on_a_full_disk_is_not_called_completed_and_fails() {
     let folder = tempfile::tempdir().expect("a folder");
     let Some(daemon) = daemon_on_a_small_disk(folder.path()) else {
         return;
@@ -123,7 +123,7 @@ fn a_run_on_a_full_disk_is_not_called_completed_and_fails() {
 }
 
 #[test]
-fn a_disk_that_has_space_again_gets_every_sample_of_the_run() {
+fn k1_a_disk_that_has_space_again_gets_every_sample_of_the_run() {
     let folder = tempfile::tempdir().expect("a folder");
     let Some(daemon) = daemon_on_a_small_disk(folder.path()) else {
         return;

@@ -60,6 +60,7 @@ mod simulate_rig;
 mod starts;
 mod support;
 mod templates;
+mod trust;
 mod twin_sensitivity;
 mod two_processes;
 mod vcan;

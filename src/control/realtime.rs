@@ -22,7 +22,8 @@ use super::{Phase, Refusal, Rig, RigStatus, TareReport};
 use crate::link::priority::raise_this_thread;
 use crate::link::{Link, now_ns as monotonic_ns};
 use crate::protocol::tick::TICK_NS;
-use crate::recording::{Event, Header, Outcome, Recorder, Sample};
+use crate::recording::punctuality::{LatenessClass, LatenessCounts};
+use crate::recording::{Event, Header, Outcome, Punctuality, Recorder, Sample, StreamEvent};
 
 /// Period of the loop.
 const PERIOD_NS: u64 = TICK_NS;
@@ -84,19 +85,6 @@ pub(crate) enum RequestError {
     Ended,
 }
 
-/// Upper ends of the classes of delays, us. A longer delay is in none of them.
-pub(crate) const LATENESS_BOUNDS_US: [u64; 10] =
-    [50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000];
-
-/// How many turns had which delay.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(crate) struct LatenessCounts {
-    /// Turns in each class of [`LATENESS_BOUNDS_US`].
-    pub counts: [u64; LATENESS_BOUNDS_US.len()],
-    /// Sum of all delays, us.
-    pub sum_us: u64,
-}
-
 /// Punctuality of the control loop.
 #[derive(
     Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema,
@@ -111,10 +99,14 @@ pub(crate) struct LoopHealth {
     /// Time in ms that a mock rig in memory stood still because this computer was too slow for it.
     #[serde(default)]
     pub skipped_ms: u64,
-    /// Delays by class, for `/metrics` only.
+    /// Turns by their delay.
+    #[serde(default)]
+    #[schema(value_type = Vec<LatenessClass>)]
+    pub lateness: LatenessCounts,
+    /// Sum of all delays, us, for `/metrics` only.
     #[serde(skip)]
     #[schema(ignore)]
-    pub lateness: LatenessCounts,
+    pub sum_us: u64,
 }
 
 impl LoopHealth {
@@ -124,10 +116,17 @@ impl LoopHealth {
         self.turns += 1;
         self.late_turns += u64::from(late_ns > LATE_NS);
         self.worst_lateness_us = self.worst_lateness_us.max(late_us);
-        self.lateness.sum_us += late_us;
-        let class = LATENESS_BOUNDS_US.iter().position(|bound| late_us <= *bound);
-        if let Some(count) = class.and_then(|class| self.lateness.counts.get_mut(class)) {
-            *count += 1;
+        self.sum_us += late_us;
+        self.lateness.note(late_us);
+    }
+
+    /// The turns so far as the punctuality of one run.
+    fn of_run(&self) -> Punctuality {
+        Punctuality {
+            turns: self.turns,
+            late_turns: self.late_turns,
+            worst_lateness_us: self.worst_lateness_us,
+            lateness: self.lateness,
         }
     }
 }
@@ -206,6 +205,8 @@ pub(crate) struct ControlLoop {
     inbox: Receiver<Envelope>,
     published: Arc<Mutex<(RigStatus, LoopHealth)>>,
     health: LoopHealth,
+    /// The same since the start of the run under way.
+    run_health: LoopHealth,
 }
 
 impl ControlLoop {
@@ -227,6 +228,7 @@ impl ControlLoop {
             inbox,
             published,
             health: LoopHealth::default(),
+            run_health: LoopHealth::default(),
         };
         (handle, control)
     }
@@ -235,7 +237,7 @@ impl ControlLoop {
         let mut deadline_ns = monotonic_ns();
         loop {
             let now_ns = monotonic_ns();
-            self.health.note(now_ns.saturating_sub(deadline_ns));
+            self.note_lateness(now_ns.saturating_sub(deadline_ns));
             if !self.turn(now_ns) {
                 return;
             }
@@ -246,6 +248,12 @@ impl ControlLoop {
             }
             sleep_until(deadline_ns);
         }
+    }
+
+    /// Counts a turn that begins `late_ns` after its deadline.
+    pub(crate) fn note_lateness(&mut self, late_ns: u64) {
+        self.health.note(late_ns);
+        self.run_health.note(late_ns);
     }
 
     /// One turn at `now_ns`: the polls that are due, at most one request, now and then the status. Returns false if the thread
@@ -279,7 +287,13 @@ impl ControlLoop {
 
     fn poll(&mut self, now_ns: u64) {
         match &mut self.recorder {
-            Some(recorder) => self.rig.poll(now_ns, &mut self.link, recorder.as_mut()),
+            Some(recorder) => {
+                let recorder = &mut Timed {
+                    next: recorder.as_mut(),
+                    health: &self.run_health,
+                };
+                self.rig.poll(now_ns, &mut self.link, recorder);
+            }
             None => self.rig.poll(now_ns, &mut self.link, self.watcher.as_mut()),
         }
     }
@@ -294,11 +308,10 @@ impl ControlLoop {
         let accepted = |result: Result<(), Refusal>| result.map(|()| Reply::Accepted);
         let mut goes_on = true;
         let result = match request {
-            Request::Start(order, recorder) => accepted(
-                self.rig
-                    .start(*order)
-                    .inspect(|()| self.recorder = Some(recorder)),
-            ),
+            Request::Start(order, recorder) => accepted(self.rig.start(*order).inspect(|()| {
+                self.recorder = Some(recorder);
+                self.run_health = LoopHealth::default();
+            })),
             Request::Stop(cause) => {
                 self.rig.stop(&cause, now_ns, &mut self.link);
                 Ok(Reply::Accepted)
@@ -352,6 +365,47 @@ impl ControlLoop {
         };
         self.rig.status_into(&mut slot.0);
         slot.1 = self.health;
+    }
+}
+
+/// Adds the punctuality of the loop to the outcome of a run, and passes everything else on.
+struct Timed<'a> {
+    next: &'a mut dyn Recorder,
+    health: &'a LoopHealth,
+}
+
+impl Recorder for Timed<'_> {
+    fn begin(&mut self, header: &Header) {
+        self.next.begin(header);
+    }
+
+    fn sample(&mut self, sample: &Sample) {
+        self.next.sample(sample);
+    }
+
+    fn event(&mut self, event: &Event) {
+        self.next.event(event);
+    }
+
+    fn stream_event(&mut self, event: &StreamEvent) {
+        self.next.stream_event(event);
+    }
+
+    fn end(&mut self, outcome: &Outcome) {
+        // A loop whose caller has a clock of its own counts no turns.
+        let punctuality = (self.health.turns > 0).then(|| self.health.of_run());
+        self.next.end(&Outcome {
+            punctuality,
+            ..outcome.clone()
+        });
+    }
+
+    fn watch(&mut self, sample: &Sample) {
+        self.next.watch(sample);
+    }
+
+    fn flush(&mut self) {
+        self.next.flush();
     }
 }
 

@@ -356,6 +356,7 @@ impl Run {
             late: self.late,
             cycles_completed: self.cycles_completed,
             unsaved: None,
+            punctuality: None,
         }
     }
 }

@@ -8,7 +8,7 @@ use crate::profile::{Correction, Slot};
 use crate::protocol::message::{RigState, SAMPLE_RATE_HZ, SampleMessage};
 use crate::protocol::protection::Sequence;
 use crate::protocol::tick::ticks_in_ms;
-use crate::recording::{Event, EventKind, Flags, Sample};
+use crate::recording::{Flags, Sample, StreamEvent, StreamFinding};
 
 /// A tick that is further ahead than the time since the last sample explains, by more than this, is of another rig, ms.
 const JUMP_MS: u64 = 1000;
@@ -152,7 +152,7 @@ impl Rig {
         // Samples missing before the first one are not of this run.
         let lost = if run.samples() > 0 { sample.lost } else { 0 };
         if lost > 0 && is_recorded {
-            turn.recorder.event(&gap(&record, lost));
+            turn.recorder.stream_event(&gap(&record, lost));
         }
         if record.flags.contains(Flags::LATE) {
             run.count_late();
@@ -166,7 +166,7 @@ impl Rig {
         }
         let ended = ended?;
         if let Some(next) = run.correct(&ended) {
-            turn.recorder.event(&correction(&record, &ended, next));
+            turn.recorder.stream_event(&correction(&record, &ended, next));
         }
         if ended.cycle == 0 {
             return None;
@@ -203,29 +203,25 @@ fn recorded_as(sample: &PlacedSample, slot: Option<&Slot>, on_profile: bool, tim
 }
 
 /// The event of `lost` samples before `at`.
-fn gap(at: &Sample, lost: u64) -> Event {
-    Event {
+fn gap(at: &Sample, lost: u64) -> StreamEvent {
+    StreamEvent {
         tick: at.tick,
         time_s: at.time_s,
-        kind: EventKind::Gap,
-        text: format!("{lost} samples missing before {:.3} s", at.time_s),
+        finding: StreamFinding::Gap { lost },
     }
 }
 
 /// The event of a new correction after `ended`.
-fn correction(at: &Sample, ended: &EndedCycle, next: Correction) -> Event {
-    let cycle = match ended.cycle {
-        0 => "an uncounted cycle".to_owned(),
-        number => format!("cycle {number}"),
-    };
-    let text = format!(
-        "after {cycle} (peak {:.4}, valley {:.4}): amplitude x {:.5}, mean {:+.4}",
-        ended.measured.peak, ended.measured.valley, next.amplitude_factor, next.mean_offset
-    );
-    Event {
+fn correction(at: &Sample, ended: &EndedCycle, next: Correction) -> StreamEvent {
+    StreamEvent {
         tick: at.tick,
         time_s: at.time_s,
-        kind: EventKind::Correction,
-        text,
+        finding: StreamFinding::Correction {
+            cycle: ended.cycle,
+            peak: ended.measured.peak,
+            valley: ended.measured.valley,
+            amplitude_factor: next.amplitude_factor,
+            mean_offset: next.mean_offset,
+        },
     }
 }

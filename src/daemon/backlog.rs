@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::protocol::message::SAMPLE_RATE_HZ;
-use crate::recording::{Event, Header, Outcome, Recorder, Sample};
+use crate::recording::{Event, Header, Outcome, Recorder, Sample, StreamEvent};
 
 /// A backlog longer than this skips the twin: half a second of samples. The ring holds more than a minute.
 const LONG_SAMPLES: u64 = SAMPLE_RATE_HZ as u64 / 2;
@@ -64,6 +64,10 @@ impl<R: Recorder> Recorder for Counted<R> {
 
     fn event(&mut self, event: &Event) {
         self.next.event(event);
+    }
+
+    fn stream_event(&mut self, event: &StreamEvent) {
+        self.next.stream_event(event);
     }
 
     fn end(&mut self, outcome: &Outcome) {

@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rig_is_held_at_45_s_and_the_run_stopped_at_60_s() {
+    fn k1_the_rig_is_held_at_45_s_and_the_run_stopped_at_60_s() {
         assert_eq!(requests(0, 70), [(44, "hold"), (59, "stop")]);
         assert_eq!(requests(10, 80), [(54, "hold"), (69, "stop")]);
         assert_eq!(requests(50, 50), []);

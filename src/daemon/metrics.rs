@@ -5,9 +5,10 @@ use std::fmt::Write as _;
 
 use super::state::DaemonState;
 use super::tally::TallyCounts;
-use crate::control::realtime::{LATENESS_BOUNDS_US, LoopHealth};
+use crate::control::realtime::LoopHealth;
 use crate::control::{Phase, RigStatus};
 use crate::link::LinkHealth;
+use crate::recording::punctuality::LATENESS_BOUNDS_US;
 
 /// Type of the text, for the header of the answer.
 pub(super) const CONTENT_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
@@ -159,7 +160,7 @@ fn punctuality(page: &mut MetricsPage, health: &LoopHealth) {
         page.value(&bucket, &[("le", &bound)], below as f64);
     }
     page.value(&bucket, &[("le", "+Inf")], health.turns as f64);
-    page.value(&format!("{NAME}_sum"), &[], health.lateness.sum_us as f64 / 1e6);
+    page.value(&format!("{NAME}_sum"), &[], health.sum_us as f64 / 1e6);
     page.value(&format!("{NAME}_count"), &[], health.turns as f64);
     page.gauge(
         "leafbench_control_worst_lateness_seconds",

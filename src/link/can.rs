@@ -187,14 +187,19 @@ fn read(
         }
     }
     let whole = message.bytes == CAN_FRAME_BYTES;
+    Ok(frame_of(bytes, whole, health))
+}
+
+/// The data frame of a `struct can_frame`, or `None` after what else it is was counted. `whole`: all of it was read.
+pub(crate) fn frame_of(bytes: [u8; CAN_FRAME_BYTES], whole: bool, health: &LinkHealth) -> Option<Frame> {
     let [a, b, c, d, len, _, _, _, data @ ..] = bytes;
-    Ok(match data.get(..usize::from(len)) {
+    match data.get(..usize::from(len)) {
         Some(data) if whole => data_frame(u32::from_ne_bytes([a, b, c, d]), data, health),
         _ => {
             health.bus_errors.fetch_add(1, Ordering::Relaxed);
             None
         }
-    })
+    }
 }
 
 /// The data frame, or `None` after an error frame was counted. `word` is the identifier with its flags.

@@ -18,6 +18,8 @@ use crate::protocol::frame::Frame;
 use crate::units::NS_PER_S;
 
 pub(crate) use can::RECEIVE_BUFFER_BYTES as CAN_RECEIVE_BUFFER_BYTES;
+#[cfg(test)]
+pub(crate) use can::frame_of as frame_of_the_kernel;
 
 /// All links, in the order in which help texts name them.
 static BACKENDS: &[Backend] = &[loopback::BACKEND, can::BACKEND, serial::BACKEND];

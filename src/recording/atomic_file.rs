@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_failed_export_leaves_the_old_file_and_no_litter() {
+    fn k6_a_failed_export_leaves_the_old_file_and_no_litter() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run.csv");
         write::<_, io::Error>(&path, |w| w.write_all(b"old")).unwrap();

@@ -15,14 +15,18 @@ pub(crate) mod memory;
 pub(crate) mod metrics;
 pub(crate) mod overlay;
 pub(crate) mod play;
+pub(crate) mod punctuality;
 pub(crate) mod recorder;
 pub(crate) mod run_file;
 pub(crate) mod run_recording;
+mod stream_event;
 pub(crate) mod xml;
 
 use crate::units::Command;
 
 pub(crate) use channel::{ChannelScale, SensorIdentity};
+pub(crate) use punctuality::Punctuality;
+pub(crate) use stream_event::{StreamEvent, StreamFinding};
 
 bitflags::bitflags! {
     /// Quality of one sample; empty = good. CSV and run file hold the sum of the bits.
@@ -233,6 +237,9 @@ pub(crate) struct Outcome {
     /// Samples that were recorded and are not on the disk; `None` if all are.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unsaved: Option<Unsaved>,
+    /// Punctuality of the control loop during the run; `None` in virtual time and in files of earlier programs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub punctuality: Option<Punctuality>,
 }
 
 impl Outcome {
@@ -277,6 +284,11 @@ pub(crate) trait Recorder {
     fn sample(&mut self, sample: &Sample);
     /// The next event, in the order of time.
     fn event(&mut self, event: &Event);
+    /// The next event, not in words yet. A recorder that wraps another one on the control thread passes the call on, because
+    /// words need an allocation.
+    fn stream_event(&mut self, event: &StreamEvent) {
+        self.event(&event.in_words());
+    }
     /// The run is over.
     fn end(&mut self, outcome: &Outcome);
     /// A sample that no run records: the rig is heard, but idle. A recorder of a run ignores it.
@@ -297,6 +309,10 @@ impl<R: Recorder + ?Sized> Recorder for Box<R> {
 
     fn event(&mut self, event: &Event) {
         (**self).event(event);
+    }
+
+    fn stream_event(&mut self, event: &StreamEvent) {
+        (**self).stream_event(event);
     }
 
     fn end(&mut self, outcome: &Outcome) {

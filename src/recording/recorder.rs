@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use rtrb::{Consumer, Producer, RingBuffer};
 
-use super::{Event, EventKind, Flags, Header, Outcome, Recorder, Sample};
+use super::{Event, EventKind, Flags, Header, Outcome, Recorder, Sample, StreamEvent};
 
 /// Samples that fit between control and the recording thread: 65 s at 1 kHz.
 const RING_SAMPLES: usize = 65_536;
@@ -50,6 +50,7 @@ enum Item {
     Begin(Box<Header>),
     Sample(Sample),
     Event(Event),
+    StreamEvent(StreamEvent),
     End(Box<Outcome>),
 }
 
@@ -75,6 +76,14 @@ impl RecorderInput {
     /// Writes an item into the ring if more than `reserve` places are free.
     fn push(&mut self, item: Item, reserve: usize) -> bool {
         self.ring.slots() > reserve && self.ring.push(item).is_ok()
+    }
+
+    fn push_event(&mut self, item: Item, tick: u64, time_s: f64) {
+        // Two places stay free: one to report an overrun, one for the end.
+        if !self.push(item, 2) {
+            self.note_overrun(tick, time_s);
+            self.overrun.events += 1;
+        }
     }
 
     fn note_overrun(&mut self, tick: u64, time_s: f64) {
@@ -128,11 +137,11 @@ impl Recorder for RecorderInput {
     }
 
     fn event(&mut self, event: &Event) {
-        // Two places stay free: one to report an overrun, one for the end.
-        if !self.push(Item::Event(event.clone()), 2) {
-            self.note_overrun(event.tick, event.time_s);
-            self.overrun.events += 1;
-        }
+        self.push_event(Item::Event(event.clone()), event.tick, event.time_s);
+    }
+
+    fn stream_event(&mut self, event: &StreamEvent) {
+        self.push_event(Item::StreamEvent(*event), event.tick, event.time_s);
     }
 
     fn end(&mut self, outcome: &Outcome) {
@@ -205,6 +214,7 @@ fn record<R: Recorder>(mut chain: R, mut ring: Consumer<Item>) -> R {
                 Item::Begin(header) => chain.begin(&header),
                 Item::Sample(sample) => chain.sample(&sample),
                 Item::Event(event) => chain.event(&event),
+                Item::StreamEvent(event) => chain.stream_event(&event),
                 Item::End(outcome) => {
                     chain.end(&outcome);
                     return chain;
@@ -290,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn an_overrun_is_counted_told_and_flagged_and_the_end_gets_through() {
+    fn k3_an_overrun_is_counted_told_and_flagged_and_the_end_gets_through() {
         let (go, go_on) = mpsc::channel();
         let (reached, at_begin) = mpsc::channel();
         let chain = Stalled {

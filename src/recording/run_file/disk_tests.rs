@@ -214,7 +214,7 @@ fn full_for_a_time(_: u64, now_ms: u64, plan: FaultTime) -> Option<WriteError> {
 }
 
 #[test]
-fn a_full_disk_alarms_at_once_and_loses_nothing_if_space_is_freed() {
+fn k1_a_full_disk_alarms_at_once_and_loses_nothing_if_space_is_freed() {
     let plan = FaultTime {
         first: 2000,
         last: 42_000,
@@ -291,7 +291,7 @@ fn what_is_not_on_the_disk_at_the_end_is_in_the_outcome() {
 }
 
 #[test]
-fn samples_beyond_the_room_are_a_told_gap() {
+fn k1_samples_beyond_the_room_are_a_told_gap() {
     let plan = FaultTime {
         first: 2000,
         last: 10_000,
@@ -337,7 +337,7 @@ fn calls_of_a_short_run() -> u64 {
 }
 
 #[test]
-fn an_error_at_any_call_moves_the_run_to_a_second_file_and_loses_nothing() {
+fn k2_an_error_at_any_call_moves_the_run_to_a_second_file_and_loses_nothing() {
     let calls = calls_of_a_short_run();
     assert!(calls > 60, "{calls}");
     for call in 2..=calls {
@@ -372,8 +372,39 @@ fn an_error_at_any_call_moves_the_run_to_a_second_file_and_loses_nothing() {
     }
 }
 
+/// The same for what is not a sample: each event is in one of the files, with its time.
 #[test]
-fn while_no_file_can_be_made_the_samples_wait_and_are_never_called_saved() {
+fn k2_an_error_at_any_call_loses_no_event() {
+    let event = |tick: u64| Event {
+        tick,
+        time_s: tick as f64 / 1000.0,
+        kind: EventKind::Operator,
+        text: format!("event at {tick}"),
+    };
+    for call in (2..=calls_of_a_short_run()).step_by(3) {
+        let plan = FaultTime {
+            first: call,
+            last: call,
+        };
+        let mut bench = FaultyRun::new(broken_calls, plan, ROOM_SAMPLES);
+        for tick in 0..300 {
+            if tick % 25 == 0 {
+                bench.writer().event(&event(tick));
+            }
+            bench.run_ms(1);
+        }
+        let files = bench.end();
+        let mut read: Vec<Event> = files.iter().flat_map(RunFile::events).collect();
+        read.retain(|event| event.kind == EventKind::Operator);
+        read.sort_by_key(|event| event.tick);
+        read.dedup();
+        let written: Vec<Event> = (0..300).step_by(25).map(event).collect();
+        assert_eq!(read, written, "call {call}");
+    }
+}
+
+#[test]
+fn k2_while_no_file_can_be_made_the_samples_wait_and_are_never_called_saved() {
     for call in [3, 20, 41] {
         let plan = FaultTime {
             first: call,

@@ -251,6 +251,7 @@ pub(crate) mod test_support {
             late: 0,
             cycles_completed: (samples / 1000) as u32,
             unsaved: None,
+            punctuality: None,
         }
     }
 }

@@ -213,6 +213,7 @@ impl RunFile {
             late: survey.late,
             cycles_completed: survey.cycles_completed(),
             unsaved: None,
+            punctuality: None,
         };
         let last_block = blocks.last().unwrap_or(0);
         drop(blocks);

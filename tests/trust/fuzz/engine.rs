@@ -1,0 +1,221 @@
+//! Drives one parser: keeps the inputs that had a new outcome, and holds every input to the limits.
+
+use std::collections::HashSet;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use nix::time::{ClockId, clock_gettime};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::mutation::mutate;
+use crate::tests::trust::allocations;
+
+/// Time for each parser without `LEAFBENCH_FUZZ_SECONDS`.
+const DEFAULT_TIME: Duration = Duration::from_millis(700);
+/// Longest time of one input, of the processor.
+const LONGEST_RUN: Duration = Duration::from_secs(1);
+/// An input that is not done after this time by the clock on the wall ends the program.
+const HANG: Duration = Duration::from_secs(60);
+/// Most memory that one input may hold, bytes.
+const MOST_BYTES: i64 = 64 << 20;
+/// Most inputs that are kept for their new outcome.
+const MOST_KEPT: usize = 1024;
+
+/// A parser under test.
+pub struct Parser<'a> {
+    /// Name of its folder in the corpus.
+    pub name: &'static str,
+    /// Inputs to begin with.
+    pub seeds: Vec<Vec<u8>>,
+    /// Words of its format.
+    pub words: &'a [&'a str],
+    /// Parses, and returns the kind of outcome.
+    pub parse: &'a mut dyn FnMut(&[u8]) -> u64,
+}
+
+/// The kind of an outcome in words: numbers and quoted text do not count.
+pub fn kind(words: &impl std::fmt::Display) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    let text = words.to_string();
+    for part in text.split(['"', '`', '\'']).step_by(2) {
+        part.chars()
+            .filter(|c| c.is_ascii_alphabetic())
+            .for_each(|c| c.hash(&mut hasher));
+    }
+    hasher.finish()
+}
+
+/// The kind of a result: all good ones are one kind.
+pub fn kind_of<T, E: std::fmt::Display>(result: &Result<T, E>) -> u64 {
+    result.as_ref().map_or_else(kind, |_| 0)
+}
+
+fn processor_time() -> Duration {
+    clock_gettime(ClockId::CLOCK_THREAD_CPUTIME_ID).map_or(Duration::ZERO, Duration::from)
+}
+
+fn corpus(name: &str) -> Vec<Vec<u8>> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/fuzz/corpus")
+        .join(name);
+    let Ok(entries) = std::fs::read_dir(folder) else {
+        return Vec::new();
+    };
+    let mut files: Vec<PathBuf> = entries.map(|entry| entry.expect("listed").path()).collect();
+    files.sort();
+    files
+        .iter()
+        .map(|file| std::fs::read(file).expect("readable"))
+        .collect()
+}
+
+fn setting(name: &str) -> Option<u64> {
+    let text = std::env::var(name).ok()?;
+    Some(
+        text.parse()
+            .unwrap_or_else(|_| panic!("{name}={text} is not a whole number")),
+    )
+}
+
+/// What one parser did.
+#[derive(Debug, Default)]
+struct Tally {
+    runs: u64,
+    kinds: HashSet<u64>,
+    slowest: Duration,
+    most_bytes: i64,
+}
+
+/// Tries one input and keeps the tally; a text if it broke a rule.
+fn try_input(parser: &mut Parser, input: &[u8], tally: &mut Tally) -> Result<u64, String> {
+    allocations::reset_peak();
+    let (held, begun) = (allocations::of_this_thread().live_bytes, processor_time());
+    let outcome = catch_unwind(AssertUnwindSafe(|| (parser.parse)(input)));
+    let (took, peak) = (
+        processor_time() - begun,
+        allocations::of_this_thread().peak_bytes - held,
+    );
+    tally.runs += 1;
+    tally.slowest = tally.slowest.max(took);
+    tally.most_bytes = tally.most_bytes.max(peak);
+    let kind = outcome.map_err(|_| "it panics".to_owned())?;
+    tally.kinds.insert(kind);
+    if took > LONGEST_RUN {
+        return Err(format!("it takes {took:?}"));
+    }
+    if peak > MOST_BYTES {
+        return Err(format!("it holds {peak} bytes"));
+    }
+    Ok(kind)
+}
+
+/// Writes an input that broke a rule, and fails.
+fn fail(name: &str, input: &[u8], why: &str) -> ! {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/fuzz");
+    let mut hasher = DefaultHasher::new();
+    input.hash(&mut hasher);
+    let file = folder.join(format!("{name}-{:016x}", hasher.finish()));
+    let written = std::fs::create_dir_all(&folder).and_then(|()| std::fs::write(&file, input));
+    panic!("{name}: {why}: {} ({written:?})", file.display());
+}
+
+/// Ends the program if an input is not done in time: an endless loop cannot be ended otherwise.
+fn watch(
+    name: &'static str,
+    seed: u64,
+    runs: Arc<AtomicU64>,
+    over: Arc<AtomicBool>,
+) -> std::thread::JoinHandle<()> {
+    std::thread::spawn(move || {
+        let (mut seen, mut since) = (0, Instant::now());
+        while !over.load(Ordering::Relaxed) {
+            std::thread::park_timeout(Duration::from_secs(1));
+            let now = runs.load(Ordering::Relaxed);
+            if now != seen {
+                (seen, since) = (now, Instant::now());
+            } else if since.elapsed() > HANG {
+                eprintln!("{name}: input {now} of seed {seed} hangs");
+                std::process::abort();
+            }
+        }
+    })
+}
+
+/// Feeds the corpus, then mutations of it, until the time is over. Prints what it did.
+pub fn fuzz(mut parser: Parser) {
+    let seed = setting("LEAFBENCH_FUZZ_SEED").unwrap_or(1);
+    let time = setting("LEAFBENCH_FUZZ_SECONDS").map_or(DEFAULT_TIME, Duration::from_secs);
+    let mut kept = corpus(parser.name);
+    let of_corpus = kept.len();
+    kept.append(&mut parser.seeds);
+    assert!(!kept.is_empty(), "{} has no input to begin with", parser.name);
+    let (runs, over) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicBool::new(false)));
+    let watcher = watch(parser.name, seed, Arc::clone(&runs), Arc::clone(&over));
+    let mut tally = Tally::default();
+    for input in &kept {
+        if let Err(why) = try_input(&mut parser, input, &mut tally) {
+            fail(parser.name, input, &why);
+        }
+    }
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let begun = Instant::now();
+    while begun.elapsed() < time {
+        // The clock is looked at now and then only: some parsers need less time than that.
+        for _ in 0..16 {
+            let [base, other] = [(); 2].map(|()| rng.random_range(0..kept.len()));
+            let input = mutate(&mut rng, &kept[base], &kept[other], parser.words);
+            let kinds = tally.kinds.len();
+            if let Err(why) = try_input(&mut parser, &input, &mut tally) {
+                fail(
+                    parser.name,
+                    &input,
+                    &format!("input {} of seed {seed}: {why}", tally.runs),
+                );
+            }
+            runs.store(tally.runs, Ordering::Relaxed);
+            if tally.kinds.len() > kinds && kept.len() < MOST_KEPT {
+                kept.push(input);
+            }
+        }
+    }
+    over.store(true, Ordering::Relaxed);
+    watcher.thread().unpark();
+    watcher.join().expect("the watcher only looks");
+    eprintln!(
+        "fuzz {:<16} {:>10} inputs in {:>5.1} s, {:>9.0} a second; {} kinds of outcome, slowest {:.1} ms, most {} KiB; {of_corpus} of the corpus, seed {seed}",
+        parser.name,
+        tally.runs,
+        begun.elapsed().as_secs_f64(),
+        tally.runs as f64 / begun.elapsed().as_secs_f64(),
+        tally.kinds.len(),
+        tally.slowest.as_secs_f64() * 1e3,
+        tally.most_bytes / 1024,
+    );
+}
+
+#[test]
+fn an_input_that_panics_lasts_or_holds_too_much_is_found() {
+    let breaks = |parse: &mut dyn FnMut(&[u8]) -> u64| {
+        let mut parser = Parser {
+            name: "none",
+            seeds: Vec::new(),
+            words: &[],
+            parse,
+        };
+        try_input(&mut parser, b"x", &mut Tally::default()).expect_err("it breaks a rule")
+    };
+    assert_eq!(breaks(&mut |input| u64::from(input[1])), "it panics");
+    let large = breaks(&mut |_| std::hint::black_box(vec![1_u8; 65 << 20]).len() as u64);
+    assert!(large.starts_with("it holds"), "{large}");
+    let slow = breaks(&mut |_| {
+        let begun = processor_time();
+        while processor_time() - begun < Duration::from_millis(1010) {}
+        0
+    });
+    assert!(slow.starts_with("it takes"), "{slow}");
+}

@@ -1,0 +1,11 @@
+//! What must hold on the worst day: a control thread that never waits, files that survive kills and power cuts, parsers that
+//! survive anything.
+
+pub mod allocations;
+mod control_thread;
+mod flipped_bits;
+mod fuzz;
+mod kills;
+mod live_writer;
+mod soak;
+mod virtual_loop;
