@@ -675,7 +675,10 @@ mod tests {
         }
         for named in text.split("#/components/schemas/").skip(1) {
             let name = named.split('"').next().expect("a name");
-            assert!(document["components"]["schemas"][name].is_object(), "no schema {name}");
+            assert!(
+                document["components"]["schemas"][name].is_object(),
+                "no schema {name}"
+            );
         }
         let message = document["components"]["schemas"]["LiveMessage"].to_string();
         for kind in ["samples", "status", "skipped", "LiveBatch"] {
