@@ -303,7 +303,7 @@ fn a_link_signs_the_page_in_once_and_a_bookmark_outlives_the_daemon() {
     );
     // The same link again, in another browser.
     let mut other = Page::open(&link, 1280, 800).expect("as the first one");
-    other.until("document.getElementById('sign-in-state').textContent.includes('was used already')");
+    other.until("document.getElementById('sign-in-state')?.textContent.includes('was used already')");
     // And that browser at the plain address.
     other.ask(
         "Page.navigate",
