@@ -417,7 +417,7 @@ fn attack(daemon: &Daemon, token: &str, kind: usize, held: &mut Vec<TcpStream>) 
     let auth = format!("Authorization: Bearer {token}\r\n");
     let _ = stream.write_all(hostile(kind, &host, &auth).as_bytes());
     // Half of them stay open as long as the daemon lets them.
-    if kind % 2 == 0 {
+    if kind.is_multiple_of(2) {
         held.push(stream);
         if held.len() > 100 {
             held.remove(0);
