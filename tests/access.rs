@@ -111,13 +111,16 @@ fn a_person_with_a_token_does_what_their_role_may_and_the_log_has_their_name() {
 fn the_audit_log_shows_a_change_at_every_line() {
     let folder = tempfile::tempdir().expect("a folder");
     {
-        let daemon = Daemon::ready(folder.path(), &[]);
+        let mut daemon = Daemon::ready(folder.path(), &[]);
         for order in ["tare", "zero", "stop"] {
             json(folder.path(), &[order]);
         }
         until("the orders in the log", || {
             audit_log(&daemon.data).contains("POST /api/stop").then_some(())
         });
+        // Its end is noted in the log, and the end of the log beside it.
+        daemon.signal(nix::sys::signal::Signal::SIGTERM);
+        daemon.process.0.wait().expect("ended");
     }
     let (whole, code) = json(folder.path(), &["audit", "verify"]);
     assert_eq!(code, 0, "{whole}");
@@ -303,7 +306,7 @@ fn a_link_signs_the_page_in_once_and_a_bookmark_outlives_the_daemon() {
     );
     // The same link again, in another browser.
     let mut other = Page::open(&link, 1280, 800).expect("as the first one");
-    other.until("document.getElementById('sign-in-state').textContent.includes('was used already')");
+    other.until("document.getElementById('sign-in-state')?.textContent.includes('was used already')");
     // And that browser at the plain address.
     other.ask(
         "Page.navigate",

@@ -657,9 +657,14 @@ mod tests {
             assert!(text.contains(&format!("\"{schema}\":{{")), "{schema}");
         }
         let paths = document["paths"].as_object().expect("paths");
+        let mut ids = BTreeSet::new();
         for (path, item) in paths {
             for (method, operation) in item.as_object().expect("an item") {
                 let what = format!("{method} {path}");
+                assert!(
+                    ids.insert(operation["operationId"].to_string()),
+                    "{what}: {ids:?}"
+                );
                 let told = operation["description"].as_str().unwrap_or_default();
                 assert!(
                     told.contains("role") || told.contains("Open to everybody"),
@@ -675,7 +680,10 @@ mod tests {
         }
         for named in text.split("#/components/schemas/").skip(1) {
             let name = named.split('"').next().expect("a name");
-            assert!(document["components"]["schemas"][name].is_object(), "no schema {name}");
+            assert!(
+                document["components"]["schemas"][name].is_object(),
+                "no schema {name}"
+            );
         }
         let message = document["components"]["schemas"]["LiveMessage"].to_string();
         for kind in ["samples", "status", "skipped", "LiveBatch"] {

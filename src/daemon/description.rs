@@ -69,6 +69,7 @@ pub(super) fn complete(document: &mut Value, routes: &[DescribedRoute]) {
     for (method, path, needs) in routes {
         let operation = &mut document["paths"][*path][method.to_lowercase()];
         if operation.is_object() {
+            operation["operationId"] = id_of(method, path).into();
             add_need(operation, *needs);
             add_answers(operation, method, path, *needs);
             describe_answers(operation, &schemas);
@@ -79,6 +80,15 @@ pub(super) fn complete(document: &mut Value, routes: &[DescribedRoute]) {
     );
     document["paths"]["/api/live"]["get"]["x-messages"] =
         json!({ "$ref": "#/components/schemas/LiveMessage" });
+}
+
+/// A name that no other request has: handlers of two subjects may have the same one.
+fn id_of(method: &str, path: &str) -> String {
+    let words = path
+        .split(|c: char| !c.is_alphanumeric() && c != '_')
+        .filter(|word| !word.is_empty() && *word != "api");
+    let words: Vec<String> = words.map(str::to_lowercase).collect();
+    format!("{}_{}", method.to_lowercase(), words.join("_"))
 }
 
 /// Who may send the request.

@@ -55,10 +55,10 @@ impl Gate {
         match self.state.access.identify(shown) {
             Known::Person(person) if person.role < role => {
                 let refusal = too_small(&person, role);
-                Err(Refused::Person(person, refusal))
+                Err(Refused::Person(Box::new(person), refusal))
             }
             Known::Person(person) if !person.has_key && !self.needs.by_cookie => {
-                Err(Refused::Person(person, only_a_cookie()))
+                Err(Refused::Person(Box::new(person), only_a_cookie()))
             }
             Known::Person(person) => Ok(person),
             Known::Nobody => Err(Refused::Nobody(not_signed_in("the request has no token"))),
@@ -77,7 +77,7 @@ impl Gate {
 /// Why a request is refused.
 enum Refused {
     /// This person may not do it.
-    Person(Person, ApiError),
+    Person(Box<Person>, ApiError),
     /// No secret was shown.
     Nobody(ApiError),
     /// A secret was shown that is none of ours.
@@ -222,7 +222,8 @@ pub(super) async fn check(State(gate): State<Gate>, mut request: Request, next: 
     let peer = request.extensions().get::<Peer>().copied().unwrap_or(unknown);
     let admitted = gate.admit(peer, request.headers());
     let person = match &admitted {
-        Ok(person) | Err(Refused::Person(person, _)) => Some(person),
+        Ok(person) => Some(person),
+        Err(Refused::Person(person, _)) => Some(&**person),
         Err(_) => None,
     };
     // A request without any secret tells nothing about anybody, and wrong ones are noted already.

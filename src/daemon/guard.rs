@@ -22,12 +22,12 @@ struct Site {
     host: String,
     /// The origin of our page there.
     origin: String,
-    reach: Reach,
+    kind: SiteKind,
 }
 
 /// How a request gets to a site.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Reach {
+enum SiteKind {
     /// Over the loopback address of this computer.
     Local,
     /// From another computer, over TLS.
@@ -63,28 +63,28 @@ impl RequestGuard {
         let site = |name: &str| Site {
             host: format!("{name}:{port}"),
             origin: format!("http://{name}:{port}"),
-            reach: Reach::Local,
+            kind: SiteKind::Local,
         };
         RequestGuard {
             sites: Arc::new(names.into_iter().map(site).collect()),
         }
     }
 
-    fn with(mut self, host: String, reach: Reach) -> Self {
+    fn with(mut self, host: String, kind: SiteKind) -> Self {
         let origin = format!("https://{host}");
-        Arc::make_mut(&mut self.sites).push(Site { host, origin, reach });
+        Arc::make_mut(&mut self.sites).push(Site { host, origin, kind });
         self
     }
 
     /// Also answers other computers at this address over TLS, under its number and under `names`.
     pub(super) fn with_tls(self, address: SocketAddr, names: &[String]) -> Self {
         let port = address.port();
-        let guard = self.with(address.to_string(), Reach::Direct);
+        let guard = self.with(address.to_string(), SiteKind::Direct);
         names.iter().fold(guard, |guard, name| {
-            let guard = guard.with(format!("{name}:{port}"), Reach::Direct);
+            let guard = guard.with(format!("{name}:{port}"), SiteKind::Direct);
             // Browsers leave out the port of https.
             if port == 443 {
-                guard.with(name.clone(), Reach::Direct)
+                guard.with(name.clone(), SiteKind::Direct)
             } else {
                 guard
             }
@@ -93,7 +93,7 @@ impl RequestGuard {
 
     /// Also answers under the name of a proxy with TLS.
     pub(super) fn with_proxy(self, name: &str) -> Self {
-        self.with(name.to_owned(), Reach::Proxy)
+        self.with(name.to_owned(), SiteKind::Proxy)
     }
 
     /// The site that a request asks for.
@@ -115,18 +115,18 @@ impl RequestGuard {
             last.trim().parse().ok()
         };
         Peer {
-            address: match site.reach {
-                Reach::Proxy => forwarded().unwrap_or(unknown),
-                Reach::Local | Reach::Direct => end,
+            address: match site.kind {
+                SiteKind::Proxy => forwarded().unwrap_or(unknown),
+                SiteKind::Local | SiteKind::Direct => end,
             },
-            is_local: site.reach == Reach::Local && end.is_loopback(),
+            is_local: site.kind == SiteKind::Local && end.is_loopback(),
         }
     }
 
     /// The refusal of this request; `None` if it is allowed.
     fn refusal(&self, method: &Method, path: &str, headers: &HeaderMap) -> Option<ApiError> {
         let forbidden = |what: &str| {
-            let for_others = self.sites.iter().find(|site| site.reach != Reach::Local);
+            let for_others = self.sites.iter().find(|site| site.kind != SiteKind::Local);
             let what_to_do = match (for_others, self.sites.first()) {
                 (Some(site), _) => {
                     format!(

@@ -49,7 +49,7 @@ impl Default for ServerLimits {
     fn default() -> Self {
         ServerLimits {
             connections: 64,
-            reserve: 8,
+            reserve: 32,
             headers: Duration::from_secs(10),
             body: Duration::from_secs(10),
         }

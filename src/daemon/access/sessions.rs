@@ -25,7 +25,7 @@ const MOST_LINKS: usize = 50;
 
 /// A browser that is signed in.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-struct Session {
+struct BrowserSession {
     cookie: Fingerprint,
     key: Fingerprint,
     /// The token that it was opened with. It ends with this token and has its role.
@@ -52,7 +52,7 @@ pub(crate) struct SessionSecrets {
 /// All sessions and links of a daemon.
 #[derive(Debug, Default)]
 pub(super) struct Sessions {
-    sessions: Vec<Session>,
+    sessions: Vec<BrowserSession>,
     links: Vec<UnusedLink>,
 }
 
@@ -94,8 +94,8 @@ impl Sessions {
     }
 
     /// Looks at all of them, so that the time does not tell which one it is.
-    fn find(&self, now: Timestamp, is_it: impl Fn(&Session) -> bool) -> Option<&Fingerprint> {
-        let age_s = |session: &Session| now.as_second().saturating_sub(session.since_s);
+    fn find(&self, now: Timestamp, is_it: impl Fn(&BrowserSession) -> bool) -> Option<&Fingerprint> {
+        let age_s = |session: &BrowserSession| now.as_second().saturating_sub(session.since_s);
         self.sessions.iter().fold(None, |found, session| {
             match is_it(session) && age_s(session) < SESSION_LIFE_S {
                 true => Some(&session.token),
@@ -116,7 +116,7 @@ impl Sessions {
         if self.sessions.len() >= MOST_SESSIONS {
             self.sessions.remove(0);
         }
-        self.sessions.push(Session {
+        self.sessions.push(BrowserSession {
             cookie: secrets.cookie.fingerprint(),
             key: secrets.key.fingerprint(),
             token: token.clone(),
