@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use super::support::wire::Terminal;
 use super::support::{self, Daemon, config};
+use super::trust::allocations;
 use crate::link::{self, Link, Side};
 use crate::protocol::frame::Frame;
 use crate::protocol::message::{FromRig, LeaseMessage, NmtCommand, SampleMessage, ToRig, next_counter};
@@ -278,4 +279,32 @@ fn l12_a_daemon_outlives_an_unplugged_adapter_and_opens_it_again() {
     until_open(true);
     drop(again);
     until_open(false);
+}
+
+/// The control thread reads and writes the port itself, so neither may ask for memory.
+#[test]
+fn frames_are_sent_and_received_without_an_allocation() {
+    let terminal = Terminal::new();
+    let mut host = host(&terminal);
+    let mut master = terminal.master.try_clone().expect("a copy");
+    let lease = |tick: u16| {
+        ToRig::Lease(LeaseMessage {
+            counter: (tick % 15) as u8,
+            session: 1,
+            control_tick: tick,
+        })
+        .encode(NODE)
+    };
+    let packets: Vec<Vec<u8>> = (0..500).map(|tick| packet(sample(tick))).collect();
+    let mut swallowed = [0; 4096];
+    let before = allocations::of_this_thread();
+    for (tick, packet) in (0..).zip(&packets) {
+        master.write_all(packet).expect("written");
+        assert!(host.send(lease(tick)));
+        host.flush(u64::from(tick) * 1_000_000);
+        next(&mut host);
+        assert!(master.read(&mut swallowed).expect("read") > 0);
+    }
+    let after = allocations::of_this_thread();
+    assert_eq!((after.count, after.freed), (before.count, before.freed));
 }

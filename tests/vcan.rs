@@ -5,6 +5,7 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use super::support::json;
+use super::trust::allocations;
 use crate::link::{self, Link, Side};
 use crate::protocol::frame::Frame;
 use crate::protocol::message::{FromRig, LeaseMessage, NmtCommand, SampleMessage, ToRig, next_counter};
@@ -224,4 +225,22 @@ fn a_vanished_interface_closes_the_link() {
         control_tick: 0,
     });
     assert!(!gone.send(lease.encode(NODE)));
+}
+
+/// The control thread reads and writes the sockets itself, so neither may ask for memory.
+#[test]
+fn vcan_frames_are_sent_and_received_without_an_allocation() {
+    if !vcan0("vcan_frames_are_sent_and_received_without_an_allocation") {
+        return;
+    }
+    let (mut host, mut rig) = (host(), rig());
+    let before = allocations::of_this_thread();
+    for tick in 0..1000_u16 {
+        assert!(rig.send(sample((tick % 15) as u8, tick).encode(NODE)));
+        rig.flush(0);
+        next(&mut host);
+    }
+    assert_eq!(host.receive(), None);
+    let after = allocations::of_this_thread();
+    assert_eq!((after.count, after.freed), (before.count, before.freed));
 }

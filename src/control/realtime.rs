@@ -23,7 +23,7 @@ use crate::link::priority::raise_this_thread;
 use crate::link::{Link, now_ns as monotonic_ns};
 use crate::protocol::tick::TICK_NS;
 use crate::recording::punctuality::{LatenessClass, LatenessCounts};
-use crate::recording::{Event, Header, Outcome, Punctuality, Recorder, Sample, StreamEvent};
+use crate::recording::{Event, Header, Outcome, Recorder, RunPunctuality, Sample, StreamEvent};
 
 /// Period of the loop.
 const PERIOD_NS: u64 = TICK_NS;
@@ -85,7 +85,7 @@ pub(crate) enum RequestError {
     Ended,
 }
 
-/// Punctuality of the control loop.
+/// RunPunctuality of the control loop.
 #[derive(
     Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema,
 )]
@@ -121,8 +121,8 @@ impl LoopHealth {
     }
 
     /// The turns so far as the punctuality of one run.
-    fn of_run(&self) -> Punctuality {
-        Punctuality {
+    fn of_run(&self) -> RunPunctuality {
+        RunPunctuality {
             turns: self.turns,
             late_turns: self.late_turns,
             worst_lateness_us: self.worst_lateness_us,

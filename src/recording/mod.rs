@@ -25,7 +25,7 @@ pub(crate) mod xml;
 use crate::units::Command;
 
 pub(crate) use channel::{ChannelScale, SensorIdentity};
-pub(crate) use punctuality::Punctuality;
+pub(crate) use punctuality::RunPunctuality;
 pub(crate) use stream_event::{StreamEvent, StreamFinding};
 
 bitflags::bitflags! {
@@ -237,9 +237,9 @@ pub(crate) struct Outcome {
     /// Samples that were recorded and are not on the disk; `None` if all are.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unsaved: Option<Unsaved>,
-    /// Punctuality of the control loop during the run; `None` in virtual time and in files of earlier programs.
+    /// RunPunctuality of the control loop during the run; `None` in virtual time and in files of earlier programs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub punctuality: Option<Punctuality>,
+    pub punctuality: Option<RunPunctuality>,
 }
 
 impl Outcome {

@@ -65,9 +65,9 @@ impl From<Vec<LatenessClass>> for LatenessCounts {
     }
 }
 
-/// Punctuality of the control loop during one run, in the outcome of its file.
+/// RunPunctuality of the control loop during one run, in the outcome of its file.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct Punctuality {
+pub(crate) struct RunPunctuality {
     /// Turns of the loop during the run.
     pub turns: u64,
     /// Turns that began more than one tick after their deadline.

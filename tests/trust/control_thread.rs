@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use nix::sys::resource::{UsageWho, getrusage};
@@ -10,13 +11,11 @@ use nix::sys::resource::{UsageWho, getrusage};
 use super::allocations;
 use super::virtual_loop::{Loop, MS};
 use crate::control::Phase;
-use crate::control::realtime::Request;
+use crate::control::realtime::ControlHandle;
 use crate::control::run::RunOrder;
-use crate::daemon::header::{self, Planned};
-use crate::profile::Profile;
 use crate::recording::recorder::{self, FanOut};
 use crate::recording::run_file::{RunFile, RunFileWriter};
-use crate::recording::{Event, Header, Outcome, Recorder, Sample};
+use crate::recording::{Event, EventKind, Header, Outcome, Recorder, Sample};
 use crate::tests::support::bench::mock;
 
 /// Ticks that are measured.
@@ -33,6 +32,7 @@ const SINE: &str = "name = \"long-sine\"\ncontrol = \"displacement\"\n[[block]]\
     taper_cycles = 2\ncorrect = true\n";
 
 /// Counts what came through the ring.
+#[derive(Default)]
 struct Tally {
     samples: Arc<AtomicU64>,
     corrections: Arc<AtomicU64>,
@@ -44,7 +44,7 @@ impl Recorder for Tally {
         self.samples.fetch_add(1, Ordering::Relaxed);
     }
     fn event(&mut self, event: &Event) {
-        let correction = event.kind == crate::recording::EventKind::Correction;
+        let correction = event.kind == EventKind::Correction;
         self.corrections
             .fetch_add(u64::from(correction), Ordering::Relaxed);
     }
@@ -54,8 +54,11 @@ impl Recorder for Tally {
 /// What the calling thread has used so far.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Used {
+    /// Without those of the mock rig.
     allocations: u64,
     frees: u64,
+    /// Allocations of the mock rig.
+    of_mock: u64,
     minor_faults: i64,
     major_faults: i64,
     /// Times that the thread gave the processor away because it waited for something: a lock, a disk, a sleep.
@@ -63,93 +66,106 @@ struct Used {
 }
 
 impl Used {
-    fn now() -> Used {
+    fn now(bench: &Loop) -> Used {
+        let [mock_allocations, mock_frees] = bench
+            .of_mock
+            .each_ref()
+            .map(|count| count.load(Ordering::Relaxed));
         let usage = getrusage(UsageWho::RUSAGE_THREAD).expect("Linux knows it");
         let own = allocations::of_this_thread();
         Used {
-            allocations: own.count,
-            frees: own.freed,
+            allocations: own.count - mock_allocations,
+            frees: own.freed - mock_frees,
+            of_mock: mock_allocations,
             minor_faults: usage.minor_page_faults(),
             major_faults: usage.major_page_faults(),
             waits: usage.voluntary_context_switches(),
         }
     }
 
-    fn add_since(&mut self, before: Used) {
-        let now = Used::now();
+    fn add(&mut self, before: Used, now: Used) {
         self.allocations += now.allocations - before.allocations;
         self.frees += now.frees - before.frees;
+        self.of_mock += now.of_mock - before.of_mock;
         self.minor_faults += now.minor_faults - before.minor_faults;
         self.major_faults += now.major_faults - before.major_faults;
         self.waits += now.waits - before.waits;
     }
 }
 
-#[test]
-fn d5_a_million_ticks_of_a_run_need_no_memory_no_lock_and_no_page() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("run.leafrun");
-    let profile = Profile::from_toml(SINE, "test").expect("a profile");
-    let planned = Planned {
-        cycles: 3000,
-        duration_s: 1204.0,
-    };
-    let at = "2026-01-01T00:00:00Z".parse().expect("a time");
-    let header = header::new("run".into(), at, &mock(), &profile, SINE.into(), planned);
-    let (samples, corrections) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(0)));
-    let tally = Tally {
-        samples: Arc::clone(&samples),
-        corrections: Arc::clone(&corrections),
-    };
-    let writer = RunFileWriter::create(&path, &header).expect("a run file");
-    let chain = FanOut(vec![Box::new(writer), Box::new(tally)]);
-    let (input, thread) = recorder::spawn(chain).expect("a thread");
+/// The order of a run of a profile's text.
+fn order(text: &str) -> RunOrder {
+    crate::tests::support::bench::order(&mock(), text)
+}
 
-    let mut bench = Loop::new();
-    bench.until(Phase::Ready);
-    (0..700).for_each(|_| bench.turn());
-    let order = RunOrder {
-        header,
-        profile,
-        first_cycle: 1,
-    };
-    bench.ask(Request::Start(Box::new(order), Box::new(input)));
-    bench.until(Phase::Running);
+/// Somebody who reads the status all the time, so that its lock is held as often as can be.
+struct StatusReader {
+    stop: Arc<AtomicBool>,
+    thread: JoinHandle<u64>,
+}
 
-    // Somebody who reads the status all the time: its lock is held as often as can be.
-    let (stop, handle) = (Arc::new(AtomicBool::new(false)), bench.handle.clone());
-    let ends = Arc::clone(&stop);
-    let reader = std::thread::spawn(move || {
-        let mut reads = 0_u64;
-        while !ends.load(Ordering::Relaxed) {
-            std::hint::black_box(handle.status());
-            reads += 1;
-            // Not in a tight loop: the machine has few processors.
-            std::thread::sleep(Duration::from_micros(50));
-        }
-        reads
-    });
+impl StatusReader {
+    fn of(handle: ControlHandle) -> StatusReader {
+        let stop = Arc::new(AtomicBool::new(false));
+        let ends = Arc::clone(&stop);
+        let thread = std::thread::spawn(move || {
+            let mut reads = 0;
+            while !ends.load(Ordering::Relaxed) {
+                std::hint::black_box(handle.status());
+                reads += 1;
+                // Not in a tight loop: the machine has few processors.
+                std::thread::sleep(Duration::from_micros(50));
+            }
+            reads
+        });
+        StatusReader { stop, thread }
+    }
 
+    /// How often it read.
+    fn end(self) -> u64 {
+        self.stop.store(true, Ordering::Relaxed);
+        self.thread.join().expect("the reader of the status")
+    }
+}
+
+/// What the ticks of a run need, and the time that they take.
+fn measure(bench: &mut Loop, recorded: &AtomicU64) -> (Used, Duration) {
     let (mut used, mut spent) = (Used::default(), Duration::ZERO);
     let mut done = 0;
     while done < WARM_UP + TICKS {
-        let (before, begun) = (Used::now(), Instant::now());
+        let (before, begun) = (Used::now(bench), Instant::now());
         (0..CHUNK).for_each(|_| bench.turn());
         if done >= WARM_UP {
-            used.add_since(before);
+            used.add(before, Used::now(bench));
             spent += begun.elapsed();
         }
         done += CHUNK;
         // Virtual time is faster than the disk: without this the ring would overrun, which it does not in 65 s of real time.
-        while samples.load(Ordering::Relaxed) + 20_000 < done {
+        while recorded.load(Ordering::Relaxed) + 20_000 < done {
             std::thread::sleep(Duration::from_millis(1));
         }
     }
-    stop.store(true, Ordering::Relaxed);
-    let reads = reader.join().expect("the reader of the status");
+    (used, spent)
+}
+
+#[test]
+fn d5_a_million_ticks_of_a_run_need_no_memory_no_lock_and_no_page() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("run.leafrun");
+    let order = order(SINE);
+    let tally = Tally::default();
+    let (samples, corrections) = (Arc::clone(&tally.samples), Arc::clone(&tally.corrections));
+    let writer = RunFileWriter::create(&path, &order.header).expect("a run file");
+    let chain = FanOut(vec![Box::new(writer), Box::new(tally)]);
+    let (input, thread) = recorder::spawn(chain).expect("a thread");
+    let mut bench = Loop::new();
+    bench.start(order, Box::new(input));
+    let reader = StatusReader::of(bench.handle.clone());
+    let (used, spent) = measure(&mut bench, &samples);
+    let reads = reader.end();
     let (status, _) = bench.handle.status();
     assert_eq!(status.phase, Phase::Running, "{status:#?}");
-    bench.ask(Request::End);
+    // The run is left open: its recorder ends with the loop.
     drop(bench);
     drop(thread.join().expect("the recording thread"));
 
@@ -162,7 +178,14 @@ fn d5_a_million_ticks_of_a_run_need_no_memory_no_lock_and_no_page() {
     assert!(recorded >= TICKS, "{recorded} samples: a run was under way");
     assert!(corrections >= 10, "{corrections}: the correction was at work");
     assert!(reads > 100, "{reads}: somebody read the status");
-    assert_eq!(used, Used::default());
+    let of_mock = used.of_mock;
+    assert_eq!(
+        used,
+        Used {
+            of_mock,
+            ..Used::default()
+        }
+    );
 }
 
 /// The classes of delay in the outcome of a run are those of this run alone.
@@ -172,25 +195,11 @@ fn o1_the_run_file_tells_how_late_the_control_loop_was() {
     let path = folder.path().join("run.leafrun");
     let text = "name = \"ramp\"\ncontrol = \"displacement\"\n[[block]]\n[[block.segment]]\nkind = \"ramp\"\nto_mm = 1.0\n\
                 duration_s = 0.5\n[[block.segment]]\nkind = \"ramp\"\nto_mm = 0.0\nduration_s = 0.5\n";
-    let profile = Profile::from_toml(text, "test").expect("a profile");
-    let planned = Planned {
-        cycles: 0,
-        duration_s: 1.0,
-    };
-    let at = "2026-01-01T00:00:00Z".parse().expect("a time");
-    let header = header::new("run".into(), at, &mock(), &profile, text.into(), planned);
-    let writer = RunFileWriter::create(&path, &header).expect("a run file");
+    let order = order(text);
+    let writer = RunFileWriter::create(&path, &order.header).expect("a run file");
     let mut bench = Loop::new();
     bench.control.note_lateness(80 * MS);
-    bench.until(Phase::Ready);
-    (0..700).for_each(|_| bench.turn());
-    let order = RunOrder {
-        header,
-        profile,
-        first_cycle: 1,
-    };
-    bench.ask(Request::Start(Box::new(order), Box::new(writer)));
-    bench.until(Phase::Running);
+    bench.start(order, Box::new(writer));
     for late_us in [150, 150, 3_000, 70_000] {
         bench.control.note_lateness(late_us * 1000);
     }

@@ -8,7 +8,6 @@ use std::time::{Duration, Instant};
 use super::allocations;
 use super::virtual_loop::Loop;
 use crate::control::Phase;
-use crate::control::realtime::Request;
 use crate::recording::recorder::{self, FanOut};
 use crate::recording::{Ending, Event, Header, Outcome, Recorder, Sample};
 use crate::tests::support::bench::{mock, order, sine, twin};
@@ -74,10 +73,7 @@ fn one_run(bench: &mut Loop, total: &Arc<AtomicU64>) {
     // The recording thread has 65 s of room, so runs are shorter than that.
     let (input, thread) = recorder::spawn(twin(&config, Box::new(chain))).expect("a thread");
     let order = order(&config, &sine("soak", 6.0, 2.5, 110));
-    bench.until(Phase::Ready);
-    (0..600).for_each(|_| bench.turn());
-    bench.ask(Request::Start(Box::new(order), Box::new(input)));
-    bench.until(Phase::Running);
+    bench.start(order, Box::new(input));
     bench.until(Phase::Ready);
     // The recorder of a run is dropped between two runs, which ends its thread.
     (0..40).for_each(|_| bench.turn());

@@ -12,3 +12,4 @@
 mod engine;
 mod mutation;
 mod parsers;
+mod run_file;

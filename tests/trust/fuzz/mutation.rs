@@ -54,6 +54,23 @@ fn around(rng: &mut impl Rng, input: &[u8], belongs: impl Fn(u8) -> bool) -> Opt
     Some(first..end)
 }
 
+/// Drops a line, writes it twice, or moves it.
+fn change_line(rng: &mut impl Rng, input: &mut Vec<u8>) {
+    let Some(line) = around(rng, input, |byte| byte != b'\n') else {
+        return;
+    };
+    let text = input[line.clone()].to_vec();
+    match rng.random_range(0..3) {
+        0 => drop(input.drain(line)),
+        1 => drop(input.splice(line.end..line.end, [b"\n".to_vec(), text].concat())),
+        _ => {
+            input.drain(line);
+            let at = place(rng, input.len());
+            input.splice(at..at, text);
+        }
+    }
+}
+
 /// Changes `input` once. `other` is another input of the corpus, `words` are words of the format.
 fn change(rng: &mut impl Rng, input: &mut Vec<u8>, other: &[u8], words: &[&str]) {
     let is_number = |byte: u8| byte.is_ascii_digit() || b".+-eE".contains(&byte);
@@ -95,24 +112,7 @@ fn change(rng: &mut impl Rng, input: &mut Vec<u8>, other: &[u8], words: &[&str])
                 input.splice(number, NUMBERS[rng.random_range(0..NUMBERS.len())].bytes());
             }
         }
-        9 => {
-            if let Some(line) = around(rng, input, |byte| byte != b'\n') {
-                let text = input[line.clone()].to_vec();
-                match rng.random_range(0..3) {
-                    0 => {
-                        input.drain(line);
-                    }
-                    1 => {
-                        input.splice(line.end..line.end, [b"\n".to_vec(), text].concat());
-                    }
-                    _ => {
-                        input.drain(line);
-                        let at = place(rng, input.len());
-                        input.splice(at..at, text);
-                    }
-                }
-            }
-        }
+        9 => change_line(rng, input),
         _ if !words.is_empty() => {
             let word = words[rng.random_range(0..words.len())];
             let at = place(rng, input.len());
