@@ -18,8 +18,9 @@ fn h1_a_stuck_valve_unloads() {
 pub(super) fn h1() -> Measured {
     let mut bench = VirtualRig::new();
     bench.start(without_correction());
-    bench.ticks(8_000);
-    let measured = measure(&mut bench, |i| i.valve_stuck = true, run_ended, rig_unloads, 300);
+    // At a peak: a valve that is stuck open would follow the sine for a while.
+    bench.ticks(8_350);
+    let measured = measure(&mut bench, |i| i.valve_stuck = true, run_ended, rig_unloads, 250);
     assert_eq!(bench.mock.cause(), Cause::FollowingError);
     is_aborted_and_latched(&mut bench, "following error");
     measured
