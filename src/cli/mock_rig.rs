@@ -113,3 +113,35 @@ fn add_faults(bench: &mut Bench, given: &[String], file: Option<&Path>) -> Resul
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faults_of_bench_command_line_and_file_are_played_together() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("training.toml");
+        std::fs::write(&file, "faults = [\"leak@run+3s\", \"force-open@run+5s\"]").expect("written");
+        let mut bench = Bench::shipped().expect("sound");
+        add_faults(&mut bench, &["status-lost@3s..8s".to_owned()], Some(&file)).expect("read");
+        let listed = bench.mock_rig["faults"].as_array().expect("a list");
+        assert_eq!(listed.len(), 3);
+        local::mock_rig(&bench, None).expect("all are understood");
+    }
+
+    #[test]
+    fn a_mistyped_fault_starts_no_rig() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut bench = Bench::shipped().expect("sound");
+        add_faults(&mut bench, &["status-lots@3s".to_owned()], None).expect("taken as it is");
+        let said = local::mock_rig(&bench, None)
+            .map(|_| ())
+            .expect_err("no such fault");
+        assert!(said.to_string().contains("did you mean status-lost?"), "{said}");
+        let file = folder.path().join("training.toml");
+        std::fs::write(&file, "fault = []").expect("written");
+        let said = add_faults(&mut bench, &[], Some(&file)).expect_err("another key");
+        assert!(said.to_string().contains("training.toml"), "{said}");
+    }
+}

@@ -1,6 +1,6 @@
 //! One sample of the rig: its place in time, its flags, the detectors on it, and its record in the run under way.
 
-use super::detectors::{Action, Judged};
+use super::detectors::{Action, JudgedSample};
 use super::run::EndedCycle;
 use super::ticks::TickOrder;
 use super::{Activity, Channels, Reading, Rig, Turn};
@@ -103,7 +103,7 @@ impl Rig {
             Activity::Running(run) if !run.is_held() => run.due(sample.tick).map(|slot| slot.command),
             _ => None,
         };
-        let judged = Judged {
+        let judged = JudgedSample {
             reading: &sample.reading,
             counts: [sample.force_counts, sample.displacement_counts],
             lost: sample.lost,

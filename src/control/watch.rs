@@ -222,10 +222,10 @@ impl Rig {
         }
     }
 
-    /// Asks the rig to unload, without a run under way.
+    /// Asks the rig to unload, without a run under way. While an abort is not over, no request is sent: it unloads the rig.
     pub(super) fn unload(&mut self, now_ns: u64) {
         self.session.forget_request();
-        self.next_request = Some(RequestCode::Unload);
+        self.next_request = self.abort.is_none().then_some(RequestCode::Unload);
         self.activity = Activity::Unloading { since_ns: now_ns };
     }
 }

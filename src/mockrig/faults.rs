@@ -20,7 +20,7 @@ pub(crate) struct Amount {
 
 /// One kind of fault.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Fault {
+pub(crate) struct FaultKind {
     /// Name in `--fault` and in a bench file.
     pub name: &'static str,
     /// Its amount, if it has one.
@@ -50,8 +50,8 @@ const fn fault(
     amount: Option<Amount>,
     inject: fn(&mut Injection, f64),
     what: &'static str,
-) -> Fault {
-    Fault {
+) -> FaultKind {
+    FaultKind {
         name,
         amount,
         once: false,
@@ -65,8 +65,8 @@ const fn once(
     amount: Option<Amount>,
     inject: fn(&mut Injection, f64),
     what: &'static str,
-) -> Fault {
-    Fault {
+) -> FaultKind {
+    FaultKind {
         name,
         amount,
         once: true,
@@ -77,7 +77,7 @@ const fn once(
 
 /// All faults, by place and name.
 #[rustfmt::skip]
-pub(crate) const FAULTS: &[Fault] = &[
+pub(crate) const FAULTS: &[FaultKind] = &[
     // Link
     fault("sample-lost", SHARE, |i, v| i.wire.sample_lost = v, "this share of the samples is lost"),
     fault("status-lost", SHARE, |i, v| i.wire.status_lost = v, "this share of the status frames is lost"),
@@ -139,7 +139,7 @@ pub(crate) enum FaultError {
         name: String,
         /// The name that is probably meant.
         meant: Option<String>,
-        /// All names.
+        /// Names of all faults.
         known: String,
     },
     /// The fault has no amount, or it is out of range.
@@ -172,7 +172,7 @@ enum Since {
 /// A fault with its time, in ticks.
 #[derive(Debug, Clone, Copy)]
 struct TimedFault {
-    fault: &'static Fault,
+    fault: &'static FaultKind,
     amount: f64,
     since: Since,
     from: u64,
@@ -227,7 +227,7 @@ impl TimedFault {
 }
 
 /// The fault of a name.
-fn find(name: &str) -> Result<&'static Fault, FaultError> {
+fn find(name: &str) -> Result<&'static FaultKind, FaultError> {
     FAULTS.iter().find(|fault| fault.name == name).ok_or_else(|| {
         let names: Vec<&str> = FAULTS.iter().map(|fault| fault.name).collect();
         FaultError::Unknown {
@@ -238,7 +238,7 @@ fn find(name: &str) -> Result<&'static Fault, FaultError> {
     })
 }
 
-fn amount_of(fault: &'static Fault, given: Option<&str>) -> Result<f64, FaultError> {
+fn amount_of(fault: &'static FaultKind, given: Option<&str>) -> Result<f64, FaultError> {
     let wrong = |given: &str, allowed: String| FaultError::Amount {
         name: fault.name,
         given: given.to_owned(),
@@ -321,7 +321,7 @@ pub(crate) fn read_faults(text: &str) -> Result<Vec<String>, String> {
 
 /// A line for each fault: name, default amount with its range, what happens.
 pub(crate) fn list_of_faults() -> String {
-    let line = |fault: &Fault| match fault.amount {
+    let line = |fault: &FaultKind| match fault.amount {
         None => format!("  {:20} {}", fault.name, fault.what),
         Some(Amount {
             default,

@@ -311,6 +311,7 @@ impl MockRig {
         self.play_schedule();
         self.wire.begin_tick(link);
         self.take_frames(link);
+        let spike_lasts = self.lasting_spike();
         if self.injection != self.injected {
             self.inject();
         }
@@ -324,7 +325,7 @@ impl MockRig {
             if std::mem::take(&mut self.hung_ticks) >= WATCHDOG_TICKS && detector::acts("F1") {
                 self.firmware.trip(Cause::Watchdog, Reaction::Off);
             }
-            let spikes = self.ticks.is_multiple_of(SPIKE_TICKS) || !self.lasting_spike();
+            let spikes = !spike_lasts || self.ticks.is_multiple_of(SPIKE_TICKS);
             let spike = |amount: f64| if spikes { amount } else { 0.0 };
             let reading = SensorReading {
                 force_counts: self.load_cell.read(spike(self.injection.force_spike_n)),

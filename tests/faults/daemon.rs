@@ -1,14 +1,12 @@
 //! Rows D and O: the daemon and its computer, as far as they are tested in virtual time. The others run real processes.
 
 use super::{
-    Measured, account_is_closed, is_as_documented, measure, moving, outcome, rig_unloads, run_ended, sources,
-    told,
+    Measured, account_is_closed, is_as_documented, measure, moving, outcome, rig_unloads, sources, told,
 };
 use crate::control::{Phase, Refusal};
-use crate::protocol::cob;
 use crate::protocol::message::{Cause, RigState, ToRig};
 use crate::recording::Ending;
-use crate::tests::support::virtual_rig::{NODE, VirtualRig, order, sine};
+use crate::tests::support::virtual_rig::{NODE, order, sine};
 
 #[test]
 fn d1_a_dead_daemon_leaves_a_rig_that_unloads() {
@@ -167,13 +165,7 @@ pub(super) fn o1() -> Measured {
 #[test]
 fn o2_no_part_of_control_reads_the_wall_clock() {
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
-    for folder in [
-        "src/control",
-        "src/link",
-        "src/protocol",
-        "src/mockrig",
-        "src/profile",
-    ] {
+    for folder in ["src/control", "src/protocol", "src/mockrig", "src/profile"] {
         let code = sources(&root.join(folder));
         for clock in [
             "SystemTime",

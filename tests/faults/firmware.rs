@@ -1,14 +1,17 @@
 //! Rows F: the firmware.
 
+use std::cell::Cell;
+use std::rc::Rc;
+
 use super::{
     Measured, is_aborted_and_latched, is_as_documented, measure, moving, outcome, rig_unloads, run_ended,
     told,
 };
 use crate::control::Phase;
 use crate::mockrig::Injection;
-use crate::protocol::message::{Cause, RigState};
+use crate::protocol::message::{Cause, FromRig, RequestResult, RigState, ToRig};
 use crate::recording::EventKind;
-use crate::tests::support::virtual_rig::{MS, VirtualRig, sine};
+use crate::tests::support::virtual_rig::{MS, NODE, VirtualRig, sine};
 
 #[test]
 fn f1_firmware_that_stands_still_loses_its_pressure() {
@@ -24,18 +27,20 @@ pub(super) fn f1() -> Measured {
         |b| !b.mock.pressure_on(),
         10,
     );
-    assert_eq!(
-        bench.until(Phase::Unloading, 20),
-        11,
-        "the daemon: no sample for 21 ms"
-    );
+    // It runs again before the daemon notices.
+    bench.ticks(3);
     bench.mock.injection = Injection::default();
     bench.tick();
     assert_eq!(
         (bench.mock.state(), bench.mock.cause()),
         (RigState::Tripped, Cause::Watchdog)
     );
-    is_aborted_and_latched(&mut bench, "no sample");
+    is_aborted_and_latched(&mut bench, "watchdog");
+    // It never runs again: the daemon ends the run.
+    let mut bench = moving();
+    bench.mock.injection.firmware_hangs = true;
+    assert_eq!(bench.until(Phase::Unloading, 30), 21);
+    is_aborted_and_latched(&mut bench, "no sample for 21 ms");
     measured
 }
 
@@ -155,12 +160,41 @@ pub(super) fn f5() -> Measured {
     bench.until(Phase::Held, 40);
     // A rig that takes the unload for done and does nothing is aborted after a second.
     let mut bench = moving();
-    bench.to_rig = Box::new(super::without_requests());
-    bench.to_host = Box::new(super::with_all_acknowledged());
+    is_deaf_and_says_done(&mut bench);
     bench.stop();
-    bench.ticks(1_010);
+    bench.ticks(950);
+    assert_eq!(
+        bench.mock.state(),
+        RigState::Hold,
+        "its queue is empty, {}",
+        bench.mock.cause()
+    );
+    bench.ticks(60);
     assert_eq!(bench.mock.state(), RigState::Unload, "by NMT stop");
+    assert_eq!(told(&bench, "did not begin to unload within 1 s"), 1);
     measured
+}
+
+/// The rig acknowledges each request as done and does nothing.
+fn is_deaf_and_says_done(bench: &mut VirtualRig) {
+    let asked = Rc::new(Cell::new(None));
+    let answered = Rc::clone(&asked);
+    bench.to_rig = Box::new(move |frame| match ToRig::decode(&frame, NODE) {
+        Ok(ToRig::Request(request)) => {
+            asked.set(Some(request.counter));
+            None
+        }
+        _ => Some(frame),
+    });
+    bench.to_host = Box::new(move |frame| {
+        let (Ok(FromRig::Status(mut status)), Some(counter)) =
+            (FromRig::decode(&frame, NODE), answered.get())
+        else {
+            return Some(frame);
+        };
+        (status.ack_counter, status.ack_result) = (counter, RequestResult::Done);
+        Some(FromRig::Status(status).encode(NODE))
+    });
 }
 
 #[test]
@@ -177,7 +211,7 @@ pub(super) fn f6() -> Measured {
     bench.mock.injection = Injection::default();
     let ms = bench.until(Phase::Unloading, 31_000);
     assert!((29_900..30_100).contains(&ms), "{ms} ms");
-    is_aborted_and_latched(&mut bench, "hold timeout");
+    is_aborted_and_latched(&mut bench, "queue dry");
     measured
 }
 

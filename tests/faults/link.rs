@@ -260,12 +260,13 @@ pub(super) fn l10() -> Measured {
         10,
     );
     is_aborted_and_latched(&mut bench, "masquerade");
+    let newest = bench
+        .memory
+        .samples
+        .iter()
+        .filter(|s| s.time_s > 2.8 && s.time_s < 2.92);
     assert!(
-        bench
-            .memory
-            .samples
-            .iter()
-            .all(|s| s.force_counts != 0 || s.displacement_counts != 0),
+        newest.clone().count() > 100 && newest.clone().all(|s| s.force_n > 500.0),
         "no sample of the other rig is in the record"
     );
     measured

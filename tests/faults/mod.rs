@@ -13,13 +13,11 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use super::support::virtual_rig::{NODE, VirtualRig, order, sine};
+use super::support::virtual_rig::{VirtualRig, order, sine};
 use crate::control::Phase;
 use crate::detector::Off;
 use crate::mockrig::{FAULTS, Injection, MockRigConfig};
-use crate::protocol::cob;
-use crate::protocol::frame::Frame;
-use crate::protocol::message::{COUNTER_MODULO, FromRig, RequestResult, RigState};
+use crate::protocol::message::RigState;
 use crate::recording::{Ending, EventKind, Outcome};
 
 /// What a row's test saw: times from the begin of the fault, ms of virtual time.
@@ -369,20 +367,17 @@ fn every_switch_is_in_the_list() {
     assert_eq!(switches, listed);
 }
 
-/// A wire on which the requests of the host are lost.
-fn without_requests() -> impl FnMut(Frame) -> Option<Frame> {
-    |frame| (frame.id != cob::id(cob::REQUEST, NODE)).then_some(frame)
-}
-
-/// A wire on which each status acknowledges all that the host can have asked: the host believes it, and looks at the state.
-fn with_all_acknowledged() -> impl FnMut(Frame) -> Option<Frame> {
-    let mut counter = 0;
-    move |frame| {
-        let Ok(FromRig::Status(mut status)) = FromRig::decode(&frame, NODE) else {
-            return Some(frame);
-        };
-        counter = (counter + 1) % COUNTER_MODULO;
-        (status.ack_counter, status.ack_result) = (counter, RequestResult::Done);
-        Some(FromRig::Status(status).encode(NODE))
-    }
+/// A bench file with a mistyped fault is refused with its line.
+#[test]
+fn a_mistyped_fault_in_a_bench_file_is_refused_with_its_place() {
+    let text = crate::tests::support::bench::mock().to_toml();
+    let with = |fault: &str| text.replacen("[mock_rig]", &format!("[mock_rig]\nfaults = [\"{fault}\"]"), 1);
+    assert_ne!(with("leak@3s"), text, "the bench has the table");
+    crate::config::Bench::parse(&with("leak@run+3s..4s"), "bench.toml").expect("understood");
+    let error = crate::config::Bench::parse(&with("leka@3s"), "bench.toml").expect_err("no such fault");
+    let said = error.to_string();
+    assert!(
+        said.contains("did you mean leak?") && said.contains("bench.toml"),
+        "{said}"
+    );
 }

@@ -18,7 +18,8 @@ fn h1_a_stuck_valve_unloads() {
 pub(super) fn h1() -> Measured {
     let mut bench = VirtualRig::new();
     bench.start(without_correction());
-    bench.ticks(8_000);
+    // At a peak: a valve that is stuck open would follow the sine for a while.
+    bench.ticks(8_350);
     let measured = measure(&mut bench, |i| i.valve_stuck = true, run_ended, rig_unloads, 250);
     assert_eq!(bench.mock.cause(), Cause::FollowingError);
     is_aborted_and_latched(&mut bench, "following error");
@@ -58,7 +59,7 @@ pub(super) fn h3() -> Measured {
     bench.ticks(200);
     let measured = measure(
         &mut bench,
-        |i| i.displacement_gain_error = 4.0,
+        |i| i.displacement_gain_error = 2.7,
         run_ended,
         rig_is_off,
         4,
@@ -186,7 +187,7 @@ pub(super) fn h8() -> Measured {
     bench.until(Phase::Held, 100);
     bench.ticks(3_000);
     assert_eq!(bench.mock.state(), RigState::Hold, "a sound rig holds");
-    let measured = measure(&mut bench, |i| i.leak_mm_s = 30.0, run_ended, rig_unloads, 200);
+    let measured = measure(&mut bench, |i| i.leak_mm_s = 30.0, rig_unloads, rig_unloads, 200);
     assert_eq!(bench.mock.cause(), Cause::FollowingError);
     is_aborted_and_latched(&mut bench, "following error");
     measured

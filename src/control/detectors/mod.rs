@@ -24,7 +24,7 @@ use crate::units::{NS_PER_MS, NS_PER_S};
 
 pub(crate) use obedience::Expected;
 use obedience::ObedienceWatch;
-pub(crate) use plausibility::Judged;
+pub(crate) use plausibility::JudgedSample;
 use plausibility::PlausibilityWatch;
 use silence::Silence;
 use values::ValueWatch;
@@ -162,7 +162,7 @@ impl Detectors {
     }
 
     /// Judges both readings of a sample. Returns its flags and what is wrong.
-    pub(crate) fn judge(&mut self, now_ns: u64, judged: &Judged) -> (Flags, Option<Action>) {
+    pub(crate) fn judge(&mut self, now_ns: u64, judged: &JudgedSample) -> (Flags, Option<Action>) {
         self.plausibility.take(now_ns, judged)
     }
 

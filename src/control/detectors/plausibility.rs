@@ -32,8 +32,8 @@ const AGAINST_N: f64 = 25.0;
 const PROVEN: [f64; 2] = [0.5, 25.0];
 
 /// One sample with all that it is judged by.
-pub(crate) struct Judged<'a> {
-    /// The reading.
+pub(crate) struct JudgedSample<'a> {
+    /// The reading in N and mm.
     pub reading: &'a Reading,
     /// Counts of load cell and LVDT.
     pub counts: [i32; 2],
@@ -61,7 +61,7 @@ pub(super) struct PlausibilityWatch {
 
 impl PlausibilityWatch {
     /// Takes a sample. Returns the flags that it gets and what is wrong.
-    pub(super) fn take(&mut self, now_ns: u64, judged: &Judged) -> (Flags, Option<Action>) {
+    pub(super) fn take(&mut self, now_ns: u64, judged: &JudgedSample) -> (Flags, Option<Action>) {
         let mut flags = Flags::empty();
         let spiked = self.jumped(now_ns, judged, &mut flags);
         let stuck = self.stuck(judged, &mut flags);
@@ -74,7 +74,7 @@ impl PlausibilityWatch {
         (flags, turned.or(stuck).or(spiked).or(noisy))
     }
 
-    fn jumped(&mut self, now_ns: u64, judged: &Judged, flags: &mut Flags) -> Option<Action> {
+    fn jumped(&mut self, now_ns: u64, judged: &JudgedSample, flags: &mut Flags) -> Option<Action> {
         if !detector::acts("X4") {
             return None;
         }
@@ -101,7 +101,7 @@ impl PlausibilityWatch {
         found
     }
 
-    fn stuck(&mut self, judged: &Judged, flags: &mut Flags) -> Option<Action> {
+    fn stuck(&mut self, judged: &JudgedSample, flags: &mut Flags) -> Option<Action> {
         let (force_n, x_mm) = (judged.reading.force_n, judged.reading.displacement_mm);
         // Without load there may be no contact, and a force of zero that stays is right.
         let is_loaded = force_n.abs() > judged.limits.unloaded_force_n;
@@ -122,7 +122,7 @@ impl PlausibilityWatch {
         })
     }
 
-    fn noisy(&mut self, judged: &Judged, usable: bool) -> Option<Action> {
+    fn noisy(&mut self, judged: &JudgedSample, usable: bool) -> Option<Action> {
         let values = [judged.reading.force_n, judged.reading.displacement_mm];
         let mut found = None;
         for (k, (name, unit)) in [("load cell", "N"), ("LVDT", "mm")].into_iter().enumerate() {
