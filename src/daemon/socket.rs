@@ -58,6 +58,8 @@ pub(super) async fn live(
     let in_use = connection.begin_request();
     upgrade
         .max_message_size(LARGEST_MESSAGE)
+        // Without this the head of one frame would reserve up to 16 MiB before the message is refused.
+        .max_frame_size(LARGEST_MESSAGE)
         .on_upgrade(move |socket| async move {
             let _presence = viewer
                 .caller

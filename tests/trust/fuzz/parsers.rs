@@ -393,7 +393,9 @@ fn n8_fuzz_websocket() {
         seeds,
         words: &["\u{81}", "\u{7f}", "\0\0\0\0"],
         parse: &mut |input| {
-            let limits = WebSocketConfig::default().max_message_size(Some(1024));
+            let limits = WebSocketConfig::default()
+                .max_message_size(Some(1024))
+                .max_frame_size(Some(1024));
             let mut socket = WebSocket::from_raw_socket(Line(Cursor::new(input)), Role::Server, Some(limits));
             let mut messages = 0;
             loop {
