@@ -4,8 +4,8 @@ use std::cell::Cell;
 use std::rc::Rc;
 
 use super::{
-    Measured, is_aborted_and_latched, is_as_documented, measure, moving, outcome, rig_unloads, run_ended,
-    told,
+    Inject, Measured, is_aborted_and_latched, is_as_documented, measure, moving, outcome, rig_unloads,
+    run_ended, told,
 };
 use crate::control::Phase;
 use crate::mockrig::Injection;
@@ -242,7 +242,7 @@ pub(super) fn f8() -> Measured {
         lost: 0,
         allowed_ms: 12,
     };
-    let cases: [(fn(&mut Injection), &str); 4] = [
+    let cases: [(Inject, &str); 4] = [
         (|i| i.force_open = true, "the load cell has had no valid reading"),
         (
             |i| i.displacement_open = true,

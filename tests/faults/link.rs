@@ -316,7 +316,7 @@ fn l13() -> Measured {
     let mut bench = moving();
     for _ in 0..2_000 {
         for k in 0..5 {
-            bench.from_others(Frame::new(FOREIGN_ID + k, &[1, 2, 3, 4, 5, 6, 7, 8]));
+            bench.others_send(Frame::new(FOREIGN_ID + k, &[1, 2, 3, 4, 5, 6, 7, 8]));
         }
         bench.tick();
     }
@@ -374,8 +374,8 @@ pub(super) fn l14() -> Measured {
 fn l15_frames_of_a_wrong_length_are_dropped_and_counted() {
     let mut bench = moving();
     for len in 0..8usize {
-        bench.from_others(Frame::new(cob::id(cob::SAMPLE, NODE), &[0xFF; 8][..len]));
-        bench.from_others(Frame::new(cob::id(cob::STATUS, NODE), &[0xFF; 8][..len]));
+        bench.others_send(Frame::new(cob::id(cob::SAMPLE, NODE), &[0xFF; 8][..len]));
+        bench.others_send(Frame::new(cob::id(cob::STATUS, NODE), &[0xFF; 8][..len]));
     }
     let before = bench.rig.status().counters.frames_refused;
     bench.tick();

@@ -101,6 +101,9 @@ fn with_faults(faults: &[&str]) -> VirtualRig {
     })
 }
 
+/// Puts one fault into an injection.
+type Inject = fn(&mut Injection);
+
 /// Injects a fault, and measures how long it takes until it is `detected` and until the reaction has begun (`reacted`).
 fn measure(
     bench: &mut VirtualRig,

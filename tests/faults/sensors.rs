@@ -1,7 +1,7 @@
 //! Rows X: load cell and LVDT.
 
 use super::{
-    Measured, account_is_closed, is_aborted_and_latched, is_as_documented, measure, moving, outcome,
+    Inject, Measured, account_is_closed, is_aborted_and_latched, is_as_documented, measure, moving, outcome,
     rig_is_off, rig_unloads, run_ended, told,
 };
 use crate::control::Phase;
@@ -199,7 +199,7 @@ fn x6_an_inverted_sensor_ends_the_run_within_its_first_millimetre() {
 }
 
 pub(super) fn x6() -> Measured {
-    let cases: [(fn(&mut Injection), bool, &str); 4] = [
+    let cases: [(Inject, bool, &str); 4] = [
         (|i| i.force_inverted = true, false, "opposite directions"),
         (
             |i| i.displacement_inverted = true,

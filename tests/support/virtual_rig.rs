@@ -124,7 +124,7 @@ impl VirtualRig {
     }
 
     /// A frame of another node arrives at the host.
-    pub fn from_others(&mut self, frame: Frame) {
+    pub fn others_send(&mut self, frame: Frame) {
         self.wire[0].send(frame);
     }
 

@@ -287,7 +287,8 @@ mod tests {
     #[test]
     fn noise_is_measured_beside_a_motion() {
         let mut watch = NoiseWatch::default();
-        let value = |k: u32| 15.0 * (f64::from(k) * 0.0063).sin() + if k % 2 == 0 { 0.01 } else { -0.01 };
+        let value =
+            |k: u32| 15.0 * (f64::from(k) * 0.0063).sin() + if k.is_multiple_of(2) { 0.01 } else { -0.01 };
         let sigma = (0..2000)
             .find_map(|k| watch.take(Some(value(k))))
             .expect("after a second");
