@@ -312,3 +312,13 @@ proptest::proptest! {
         let _ = parse_map(&bytes);
     }
 }
+
+/// Found by fuzzing: 1e308 m are infinite in mm.
+#[test]
+fn a_number_that_is_infinite_after_its_factor_is_refused() {
+    let table = b"Zeit [s];Weg [m];Kraft [N]\n0;1,5;2\n1;-1e308;2\n";
+    let error = import("t", table, &ImportOptions::default())
+        .expect_err("refused")
+        .to_string();
+    assert!(error.contains("row 3") && error.contains("finite"), "{error}");
+}

@@ -146,6 +146,9 @@ impl ValueReader<'_> {
             .or_else(clock)
             .ok_or_else(|| refused(self.sign.wanted()))?;
         let value = scaled(value, column.factor);
+        if !value.is_finite() {
+            return Err(refused("a number that is finite in s, mm or N"));
+        }
         match column.target {
             MapTarget::Time => {
                 if let Some(&before_s) = recording.time_s.last()
