@@ -4,6 +4,7 @@
 use super::channel::Channels;
 use crate::protocol::message::{COUNTS_MAX, Limits};
 use crate::recording::ChannelScale;
+use crate::units::Command;
 
 /// Limits in N, mm and ms, of tared readings.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,6 +38,17 @@ pub(crate) struct PhysicalLimits {
 }
 
 impl PhysicalLimits {
+    /// The command, or the limit that it is beyond: a correction of the amplitude on a channel that reads wrong may ask for more than
+    /// the profile does.
+    pub(super) fn within(&self, command: Command) -> Command {
+        match command {
+            Command::Force(n) => Command::Force(n.clamp(self.force_min_n, self.force_max_n)),
+            Command::Displacement(mm) => {
+                Command::Displacement(mm.clamp(self.displacement_min_mm, self.displacement_max_mm))
+            }
+        }
+    }
+
     /// The limits as the firmware holds them, for these scalings, tare included.
     pub(crate) fn in_counts(&self, channels: &Channels) -> Limits {
         let (force, displacement) = (&channels.force, &channels.displacement);
@@ -115,6 +127,15 @@ impl PhysicalLimits {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_command_beyond_a_limit_becomes_the_limit() {
+        let within = |command| PhysicalLimits::EXAMPLE.within(command);
+        assert_eq!(within(Command::Displacement(47.8)), Command::Displacement(45.0));
+        assert_eq!(within(Command::Displacement(-6.0)), Command::Displacement(-5.0));
+        assert_eq!(within(Command::Force(4100.0)), Command::Force(4000.0));
+        assert_eq!(within(Command::Force(12.5)), Command::Force(12.5));
+    }
 
     fn channels(tare_n: f64, tare_mm: f64, sign: f64) -> Channels {
         let scale = |per_count: f64, tare| ChannelScale {

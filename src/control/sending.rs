@@ -159,7 +159,9 @@ impl Rig {
                 Mode::Displacement => WireMode::Displacement,
                 Mode::Force => WireMode::Force,
             },
-            counts: self.channels.command_counts(slot.command),
+            counts: self
+                .channels
+                .command_counts(self.config.limits.within(slot.command)),
             last: slot.last,
         });
         Some(command.encode(self.config.node))

@@ -174,8 +174,8 @@ fn watch_the_wire(bench: &mut VirtualRig) {
                     limits.displacement_max_mm,
                 ),
             };
-            // A run begins where the rig stands, which can be beyond a limit by the noise of the sensor.
-            let slack = 0.02 * (high - low);
+            // Rounding to counts.
+            let slack = 1e-5 * (high - low);
             assert!(
                 (low - slack..=high + slack).contains(&value),
                 "a command of {value}"
