@@ -79,7 +79,7 @@ pub(in crate::diagnose) fn searches(
             start.base.clone(),
             &start.seeds,
             budget,
-            &mut |share, step| progress(0.15 + 0.6 * share, step),
+            &mut |share, step| progress(0.15 + 0.6 * (law as f64 + share) / laws.count() as f64, step),
         );
         let chosen = search.chosen;
         simplify(&context, &mut search, chosen);
