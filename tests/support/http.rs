@@ -15,11 +15,11 @@ pub fn send_as_it_is(daemon: &Daemon, head: &str, body: &str) -> TcpStream {
     let mut stream = TcpStream::connect(daemon.authority()).expect("the daemon listens");
     stream.set_read_timeout(Some(PATIENCE)).expect("set");
     let length = body.len();
-    write!(
+    // The daemon may close the connection before it has read a request that it refuses: then the answer is missing, not the test.
+    let _ = write!(
         stream,
         "{head}Content-Length: {length}\r\nConnection: close\r\n\r\n{body}"
-    )
-    .expect("sent");
+    );
     stream
 }
 
