@@ -26,8 +26,6 @@ pub(crate) struct WorldRow {
     pub wrong_and_sure: Proportion,
     /// Nothing is missing, where nothing is.
     pub adequate: Option<Proportion>,
-    /// What is imperfect about the recordings is said.
-    pub said: Option<Proportion>,
     /// `unknown`, where the library does not have the effect.
     pub unknown: Option<Proportion>,
     /// Expected calibration error of the confidence; `None` if nothing is named.
@@ -65,7 +63,6 @@ fn row(world: World, family: Option<Family>, scores: &[&CaseScore]) -> Option<Wo
         named: proportion(in_library, |s| s.named_or_alternative().iter().all(|n| *n)),
         wrong_and_sure: Proportion::of(scores.iter().map(|s| wrong_and_sure(s))),
         adequate: proportion(nothing_hidden, adequate),
-        said: proportion(|f| f == Family::Nuisance, |s| s.nuisance_said() == Some(true)),
         unknown: proportion(|f| f == Family::Outside, unknown),
         calibration_error: calibration_error(&owned).0,
     })
@@ -99,7 +96,7 @@ fn unknown(score: &CaseScore) -> bool {
 }
 
 /// Headings of the table.
-const HEADINGS: [&str; 10] = [
+const HEADINGS: [&str; 9] = [
     "world",
     "family",
     "n",
@@ -107,12 +104,11 @@ const HEADINGS: [&str; 10] = [
     "named or an alternative",
     "wrong and sure",
     "adequate",
-    "imperfection said",
     "unknown",
     "calibration error",
 ];
 
-fn cells(row: &WorldRow) -> [String; 10] {
+fn cells(row: &WorldRow) -> [String; 9] {
     let share = |p: &Option<Proportion>| {
         p.as_ref()
             .and_then(|p| Some((p, p.ci95?)))
@@ -129,7 +125,6 @@ fn cells(row: &WorldRow) -> [String; 10] {
         share(&row.named),
         share(&Some(row.wrong_and_sure)),
         share(&row.adequate),
-        share(&row.said),
         share(&row.unknown),
         row.calibration_error.map_or(String::new(), |e| format!("{e:.2}")),
     ]
@@ -137,7 +132,7 @@ fn cells(row: &WorldRow) -> [String; 10] {
 
 /// The table for a terminal.
 pub(crate) fn text(rows: &[WorldRow]) -> String {
-    let table: Vec<[String; 10]> = std::iter::once(HEADINGS.map(str::to_owned))
+    let table: Vec<[String; 9]> = std::iter::once(HEADINGS.map(str::to_owned))
         .chain(rows.iter().map(cells))
         .collect();
     let widths: Vec<usize> = (0..HEADINGS.len())

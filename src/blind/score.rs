@@ -3,7 +3,6 @@
 use super::answer::Answer;
 use super::settle::Settling;
 use crate::diagnose::Verdict;
-use crate::diagnose::note::NoteKind;
 use crate::truth::{Family, Label, World};
 
 /// A parameter of a named effect, compared with its true value.
@@ -86,13 +85,6 @@ impl CaseScore {
         self.label.hidden.iter().any(|h| h.code == code) || self.label.also.contains(&code)
     }
 
-    /// True if the answer says what is imperfect about the recordings; `None` where nothing is.
-    pub(crate) fn nuisance_said(&self) -> Option<bool> {
-        let kind = note_kind(self.label.nuisance?);
-        let answer = self.answer.as_ref();
-        Some(answer.is_some_and(|a| a.notes.contains(&kind)))
-    }
-
     /// True if the last answer after the further tests is exactly the truth; `None` without further tests.
     pub(crate) fn settled(&self) -> Option<bool> {
         let settling = self.settling.as_ref()?;
@@ -155,21 +147,6 @@ impl CaseScore {
     }
 }
 
-/// The note that an imperfection of `truth` must lead to.
-fn note_kind(nuisance: &str) -> NoteKind {
-    match nuisance {
-        "flicker_noise" | "correlated_noise" => NoteKind::Colour,
-        "vibration" => NoteKind::Hum,
-        "spikes" => NoteKind::Spike,
-        "gaps" => NoteKind::Gap,
-        "start_in_mid_cycle" => NoteKind::Start,
-        "tare" | "displacement_zero" => NoteKind::Zero,
-        "skew" => NoteKind::Skew,
-        "polarity" => NoteKind::Polarity,
-        other => panic!("{other} is no imperfection of the truth"),
-    }
-}
-
 /// Intersection over union of two intervals.
 fn overlap(a: [f64; 2], b: [f64; 2]) -> f64 {
     let common = (a[1].min(b[1]) - a[0].max(b[0])).max(0.0);
@@ -226,7 +203,6 @@ pub(crate) mod tests {
             )],
             alternatives: alternatives.iter().map(|c| (*c).to_owned()).collect(),
             locations: vec![("displacement_mm".to_owned(), 13.0, 25.0)],
-            notes: Vec::new(),
             heldout: 1.05,
             heldout_before: 3.0,
         };

@@ -32,7 +32,7 @@ mod search;
 
 pub(crate) use course::Split;
 pub use diagnosis::{Diagnosis, Finding, Verdict};
-pub(crate) use error::{ConditionError, DiagnoseError};
+pub(crate) use error::DiagnoseError;
 pub use fitting::Baseline;
 pub(crate) use judgement::{YARDSTICKS, left_out, nrmse_leftout};
 pub use options::DiagnoseOptions;

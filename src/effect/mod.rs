@@ -10,7 +10,6 @@ pub(crate) mod backlash;
 pub(crate) mod channel_delay;
 pub(crate) mod coulomb_friction;
 pub(crate) mod friction_form;
-pub(crate) mod friction_state;
 pub(crate) mod geometric_stiffness;
 pub(crate) mod inertia;
 pub(crate) mod law;
@@ -22,7 +21,6 @@ pub(crate) mod progressive_stiffness;
 pub(crate) mod rate_independent_friction;
 pub(crate) mod relaxation;
 pub(crate) mod run_in;
-pub(crate) mod sensor_curvature;
 pub(crate) mod sensor_drift;
 pub(crate) mod sensor_saturation;
 pub(crate) mod series_compliance;
@@ -190,7 +188,6 @@ pub(crate) static EFFECTS: &[Effect] = &[
     rate_independent_friction::EFFECT,
     relaxation::EFFECT,
     run_in::EFFECT,
-    sensor_curvature::EFFECT,
     sensor_drift::EFFECT,
     sensor_saturation::EFFECT,
     series_compliance::EFFECT,
@@ -200,7 +197,7 @@ pub(crate) static EFFECTS: &[Effect] = &[
 ];
 
 /// General forms of physics that a model already has. They are attached like effects but are never reported as missing.
-pub(crate) static FORMS: &[Effect] = &[friction_form::FORM, friction_state::FORM];
+pub(crate) static FORMS: &[Effect] = &[friction_form::FORM];
 
 /// Errors of attaching effects.
 #[derive(Debug, thiserror::Error, PartialEq)]

@@ -64,10 +64,8 @@ pub(in crate::diagnose) struct Setup {
     pub start: Vec<f64>,
     /// Effects of the baseline: known physics that the model lacks, later the general friction law too.
     pub extras: Vec<Attached>,
-    /// General friction laws, for a baseline whose friction is load-dependent and has presliding.
-    pub forms: Vec<Attached>,
-    /// Their values in an earlier fit of the same specimen, by their codes: a fit from there needs no other start.
-    pub(super) known_forms: Vec<(&'static str, Vec<f64>)>,
+    /// General friction law, for a baseline whose friction is load-dependent and has presliding.
+    pub form: Option<Attached>,
     /// Effects that may be missing.
     pub candidates: Vec<Attached>,
     /// Replaces a slow model along the recordings.
@@ -117,14 +115,13 @@ impl Setup {
             .filter(|e| !knows(e.code))
             .map(Attached::candidate)
             .collect();
-        let forms = FORMS.iter().filter_map(known_form).collect();
+        let form = FORMS.iter().find_map(known_form);
         Ok(Setup {
             model,
             structure,
             start,
             extras,
-            forms,
-            known_forms: Vec::new(),
+            form,
             candidates,
             surrogate: None,
             law: None,
@@ -204,7 +201,7 @@ mod tests {
         for code in setup.model.physics {
             assert!(setup.candidates.iter().all(|c| c.effect.code != *code), "{code}");
         }
-        assert_eq!(setup.forms.len(), FORMS.len());
+        assert!(setup.form.is_some());
     }
 
     #[test]

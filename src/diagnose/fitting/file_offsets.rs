@@ -12,7 +12,7 @@ use super::baseline::Setup;
 use super::context::{FitContext, RunSettings};
 use super::data::Data;
 use super::fit::converge;
-use super::general_law::generalised;
+use super::general_law::generalise;
 use super::node::Node;
 use super::structure::ModelStructure;
 use crate::diagnose::conditioning::{Track, median, range};
@@ -21,13 +21,11 @@ use crate::diagnose::note::{Note, NoteAction, NoteKind};
 use crate::identify::Residuals;
 use crate::recording::Recording;
 
-/// Mean square of the baseline's residuals, in units of the noise, from which offsets are looked for, and which a zero that all
-/// recordings share may leave.
+/// Mean square of the baseline's residuals, in units of the noise, from which offsets are looked for, and which they may leave.
 const LEAST_POWER: f64 = 1.3;
 const MOST_POWER_LEFT: f64 = 2.0;
-/// Share of the sum of squares above the noise that offsets of single recordings must explain, and a zero that all share.
-const LEAST_EXPLAINED: f64 = 0.7;
-const LEAST_EXPLAINED_COMMON: f64 = 0.85;
+/// Share of the sum of squares above the noise that they must explain.
+const LEAST_EXPLAINED: f64 = 0.85;
 /// The first step, a linear prediction, must explain this share, or the search ends.
 const LEAST_PREDICTED: f64 = 0.5;
 /// Physics that explains this share of what the offsets explain has their place: it needs a few parameters, they need some for
@@ -92,42 +90,34 @@ pub(super) struct OffsetFit {
     kinds: &'static [OffsetKind],
     /// One for each recording.
     pub offsets: Vec<FileOffsets>,
-    /// The baseline, with a general friction law and an effect where these were needed, beside the offsets.
-    beside: Node,
     cost: f64,
 }
 
-/// Offsets of the recordings, if they explain most of what the baseline leaves with the likeliest friction law, and clearly more than
-/// any single effect.
-pub(super) fn find(context: &FitContext<'_>, node: &Node) -> Option<OffsetFit> {
-    let data = context.data;
+/// Offsets of the recordings, if they explain what the baseline leaves.
+pub(super) fn find(structure: &ModelStructure<'_>, node: &Node) -> Option<OffsetFit> {
+    let data = structure.data;
     let files = data.tracks.len();
     let counted = data.counted() as f64;
     let rough = data.sum(&node.residuals, Split::Fit) + data.sum(&node.residuals, Split::Select);
-    if files < 2 || context.setup.model.slow || rough < LEAST_POWER * counted {
+    if files < 2 || structure.setup.model.slow || rough < LEAST_POWER * counted {
         return None;
     }
-    let (own, _) = context.converged(node)?;
-    // Offsets under a friction law of the wrong shape would be judged by what that law leaves.
-    let general = generalised(context, own);
-    if general.cost() < LEAST_POWER * counted {
-        return None;
-    }
-    let parent = context.converged(&general)?;
-    let singles = context.children(&[parent], &[], usize::MAX);
-    let best_single = singles.into_iter().min_by(|a, b| a.cost().total_cmp(&b.cost()));
-    let physics = best_single.as_ref().map_or(f64::INFINITY, Node::cost);
-    let with = |node: &Node| {
-        let structure = context.structure(node.attached.clone());
-        best_kinds(&structure, node).map(|fit| (structure, node.clone(), fit))
+    let (node, _) = converge(structure, node.values.clone())?;
+    let (node, cost) = (&node, node.cost());
+    let explains = |fit: &OffsetFit| {
+        let needed = GAIN_OF_ALL + GAIN_OF_EACH * (fit.kinds.len() * files) as f64;
+        fit.cost < MOST_POWER_LEFT * counted
+            && cost - fit.cost > LEAST_EXPLAINED * (cost - counted)
+            && 0.5 * (cost - fit.cost) > needed
     };
-    // What offsets explain, a single effect must not explain as well. Beside an effect they must explain more than it does: what an
-    // effect leaves may be the error of its form.
-    let of_physics = general.cost() - physics;
-    let alone = with(&general).filter(|(.., fit)| of_physics < PHYSICS_SHARE * (general.cost() - fit.cost));
-    let beside = || with(best_single.as_ref()?).filter(|(.., fit)| of_physics < physics - fit.cost);
-    let (structure, node, mut best) = alone.or_else(beside)?;
-    if best.kinds.contains(&Delay) && !delays_differ(&structure, &node, &best) {
+    // The fewest kinds that explain it; of as many, the better.
+    let mut best = (1..=SETS[SETS.len() - 1].len()).find_map(|kinds| {
+        let sets = SETS.iter().filter(|set| set.len() == kinds);
+        sets.filter_map(|set| fitted(structure, node, set, LEAST_PREDICTED))
+            .filter(explains)
+            .min_by(|a, b| a.cost.total_cmp(&b.cost))
+    })?;
+    if best.kinds.contains(&Delay) && !delays_differ(structure, node, &best) {
         best.offsets.iter_mut().for_each(|offset| offset.delay_s = 0.0);
     }
     let any = best
@@ -135,25 +125,6 @@ pub(super) fn find(context: &FitContext<'_>, node: &Node) -> Option<OffsetFit> {
         .iter()
         .any(|offset| *offset != FileOffsets::default());
     any.then_some(best)
-}
-
-/// The fewest kinds of offsets that explain most of what a node leaves; of as many, the better.
-fn best_kinds(structure: &ModelStructure<'_>, node: &Node) -> Option<OffsetFit> {
-    let counted = structure.data.counted() as f64;
-    let files = structure.data.tracks.len();
-    let cost = node.cost();
-    let explains = |fit: &OffsetFit| {
-        let needed = GAIN_OF_ALL + GAIN_OF_EACH * (fit.kinds.len() * files) as f64;
-        // The rest counts as noise: it may be the error of a law.
-        let unit = (fit.cost / counted).max(1.0);
-        cost - fit.cost > LEAST_EXPLAINED * (cost - counted) && 0.5 * (cost - fit.cost) > needed * unit
-    };
-    (1..=SETS[SETS.len() - 1].len()).find_map(|kinds| {
-        let sets = SETS.iter().filter(|set| set.len() == kinds);
-        sets.filter_map(|set| fitted(structure, node, set, LEAST_PREDICTED))
-            .filter(explains)
-            .min_by(|a, b| a.cost.total_cmp(&b.cost))
-    })
 }
 
 /// Zero of the displacement in mm that all recordings share, if it alone explains nearly all that the baseline leaves: a spring that
@@ -172,9 +143,12 @@ pub(super) fn common_zero_mm(run: &RunSettings, setup: &Setup, data: &Data, node
     let data = shifted(data, &vec![offset; data.tracks.len()]);
     let context = run.context(setup, &data);
     let (there, _) = context.converged(node)?;
-    let cost = generalised(&context, there).cost();
+    let form = setup.form.as_ref();
+    let general =
+        form.and_then(|form| generalise(&context, &there, form, &(form.effect.starts)(&context.span)));
+    let cost = general.map_or(there.cost(), |general| general.cost().min(there.cost()));
     let explains = cost < MOST_POWER_LEFT * counted
-        && here.cost() - cost > LEAST_EXPLAINED_COMMON * (here.cost() - counted)
+        && here.cost() - cost > LEAST_EXPLAINED * (here.cost() - counted)
         && 0.5 * (here.cost() - cost) > GAIN_OF_ALL;
     explains.then_some(zero_mm)
 }
@@ -210,10 +184,24 @@ pub(super) fn common_zero_note(name: &str, zero_mm: f64) -> Note {
     Note::new(name, NoteKind::Zero, (zero_mm, "mm"), NoteAction::Corrected, text)
 }
 
+/// True if a general friction law or a single effect explains about what the offsets explain.
+pub(super) fn physics_suffices(context: &FitContext<'_>, node: &Node, found: &OffsetFit) -> bool {
+    let Some(parent) = context.converged(node) else {
+        return false;
+    };
+    let node = parent.0.clone();
+    let needed = PHYSICS_SHARE * (node.cost() - found.cost);
+    let explains = |other: &Node| node.cost() - other.cost() >= needed;
+    let form = context.setup.form.as_ref();
+    let general =
+        form.and_then(|form| generalise(context, &node, form, &(form.effect.starts)(&context.span)));
+    general.is_some_and(|general| explains(&general))
+        || context.children(&[parent], &[], usize::MAX).iter().any(explains)
+}
+
 /// Offsets that are left after a correction: the shift in time is exact only in the recordings themselves.
-pub(super) fn refine(context: &FitContext<'_>, found: &mut OffsetFit) {
-    let structure = context.structure(found.beside.attached.clone());
-    if let Some(left) = fitted(&structure, &found.beside, found.kinds, 0.0) {
+pub(super) fn refine(structure: &ModelStructure<'_>, node: &Node, found: &mut OffsetFit) {
+    if let Some(left) = fitted(structure, node, found.kinds, 0.0) {
         for (offset, left) in found.offsets.iter_mut().zip(&left.offsets) {
             offset.add(Force, left.force_n);
             offset.add(Displacement, left.displacement_mm);
@@ -285,7 +273,6 @@ fn fitted(
         kinds,
         offsets,
         cost: fit.cost(),
-        beside: fit,
     })
 }
 

@@ -11,7 +11,7 @@
 //! | `likelihood` | gains in log-likelihood, and what an effect costs |
 //! | `context` | setup, data and threads, and the fits of single sets |
 //! | `expansions` | runs the slow model to make its surrogate |
-//! | `general_law` | a general friction law in place of the baseline's own |
+//! | `general_law` | the general friction law in place of the baseline's own |
 //! | `mains_hum`, `coloured_noise` | after the first fit: hum and slow noise |
 //! | `file_offsets`, `force_zero`, `repeats` | offsets of single recordings, a wrong zero, repeats that differ |
 
@@ -44,7 +44,7 @@ pub(in crate::diagnose) use data::{Data, LINEARITY, STEEPEST};
 pub(in crate::diagnose) use discrepancy::{Discrepancy, Doubt, ShapeShares};
 pub(in crate::diagnose) use expansions::expand;
 pub(in crate::diagnose) use fit::{converge, profile_interval, refine};
-pub(in crate::diagnose) use general_law::{general_laws, with_form};
+pub(in crate::diagnose) use general_law::generalise;
 pub(in crate::diagnose) use likelihood::{LikelihoodScale, PARAMETER_PENALTY, PENALTY};
 pub(in crate::diagnose) use node::{Key, Node};
 pub(in crate::diagnose) use score::{Tangent, insert_group};
@@ -83,12 +83,16 @@ pub(in crate::diagnose) fn fitted_input(
         first = first_fit(setup, &mut data, &run)?;
     }
     let recordings = if zero_mm.is_some() { &shifted } else { recordings };
-    if let Some(mut found) = file_offsets::find(&run.context(setup, &data), &first) {
+    let structure = ModelStructure::new(setup, &data, first.attached.clone());
+    let found = file_offsets::find(&structure, &first)
+        .filter(|found| !file_offsets::physics_suffices(&run.context(setup, &data), &first, found));
+    if let Some(mut found) = found {
         for _ in 0..2 {
             let corrected = file_offsets::corrected(recordings, &found.offsets);
             (data, run) = again(&corrected)?;
             first = first_fit(setup, &mut data, &run)?;
-            file_offsets::refine(&run.context(setup, &data), &mut found);
+            let structure = ModelStructure::new(setup, &data, first.attached.clone());
+            file_offsets::refine(&structure, &first, &mut found);
         }
         for (recording, offset) in recordings.iter().zip(&found.offsets) {
             data.add_notes(file_offsets::notes(&recording.name, offset));
@@ -119,22 +123,13 @@ fn first_fit(setup: &mut Setup, data: &mut Data, run: &RunSettings) -> Result<No
         .context(setup, data)
         .baseline()
         .ok_or(DiagnoseError::OutOfDomain)?;
-    // The noise is what the likeliest friction law leaves: what a wrong law leaves would be taken for slow noise.
-    let mut likeliest = first.clone();
-    if !setup.model.slow {
-        let general = general_laws(&run.context(setup, data), &first);
-        general_law::remember(setup, &general);
-        likeliest = general.into_iter().next().unwrap_or(likeliest);
-    }
     let mut model_n = vec![0.0; data.len()];
-    ModelStructure::new(setup, data, likeliest.attached)
-        .predict(&likeliest.values, &mut model_n)
+    ModelStructure::new(setup, data, first.attached.clone())
+        .predict(&first.values, &mut model_n)
         .map_err(BaselineError::from)?;
-    data.remove_hum(&mut likeliest.residuals, &model_n);
-    data.set_weights(&mut likeliest.residuals, &model_n);
-    coloured_noise::raise_noise(data, &mut likeliest.residuals);
-    let structure = ModelStructure::new(setup, data, first.attached.clone());
-    first = Node::new(&structure, first.values).ok_or(DiagnoseError::OutOfDomain)?;
+    data.remove_hum(&mut first.residuals, &model_n);
+    data.set_weights(&mut first.residuals, &model_n);
+    coloured_noise::raise_noise(data, &mut first.residuals);
     if setup.model.slow {
         let error_n = expansions::discretisation_error_n(&run.context(setup, data), &first.values);
         data.add_model_error(&error_n.ok_or(DiagnoseError::OutOfDomain)?);

@@ -16,7 +16,7 @@ pub(super) fn explains_most(context: &FitContext<'_>, refitted: &Node, base: &No
 
 /// The look-alikes of the general friction law, where it explains most and nothing in the library explains the rest.
 pub(super) fn look_alikes(context: &FitContext<'_>, refitted: &Node, base: &Node) -> Vec<Alternative> {
-    let Some(form) = base.attached.get(refitted.attached.len()) else {
+    let Some(form) = &context.setup.form else {
         return Vec::new();
     };
     if !explains_most(context, refitted, base) {

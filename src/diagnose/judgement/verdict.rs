@@ -39,9 +39,6 @@ const ZERO_ALARM: f64 = 4.0;
 const TENSION_ALARM: f64 = 0.05;
 /// Highest confidence that is reported.
 const MOST_CONFIDENCE: f64 = 0.99;
-/// An effect of less confidence is not named: nine times out of ten it would be wrong. At double, effects with three look-alikes would
-/// not be named either.
-const LEAST_CONFIDENCE: f64 = 0.1;
 
 /// What a verdict needs beside the search.
 pub(in crate::diagnose) struct Known<'a> {
@@ -71,44 +68,12 @@ pub(in crate::diagnose) fn conclude(
     mut search: SearchResult,
     known: Known<'_>,
 ) -> Judgement {
-    let mut effects = judge_all(context, &mut search);
-    while let Some(smaller) = without_the_least_sure(context, &search, &effects, known.base) {
-        search.chosen = smaller;
-        effects = judge_all(context, &mut search);
-    }
+    let effects = judge_all(context, &mut search);
     Judgement {
         diagnosis: diagnosis(context, &search, &effects, known),
         search,
         effects,
     }
-}
-
-/// Index of the chosen set without its least sure effect, if that is not sure enough to be named.
-fn without_the_least_sure(
-    context: &FitContext<'_>,
-    search: &SearchResult,
-    judged: &[JudgedEffect],
-    base: &Node,
-) -> Option<usize> {
-    let after = &search.nodes[search.chosen];
-    let left = lack_of_fit(context.data, &after.residuals);
-    if is_unexplained(context, search, base, left) {
-        return None;
-    }
-    let share = unexplained_share(base, after, left);
-    let sure = |j: &JudgedEffect| {
-        let variation = variation(context, search.likelihood, after, j.place);
-        confidence_of(j, variation, share)
-    };
-    let of_each = judged.iter().map(|j| (sure(j), j.without));
-    let (least, without) = of_each.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    (least < LEAST_CONFIDENCE).then_some(without)
-}
-
-/// Confidence of an effect: its rivals, whether its size is the same everywhere, and how much structure is left.
-fn confidence_of(judged: &JudgedEffect, variation: Option<Variation>, unexplained_share: f64) -> f64 {
-    let trust = variation.map_or(1.0, Variation::trust);
-    (judged.confidence * trust * (1.0 - unexplained_share * unexplained_share)).clamp(0.0, MOST_CONFIDENCE)
 }
 
 /// The diagnosis without a next test.
@@ -372,9 +337,11 @@ fn finding(
     let from = context.offset(&node.attached, judged.place);
     let group = &node.values[from..from + attached.parameters.len()];
     let variation = variation(context, search.likelihood, node, judged.place);
+    let trust = variation.map_or(1.0, Variation::trust);
     Finding {
         code: attached.effect.code.to_owned(),
-        confidence: confidence_of(judged, variation, unexplained_share),
+        confidence: (judged.confidence * trust * (1.0 - unexplained_share * unexplained_share))
+            .clamp(0.0, MOST_CONFIDENCE),
         size_spread: variation.map(|v| v.spread),
         statement: one_of(&judged.group, attached.effect.code) + &(attached.effect.statement)(group),
         group: match judged.group.as_slice() {

@@ -12,10 +12,8 @@ use crate::diagnose::note::NoteKind;
 const MOST_OF_AXIS: f64 = 0.85;
 /// Share of the whole gain that an effect must bring.
 pub(super) const LEAST_SHARE: f64 = 5e-4;
-/// Mean square that an effect must take away, in units of the noise: an RMS of 17 % of the noise. The errors of shape of friction laws
-/// nobody knows reach 15 %; at half, one in three specimens of `lugre` without an effect gets a name. Effects at the detection limit have
-/// 16 to 30 %; at double, most of them are not named.
-const LEAST_POWER: f64 = 0.03;
+/// Mean square that an effect must take away, in units of the noise: an RMS of 7 % of the noise is no finding.
+const LEAST_POWER: f64 = 0.005;
 /// The same for a slow model: the error of its coarse steps repeats in every cycle and does not average out.
 const LEAST_POWER_SLOW: f64 = 0.2;
 /// RMS force that an effect must take away, as a share of the range: one seventh of `data::LINEARITY`.

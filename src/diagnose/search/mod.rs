@@ -38,7 +38,7 @@ pub(in crate::diagnose) use simplest_form::simplify;
 
 use crate::diagnose::fitting::{Data, Node, RunSettings, Setup};
 use budget::Budget;
-use friction_law::{FrictionLaws, SearchStart, cost_with_law, explains_better};
+use friction_law::SearchStart;
 
 /// Share of the budget after which the first search compares no larger sets: what is in doubt needs the rest.
 const FIRST_SHARE: f64 = 0.4;
@@ -59,42 +59,21 @@ pub(in crate::diagnose) fn searches(
     fitted: &Node,
     progress: &mut dyn FnMut(f64, &str),
 ) -> Option<Searches> {
-    let plain = setup.clone();
-    let laws = FrictionLaws::new(&run.context(&plain, data), fitted)?;
-    let budget = Budget::up_to(FIRST_SHARE);
-    let mut found: Option<(SearchStart, SearchResult)> = None;
-    for law in 0..laws.count() {
-        let start = laws.start(&run.context(&plain, data), law);
-        let mut with_law = plain.clone();
-        with_law.extras.clone_from(&start.base.attached);
-        let context = run.context(&with_law, data);
-        if let Some((_, before)) = &found {
-            let named = before.nodes[before.chosen].attached.len() > setup.extras.len();
-            if !named || !explains_better(&context, &start.base, (&run.context(setup, data), before)) {
-                continue;
-            }
-        }
-        let mut search = beam_search::search(
-            &context,
-            start.base.clone(),
-            &start.seeds,
-            budget,
-            &mut |share, step| progress(0.15 + 0.6 * (law as f64 + share) / laws.count() as f64, step),
-        );
-        let chosen = search.chosen;
-        simplify(&context, &mut search, chosen);
-        let better = found.as_ref().is_none_or(|(_, before)| {
-            let of = |result: &SearchResult, extras| {
-                cost_with_law(before.likelihood, &result.nodes[result.chosen], extras)
-            };
-            of(&search, with_law.extras.len()) < of(before, setup.extras.len())
-        });
-        if better {
-            *setup = with_law;
-            found = Some((start, search));
-        }
+    let mut start = friction_law::search_start(&run.context(setup, data), fitted)?;
+    if start.generalised {
+        setup.extras.clone_from(&start.base.attached);
     }
-    let (mut start, mut first) = found?;
+    let context = run.context(setup, data);
+    let budget = Budget::up_to(FIRST_SHARE);
+    let mut first = beam_search::search(
+        &context,
+        start.base.clone(),
+        &start.seeds,
+        budget,
+        &mut |share, step| progress(0.15 + 0.6 * share, step),
+    );
+    let chosen = first.chosen;
+    simplify(&context, &mut first, chosen);
     if setup.model.slow {
         progress(0.75, "refitting the best sets on the model itself");
         let fits = (&mut start.refitted, &start.base);
