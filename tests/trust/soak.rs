@@ -93,6 +93,8 @@ fn d5_run_after_run_in_virtual_time_loses_no_sample_and_no_memory() {
             "--ignored",
             "--nocapture",
         ])
+        // With arenas for threads the allocator grows by one of them at some run, which is no leak.
+        .env("MALLOC_ARENA_MAX", "1")
         .output()
         .expect("this binary starts");
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
