@@ -16,7 +16,7 @@ use super::page_access::{axe, violations};
 use super::support::browser::Page;
 use super::support::http::{post_head, request_as_it_is};
 use super::support::{Daemon, PATIENCE, json, leafbench, until};
-use crate::daemon::api::described;
+use crate::daemon::routes::described;
 
 fn audit_log(data: &Path) -> String {
     std::fs::read_to_string(data.join("audit.jsonl")).expect("a log")

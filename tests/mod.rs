@@ -22,7 +22,6 @@ mod discovered_law;
 mod documents;
 mod end_to_end;
 mod faults;
-mod faults_network;
 mod foreign_truth;
 mod full_disk;
 mod hostile;

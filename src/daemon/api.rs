@@ -1,18 +1,16 @@
-//! The HTTP interface, with JSON: routes with the role that each one needs, handlers, and their OpenAPI description.
+//! The handlers of the bench, its runs and its profiles. [`super::routes`] says under which address each one is.
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use axum::extract::rejection::QueryRejection;
-use axum::extract::{self, DefaultBodyLimit, FromRequest, Path, Query, State};
+use axum::extract::{self, FromRequest, Path, Query, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use axum::routing::{MethodFilter, MethodRouter, any, on};
-use axum::{Extension, Json, Router};
-use utoipa::OpenApi;
+use axum::{Extension, Json};
 
 use super::access::Person;
-use super::access::role::{Needs, Role};
+use super::access::role::Role;
 use super::blocking::blocking;
 use super::client_types::{
     Accepted, Caller, Failure, JogRequest, Nothing, PlanRequest, ProfileSummary, RunDetail, SensorReadings,
@@ -22,24 +20,16 @@ use super::commander::client_id;
 use super::commanding::{self, Commanding};
 use super::download::{self, DownloadFormat, DownloadPart};
 use super::error::{ApiError, AuditNote};
-use super::gate::{self, Gate};
-use super::guard::{self, RequestGuard};
 use super::plan::{self, Plan, PlanError};
 use super::request_body::JsonBody;
-use super::server::STOP_PATH;
 use super::state::{App, DaemonState};
 use super::wanted::Wanted;
-use super::{
-    compare, description, diagnosis_api, editor, imports, metrics, page, result, run_list, runs as run_life,
-    sign_in, socket,
-};
+use super::{metrics, runs as run_life};
 use crate::control::TareReport;
 use crate::control::realtime::{Reply, Request};
 use crate::recording::export::TableFormat;
 use crate::recording::run_file::{RunFile, RunListing};
 
-/// Largest body of a request in bytes: more than any profile file.
-const BODY_LIMIT: usize = 1 << 20;
 /// A stop waits at most so long for its reason.
 const STOP_REASON_WAIT: Duration = Duration::from_millis(50);
 /// A check of a profile waits at most so long for the one before.
@@ -47,241 +37,10 @@ const PLAN_WAIT: Duration = Duration::from_secs(2);
 
 type Result<T> = std::result::Result<T, ApiError>;
 
-/// One route of the interface. A test compares the list of routes with the OpenAPI description.
-struct Route {
-    method: MethodFilter,
-    path: &'static str,
-    /// Who may use it.
-    needs: Needs,
-    /// Makes the handler for `method`.
-    handler: fn(MethodFilter) -> MethodRouter<Arc<DaemonState>>,
-}
-
-type MakeHandler = fn(MethodFilter) -> MethodRouter<Arc<DaemonState>>;
-
-impl Route {
-    fn get(path: &'static str, needs: Needs, handler: MakeHandler) -> Route {
-        Route::new(MethodFilter::GET, path, needs, handler)
-    }
-
-    fn post(path: &'static str, needs: Needs, handler: MakeHandler) -> Route {
-        Route::new(MethodFilter::POST, path, needs, handler)
-    }
-
-    fn delete(path: &'static str, needs: Needs, handler: MakeHandler) -> Route {
-        Route::new(MethodFilter::DELETE, path, needs, handler)
-    }
-
-    fn new(method: MethodFilter, path: &'static str, needs: Needs, handler: MakeHandler) -> Route {
-        Route {
-            method,
-            path,
-            needs,
-            handler,
-        }
-    }
-
-    /// The method in capitals.
-    fn method_name(&self) -> &'static str {
-        match self.method {
-            MethodFilter::GET => "GET",
-            MethodFilter::DELETE => "DELETE",
-            _ => "POST",
-        }
-    }
-}
-
-/// All routes with what they need. There is no other way into the router: see [`router`].
-fn routes() -> Vec<Route> {
-    [orders(), views(), diagnoses_and_imports(), doors()]
-        .into_iter()
-        .flatten()
-        .collect()
-}
-
-/// Orders to the bench. A stop is taken from everybody who belongs here, whatever their role.
-fn orders() -> Vec<Route> {
-    let post = |path, handler: MakeHandler| Route::post(path, Needs::OPERATE, handler);
-    vec![
-        Route::post(STOP_PATH, Needs::WATCH, |m| on(m, stop)),
-        post("/api/command", |m| on(m, command)),
-        post("/api/run", |m| on(m, run)),
-        post("/api/hold", |m| on(m, hold)),
-        post("/api/resume", |m| on(m, resume)),
-        post("/api/reset", |m| on(m, reset)),
-        post("/api/tare", |m| on(m, tare)),
-        post("/api/zero", |m| on(m, zero)),
-        post("/api/jog", |m| on(m, jog)),
-        post("/api/profiles", |m| on(m, editor::save)),
-        Route::delete("/api/profiles/{name}", Needs::OPERATE, |m| on(m, editor::delete)),
-    ]
-}
-
-/// What changes nothing.
-fn views() -> Vec<Route> {
-    let get = |path, handler: MakeHandler| Route::get(path, Needs::WATCH, handler);
-    let post = |path, handler: MakeHandler| Route::post(path, Needs::WATCH, handler);
-    vec![
-        get("/api/status", |m| on(m, status)),
-        get("/api/reading", |m| on(m, reading)),
-        get("/api/runs", |m| on(m, run_list::runs)),
-        get("/api/runs/{run_id}", |m| on(m, run_detail)),
-        get("/api/runs/{run_id}/result", |m| on(m, result::run_result)),
-        get("/api/runs/{run_id}/certificate", |m| {
-            on(m, result::run_certificate)
-        }),
-        get("/api/runs/{run_id}/csv", |m| on(m, run_csv)),
-        get("/api/runs/{run_id}/mf4", |m| on(m, run_mf4)),
-        get("/api/runs/{run_id}/parquet", |m| on(m, run_parquet)),
-        get("/api/profiles", |m| on(m, profiles)),
-        get("/api/profiles/{name}", |m| on(m, editor::text)),
-        post("/api/outline", |m| on(m, editor::outline)),
-        post("/api/plan", |m| on(m, plan_profile)),
-        get("/api/compare", |m| on(m, compare::compare)),
-        get("/api/openapi.json", |m| on(m, openapi)),
-        get("/api/live", |m| on(m, socket::live)),
-        get("/metrics", |m| on(m, metrics_text)),
-    ]
-}
-
-fn diagnoses_and_imports() -> Vec<Route> {
-    let get = |path, handler: MakeHandler| Route::get(path, Needs::WATCH, handler);
-    let post = |path, handler: MakeHandler| Route::post(path, Needs::OPERATE, handler);
-    vec![
-        get("/api/diagnoses", |m| on(m, diagnosis_api::list)),
-        post("/api/diagnoses", |m| on(m, diagnosis_api::ask)),
-        get("/api/diagnoses/{id}", |m| on(m, diagnosis_api::one)),
-        Route::delete("/api/diagnoses/{id}", Needs::OPERATE, |m| {
-            on(m, diagnosis_api::end)
-        }),
-        get("/api/diagnoses/{id}/{file}", |m| on(m, diagnosis_api::file)),
-        post("/api/twin", |m| on(m, diagnosis_api::choose_twin)),
-        get("/api/imports", |m| on(m, imports::list)),
-        post("/api/imports", |m| large(on(m, imports::take))),
-        Route::post("/api/imports/preview", Needs::WATCH, |m| {
-            large(on(m, imports::preview))
-        }),
-        get("/api/imports/{name}", |m| on(m, imports::csv)),
-    ]
-}
-
-/// How people get in, and what they did.
-fn doors() -> Vec<Route> {
-    vec![
-        Route::post("/api/login", Needs::NOTHING, |m| on(m, sign_in::login)),
-        Route::post("/api/link", Needs::OWN_KEY, |m| on(m, sign_in::link)),
-        Route::get("/api/audit", Needs::ADMINISTER, |m| on(m, sign_in::audit_log)),
-    ]
-}
-
-/// Method and path of every route, and of every file of the page, with what it needs.
-#[cfg(test)]
-pub(crate) fn every_route() -> Vec<(&'static str, &'static str, Needs)> {
-    let api = routes().into_iter().map(|r| (r.method_name(), r.path, r.needs));
-    let page = page::routes().map(|(path, needs, _)| ("GET", path, needs));
-    let login = ("GET", sign_in::LOGIN_PATH, Needs::NOTHING);
-    api.chain(page).chain([login]).collect()
-}
-
-/// A route that takes a table of another program.
-fn large(route: MethodRouter<Arc<DaemonState>>) -> MethodRouter<Arc<DaemonState>> {
-    route.layer(DefaultBodyLimit::max(imports::TABLE_LIMIT))
-}
-
-#[derive(OpenApi)]
-#[openapi(
-    info(
-        title = "leafbench",
-        description = "Controls a leaf-spring test bench. A failed request is answered with `{error, what_to_do}`."
-    ),
-    paths(
-        status,
-        command,
-        run,
-        stop,
-        hold,
-        resume,
-        reset,
-        tare,
-        zero,
-        jog,
-        reading,
-        run_list::runs,
-        run_detail,
-        result::run_result,
-        result::run_certificate,
-        run_csv,
-        run_mf4,
-        run_parquet,
-        profiles,
-        editor::save,
-        editor::text,
-        editor::delete,
-        editor::outline,
-        plan_profile,
-        compare::compare,
-        diagnosis_api::list,
-        diagnosis_api::ask,
-        diagnosis_api::one,
-        diagnosis_api::end,
-        diagnosis_api::file,
-        diagnosis_api::choose_twin,
-        imports::list,
-        imports::take,
-        imports::preview,
-        imports::csv,
-        openapi,
-        socket::live,
-        metrics_text,
-        sign_in::login,
-        sign_in::link,
-        sign_in::audit_log
-    ),
-    components(schemas(Caller, socket::LiveMessage))
-)]
-struct Description;
-
-/// The routes of the interface and of the page, each behind its gate, and all behind the guard. An address that is nowhere says
-/// so only to somebody who belongs here.
-pub(super) fn router(guard: RequestGuard, state: &Arc<DaemonState>) -> Router {
-    let behind = |needs: Needs, route: MethodRouter<Arc<DaemonState>>| {
-        let gate = Gate {
-            state: Arc::clone(state),
-            needs,
-        };
-        route.layer(axum::middleware::from_fn_with_state(gate, gate::check))
-    };
-    let api = routes()
-        .into_iter()
-        .map(|r| (r.path, r.needs, (r.handler)(r.method)));
-    let login = (
-        sign_in::LOGIN_PATH,
-        Needs::NOTHING,
-        on(MethodFilter::GET, sign_in::login_page),
-    );
-    let all = api.chain(page::routes()).chain([login]);
-    let router = all.fold(Router::new(), |router, (path, needs, route)| {
-        router.route(path, behind(needs, route))
-    });
-    router
-        .fallback_service(behind(Needs::WATCH, any(nowhere)).with_state(Arc::clone(state)))
-        .layer(DefaultBodyLimit::max(BODY_LIMIT))
-        .layer(axum::middleware::from_fn_with_state(guard, guard::check))
-        .with_state(Arc::clone(state))
-}
-
-async fn nowhere() -> ApiError {
-    ApiError::new(
-        StatusCode::NOT_FOUND,
-        "there is nothing at this address".to_owned(),
-        "GET /api/openapi.json lists all addresses".to_owned(),
-    )
-}
-
 /// The bench and the run under way. A client that commands and asks for it with the header `leafbench-caller` keeps the
 /// command.
 #[utoipa::path(get, path = "/api/status", responses((status = 200, body = Status)))]
-async fn status(
+pub(super) async fn status(
     State(state): App,
     Extension(person): Extension<Person>,
     headers: HeaderMap,
@@ -297,7 +56,7 @@ async fn status(
 #[utoipa::path(post, path = "/api/command", request_body = Nothing,
     params(("leafbench-caller" = Option<Caller>, Header)),
     responses((status = 200, body = Accepted), (status = 409, body = Failure)))]
-async fn command(_: Commanding, State(state): App) -> Json<Accepted> {
+pub(super) async fn command(_: Commanding, State(state): App) -> Json<Accepted> {
     let message = match state.commander.status() {
         Some(commander) => format!("{} commands the bench", commander.name),
         None => "nobody commands the bench".to_owned(),
@@ -307,7 +66,7 @@ async fn command(_: Commanding, State(state): App) -> Json<Accepted> {
 
 /// Figures for Prometheus, in its text format.
 #[utoipa::path(get, path = "/metrics", responses((status = 200, content_type = "text/plain", body = String)))]
-async fn metrics_text(State(state): App) -> impl IntoResponse {
+pub(super) async fn metrics_text(State(state): App) -> impl IntoResponse {
     (
         [(header::CONTENT_TYPE, metrics::CONTENT_TYPE)],
         metrics::text(&state),
@@ -318,7 +77,7 @@ async fn metrics_text(State(state): App) -> impl IntoResponse {
 /// client closes its connection, or the bench is stopped, before the run has begun, nothing moves.
 #[utoipa::path(post, path = "/api/run", request_body = StartRun,
     responses((status = 202, body = Started), (status = 409, body = Failure), (status = 422, body = Failure)))]
-async fn run(
+pub(super) async fn run(
     _: Commanding,
     State(state): App,
     Extension(person): Extension<Person>,
@@ -374,7 +133,7 @@ async fn ask(state: &DaemonState, request: Request, message: &str) -> Result<Jso
 /// Ends the run under way, or the start of one that is being prepared: the rig unloads and the data are kept. Is taken at any
 /// time.
 #[utoipa::path(post, path = "/api/stop", request_body = StopRequest, responses((status = 200, body = Accepted)))]
-async fn stop(
+pub(super) async fn stop(
     State(state): App,
     request: extract::Request,
 ) -> Result<(Extension<AuditNote>, Json<Accepted>)> {
@@ -390,21 +149,21 @@ async fn stop(
 /// Keeps the position. The firmware unloads the rig by itself if the hold lasts too long.
 #[utoipa::path(post, path = "/api/hold", request_body = Nothing,
     responses((status = 200, body = Accepted), (status = 409, body = Failure)))]
-async fn hold(_: Commanding, State(state): App) -> Result<Json<Accepted>> {
+pub(super) async fn hold(_: Commanding, State(state): App) -> Result<Json<Accepted>> {
     ask(&state, Request::Hold, "the rig holds its position").await
 }
 
 /// Continues the run after a hold.
 #[utoipa::path(post, path = "/api/resume", request_body = Nothing,
     responses((status = 200, body = Accepted), (status = 409, body = Failure)))]
-async fn resume(_: Commanding, State(state): App) -> Result<Json<Accepted>> {
+pub(super) async fn resume(_: Commanding, State(state): App) -> Result<Json<Accepted>> {
     ask(&state, Request::Resume, "the run continues").await
 }
 
 /// Clears the interlock. Nothing moves.
 #[utoipa::path(post, path = "/api/reset", request_body = Nothing,
     responses((status = 200, body = Accepted), (status = 409, body = Failure)))]
-async fn reset(_: Commanding, State(state): App) -> Result<Json<Accepted>> {
+pub(super) async fn reset(_: Commanding, State(state): App) -> Result<Json<Accepted>> {
     ask(
         &state,
         Request::Reset,
@@ -416,7 +175,7 @@ async fn reset(_: Commanding, State(state): App) -> Result<Json<Accepted>> {
 /// Takes the mean of the last half second as zero on both channels.
 #[utoipa::path(post, path = "/api/tare", request_body = Nothing,
     responses((status = 200, body = TareReport), (status = 409, body = Failure)))]
-async fn tare(_: Commanding, State(state): App) -> Result<Json<TareReport>> {
+pub(super) async fn tare(_: Commanding, State(state): App) -> Result<Json<TareReport>> {
     match state.control.ask(Request::Tare).await? {
         Reply::Tared(report) => Ok(Json(report)),
         Reply::Accepted => Err(ApiError::internal("control accepted the tare but sent no report")),
@@ -426,7 +185,7 @@ async fn tare(_: Commanding, State(state): App) -> Result<Json<TareReport>> {
 /// Returns to the tared zero of the LVDT, slowly and with all limits on. Nothing is recorded.
 #[utoipa::path(post, path = "/api/zero", request_body = Nothing,
     responses((status = 200, body = Accepted), (status = 409, body = Failure)))]
-async fn zero(_: Commanding, State(state): App) -> Result<Json<Accepted>> {
+pub(super) async fn zero(_: Commanding, State(state): App) -> Result<Json<Accepted>> {
     run_life::move_slowly(&state, Request::Zero).await?;
     Ok(Json(Accepted {
         message: "the rig returns to the tared zero and unloads".to_owned(),
@@ -437,7 +196,7 @@ async fn zero(_: Commanding, State(state): App) -> Result<Json<Accepted>> {
 /// unloads, unless another step follows. A step of 0 ends the motion at once.
 #[utoipa::path(post, path = "/api/jog", request_body = JogRequest,
     responses((status = 200, body = Accepted), (status = 409, body = Failure), (status = 422, body = Failure)))]
-async fn jog(
+pub(super) async fn jog(
     _: Commanding,
     State(state): App,
     JsonBody(request): JsonBody<JogRequest>,
@@ -459,7 +218,7 @@ async fn jog(
 
 /// The uncorrected readings of both sensors over the last second, in counts, for a calibration.
 #[utoipa::path(get, path = "/api/reading", responses((status = 200, body = SensorReadings)))]
-async fn reading(State(state): App) -> Json<SensorReadings> {
+pub(super) async fn reading(State(state): App) -> Json<SensorReadings> {
     let rig = state.control.status().0;
     let mut readings = state.live.readings.summary(&state.settings.bench.name);
     // A rig that is not heard any more has no readings, only old ones.
@@ -472,7 +231,7 @@ async fn reading(State(state): App) -> Json<SensorReadings> {
 /// One run with its header and events. The id `latest` means the newest run.
 #[utoipa::path(get, path = "/api/runs/{run_id}", params(("run_id" = String, Path)),
     responses((status = 200, body = RunDetail), (status = 404, body = Failure)))]
-async fn run_detail(State(state): App, Path(run_id): Path<String>) -> Result<Json<RunDetail>> {
+pub(super) async fn run_detail(State(state): App, Path(run_id): Path<String>) -> Result<Json<RunDetail>> {
     blocking(&state, move |state| {
         let listing = state.store.find(&run_id).map_err(ApiError::not_found)?;
         let file = RunFile::open(&listing.path).map_err(ApiError::disk)?;
@@ -500,7 +259,7 @@ async fn run_detail(State(state): App, Path(run_id): Path<String>) -> Result<Jso
     params(("run_id" = String, Path), DownloadPart),
     responses((status = 200, content_type = "text/csv", body = String), (status = 404, body = Failure),
         (status = 409, body = Failure)))]
-async fn run_csv(
+pub(super) async fn run_csv(
     State(state): App,
     Path(run_id): Path<String>,
     part: std::result::Result<Query<DownloadPart>, QueryRejection>,
@@ -513,7 +272,7 @@ async fn run_csv(
     params(("run_id" = String, Path), DownloadPart),
     responses((status = 200, content_type = "application/octet-stream", body = Vec<u8>), (status = 404, body = Failure),
         (status = 409, body = Failure)))]
-async fn run_mf4(
+pub(super) async fn run_mf4(
     State(state): App,
     Path(run_id): Path<String>,
     part: std::result::Result<Query<DownloadPart>, QueryRejection>,
@@ -526,7 +285,7 @@ async fn run_mf4(
     params(("run_id" = String, Path), DownloadPart),
     responses((status = 200, content_type = "application/vnd.apache.parquet", body = Vec<u8>),
         (status = 404, body = Failure), (status = 409, body = Failure)))]
-async fn run_parquet(
+pub(super) async fn run_parquet(
     State(state): App,
     Path(run_id): Path<String>,
     part: std::result::Result<Query<DownloadPart>, QueryRejection>,
@@ -556,7 +315,7 @@ async fn send_run(
 
 /// The profiles that can be started by name.
 #[utoipa::path(get, path = "/api/profiles", responses((status = 200, body = Vec<ProfileSummary>)))]
-async fn profiles(State(state): App) -> Result<Json<Vec<ProfileSummary>>> {
+pub(super) async fn profiles(State(state): App) -> Result<Json<Vec<ProfileSummary>>> {
     blocking(&state, |state| {
         state.library.list().map(Json).map_err(|e| ApiError::invalid(&e))
     })
@@ -567,7 +326,10 @@ async fn profiles(State(state): App) -> Result<Json<Vec<ProfileSummary>>> {
 /// check ends when its client leaves or a run is started.
 #[utoipa::path(post, path = "/api/plan", request_body = PlanRequest,
     responses((status = 200, body = Plan), (status = 422, body = Failure), (status = 503, body = Failure)))]
-async fn plan_profile(State(state): App, JsonBody(request): JsonBody<PlanRequest>) -> Result<Json<Plan>> {
+pub(super) async fn plan_profile(
+    State(state): App,
+    JsonBody(request): JsonBody<PlanRequest>,
+) -> Result<Json<Plan>> {
     let wanted = Wanted::default();
     let _client = wanted.while_client_waits();
     let turn = Arc::clone(&state.planning).acquire_owned();
@@ -600,96 +362,9 @@ fn unavailable(why: &str) -> ApiError {
     )
 }
 
-/// This description of the interface.
-#[utoipa::path(get, path = "/api/openapi.json", responses((status = 200, body = Object)))]
-async fn openapi() -> Result<Response> {
-    let document = described().map_err(|e| ApiError::internal(&e.to_string()))?;
-    Ok(Json(document).into_response())
-}
-
-/// The description of the whole interface.
-pub(crate) fn described() -> serde_json::Result<serde_json::Value> {
-    let mut document = serde_json::to_value(Description::openapi())?;
-    let routes: Vec<_> = routes()
-        .iter()
-        .map(|route| (route.method_name(), route.path, route.needs))
-        .collect();
-    description::complete(&mut document, &routes);
-    Ok(document)
-}
-
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeSet;
-
     use super::*;
-
-    #[test]
-    fn the_description_and_the_router_have_the_same_requests() {
-        let described = described().expect("written");
-        let paths = described["paths"].as_object().expect("paths");
-        let described: BTreeSet<(String, String)> = paths
-            .iter()
-            .flat_map(|(path, item)| {
-                let methods = item.as_object().expect("an item").keys();
-                methods.map(move |method| (method.clone(), path.clone()))
-            })
-            .collect();
-        let routed: BTreeSet<_> = routes()
-            .iter()
-            .map(|r| (r.method_name().to_lowercase(), r.path.to_owned()))
-            .collect();
-        assert_eq!(described, routed);
-    }
-
-    #[test]
-    fn the_description_has_a_schema_and_words_for_every_answer_and_message() {
-        let document = described().expect("written");
-        let text = document.to_string();
-        for schema in [
-            "RigStatus",
-            "RunProgress",
-            "Failure",
-            "Plan",
-            "TareReport",
-            "LiveMessage",
-        ] {
-            assert!(text.contains(&format!("\"{schema}\":{{")), "{schema}");
-        }
-        let paths = document["paths"].as_object().expect("paths");
-        let mut ids = BTreeSet::new();
-        for (path, item) in paths {
-            for (method, operation) in item.as_object().expect("an item") {
-                let what = format!("{method} {path}");
-                assert!(
-                    ids.insert(operation["operationId"].to_string()),
-                    "{what}: {ids:?}"
-                );
-                let told = operation["description"].as_str().unwrap_or_default();
-                assert!(
-                    told.contains("role") || told.contains("Open to everybody"),
-                    "{what}: {told}"
-                );
-                let answers = operation["responses"].as_object().expect("answers");
-                assert!(answers.len() >= 4, "{what}: {answers:?}");
-                for (status, answer) in answers {
-                    let words = answer["description"].as_str().unwrap_or_default();
-                    assert!(words.split_whitespace().count() >= 2, "{what} {status}: {words}");
-                }
-            }
-        }
-        for named in text.split("#/components/schemas/").skip(1) {
-            let name = named.split('"').next().expect("a name");
-            assert!(
-                document["components"]["schemas"][name].is_object(),
-                "no schema {name}"
-            );
-        }
-        let message = document["components"]["schemas"]["LiveMessage"].to_string();
-        for kind in ["samples", "status", "skipped", "LiveBatch"] {
-            assert!(message.contains(kind), "{kind}: {message}");
-        }
-    }
 
     /// Longest wait on a busy machine.
     const PATIENCE: Duration = Duration::from_secs(60);

@@ -40,7 +40,7 @@ impl MemoryWatch {
         }
         self.told = true;
         Some(format!(
-            "the daemon uses {} MB of memory, {} MB after its start: restart it between two tests, and report what it did",
+            "the daemon uses {} MB of memory, {} MB after its start: restart it between two tests, and report this as a defect",
             bytes >> 20,
             start >> 20
         ))

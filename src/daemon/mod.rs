@@ -29,10 +29,11 @@
 //! | `resume`, `progress`, `prepare` | what a run needs before it can start |
 //! | `runs`, `socket`, `page` | life of a run, live view, the technician's page |
 //! | `run_list`, `compare`, `diagnosis_api` | runs in pages with the thread of their index, two runs over each other, diagnoses over HTTP |
-//! | `description`, `api` | what OpenAPI says of all routes, routes and handlers |
+//! | `api` | handlers of the bench, its runs and its profiles |
+//! | `description`, `routes` | answers that all routes share, all routes with what they need |
 
 pub(crate) mod access;
-pub(crate) mod api;
+mod api;
 pub(crate) mod audit;
 mod backlog;
 mod blocking;
@@ -72,6 +73,7 @@ pub(crate) mod reading;
 mod request_body;
 mod result;
 mod resume;
+pub(crate) mod routes;
 mod run_index;
 mod run_list;
 pub(crate) mod run_search;
@@ -231,7 +233,7 @@ impl Daemon {
         warn_of_limitations(&state);
         let link = state.access.owner_link()?;
         let link = sign_in::link_url(&state, &link);
-        let router = api::router(self.guard, &state);
+        let router = routes::router(self.guard, &state);
         let server = runtime.spawn(server::serve(self.doors, router, ServerLimits::default()));
         let serving = serve_until_signal(Arc::clone(&state), server, signals, || {
             started(&self.endpoint.endpoint, &link);

@@ -4,6 +4,7 @@
 mod daemon;
 mod firmware;
 mod link;
+mod network;
 mod profiles;
 mod random;
 mod rig;

@@ -261,7 +261,13 @@ pub(super) fn x7() -> Measured {
     let mut bench = moving();
     let noisy = |b: &VirtualRig| told(b, "the noise of the load cell") > 0;
     let measured = measure(&mut bench, |i| i.force_noise = 99.0, noisy, noisy, 2_000);
-    assert!(bench.rig.status().notice.contains("five times its calibration"));
+    assert!(
+        bench
+            .rig
+            .status()
+            .notice
+            .contains("five times the noise in its calibration")
+    );
     bench.until(Phase::Ready, 60_000);
     assert_eq!(outcome(&bench).ending, Ending::Completed, "the run goes on");
     assert_eq!(told(&bench, "the noise of the load cell"), 1, "once in a run");

@@ -281,7 +281,7 @@ impl Detectors {
         found.then(|| {
             Action::Abort(match is_masquerade {
                 true => format!(
-                    "masquerade: {CORRUPT_FRAMES} damaged frames within 100 ms, all with a right checksum and a wrong counter or tick: a second rig has this node, or the link exchanges frames"
+                    "masquerade: {CORRUPT_FRAMES} damaged frames within 100 ms, all with a right checksum and a wrong counter or tick: a second rig uses this node number, or the link changes the order of frames"
                 ),
                 false => format!(
                     "{CORRUPT_FRAMES} damaged frames within 100 ms: check cable, termination and shielding, and that no second rig has this node"

@@ -133,7 +133,7 @@ impl PlausibilityWatch {
             {
                 self.noise_told = true;
                 found = Some(Action::Tell(format!(
-                    "the noise of the {name} is {sigma:.4} {unit} (limit {limit:.4} {unit}, five times its calibration): check cable and shield, the run is marked"
+                    "the noise of the {name} is {sigma:.4} {unit} (limit {limit:.4} {unit}, five times the noise in its calibration): check cable and shield, the run is marked"
                 )));
             }
         }

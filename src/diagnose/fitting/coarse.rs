@@ -1,7 +1,8 @@
-//! Fewer points of the same tracks, on which many sets of effects are screened before few of them are fitted to all points.
+//! A thinned copy of the tracks. Sets of effects are first fitted to it, because that is faster; the result is the start of the fit to
+//! all points.
 //!
-//! Every n-th point stays and counts n times, so that sums of squares, priors and gains keep their size. Beside these stay the two
-//! points at each reversal, without weight: a model that remembers where it turned must be led there.
+//! One point in n stays and counts n times, so that sums of squares, priors and gains keep their size. The two points at each reversal
+//! stay as well, without weight: a model with friction depends on where the motion turned.
 
 use std::sync::Arc;
 

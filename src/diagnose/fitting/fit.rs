@@ -30,8 +30,6 @@ const LAST_MOVE: f64 = 2e-4;
 const SHRINK: f64 = 0.4;
 /// Most moves: more follow a valley in which the other parameters move along, which a fit to convergence does far faster.
 const MOST_MOVES: usize = 16;
-/// A trial whose slopes promise a fall that, this much larger, would still leave it worse than what it is to beat is given up.
-const HOPE: f64 = 1.0;
 /// Smallest half width of a kink's interval, as a share of the same range, and bisections of its end.
 const LEAST_HALF_WIDTH: f64 = 1e-5;
 const BISECTIONS: usize = 5;
@@ -147,8 +145,7 @@ impl<'s, 'a> NodeDescent<'s, 'a> {
         for _ in 0..2 {
             let mut slope = gradient(&trial.residuals);
             slope[place] = 0.0;
-            if trial.cost > to_beat && trial.cost - HOPE * trial.promised_fall(held, &slope, scale) > to_beat
-            {
+            if trial.cost > to_beat && trial.cost - trial.promised_fall(held, &slope, scale) > to_beat {
                 return None;
             }
             if trial.step(held, &slope, scale) < trial.idle_fall() {
@@ -241,7 +238,7 @@ impl Parent<'_> {
 }
 
 /// Fits a child of a converged node: one more effect, from one start, with the node's Jacobian used again. Where there are many points,
-/// the way from the start is made on fewer of them.
+/// it is first fitted to fewer of them, and from there to all.
 pub(super) fn fit_child(
     parent: &Parent<'_>,
     candidate: &Attached,
@@ -251,25 +248,36 @@ pub(super) fn fit_child(
     let from = insert_group(&parent.node.values, start);
     let structure = parent.structure.with(candidate);
     let Some((coarse, tangent)) = &parent.coarse else {
-        return descend(&structure, parent.tangent, from, candidate, span, FAR)?.node();
+        return descend(&structure, parent.tangent, from, candidate, span, FROM_START)?.node();
     };
-    let near = descend(&coarse.with(candidate), tangent, from, candidate, span, FAR)?.values;
-    descend(&structure, parent.tangent, near, candidate, span, NEAR)?.node()
+    let near = descend(
+        &coarse.with(candidate),
+        tangent,
+        from,
+        candidate,
+        span,
+        FROM_START,
+    )?
+    .values;
+    descend(&structure, parent.tangent, near, candidate, span, FROM_COARSE)?.node()
 }
 
-/// How far a child is from its minimum.
+/// Effort of a descent.
 #[derive(Clone, Copy)]
-struct Way {
+struct DescentSettings {
+    /// Most Gauss-Newton steps.
     steps: usize,
     /// First move of a kink as a share of the recorded range.
     first_move: f64,
 }
 
-const FAR: Way = Way {
+/// From a start of the effect, which may be far from the minimum.
+const FROM_START: DescentSettings = DescentSettings {
     steps: STEPS,
     first_move: FIRST_MOVE,
 };
-const NEAR: Way = Way {
+/// From the minimum on fewer points, to that on all points.
+const FROM_COARSE: DescentSettings = DescentSettings {
     steps: 1,
     first_move: 0.05 * FIRST_MOVE,
 };
@@ -281,7 +289,7 @@ fn descend<'s, 'a>(
     values: Vec<f64>,
     candidate: &Attached,
     span: &Span,
-    way: Way,
+    settings: DescentSettings,
 ) -> Option<NodeDescent<'s, 'a>> {
     let (p, k) = (tangent.scale.len(), candidate.parameters.len());
     // Order of the values: the parent's without the force zero, the new effect's, the force zero.
@@ -293,7 +301,7 @@ fn descend<'s, 'a>(
         scale[place(i)] = tangent.scale[i];
     }
     let (mut idle, mut last) = (0, None);
-    for _ in 0..way.steps {
+    for _ in 0..settings.steps {
         let own_scale = structure.scale(&descent.values);
         for &i in &own {
             scale[i] = own_scale[i];
@@ -326,7 +334,7 @@ fn descend<'s, 'a>(
     }
     if let Some((normal, columns)) = last {
         for &(i, axis) in candidate.effect.kinks {
-            let moves = (span.width(axis), way.first_move);
+            let moves = (span.width(axis), settings.first_move);
             descent.search_kink(p - 1 + i, moves, &normal, &scale, &|residuals| {
                 whole_gradient(tangent, &columns, residuals)
             });

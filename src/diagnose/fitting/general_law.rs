@@ -25,7 +25,7 @@ pub(in crate::diagnose) fn generalise(
         .iter()
         .map(|group| insert_group(&frictionless, group))
         .collect();
-    // The way from a start is long: on fewer points where there are many.
+    // A start is far from the minimum, so the fit begins on fewer points where there are many.
     let coarse = context
         .coarse()
         .map(|data| ModelStructure::new(context.setup, data, structure.attached.clone()));

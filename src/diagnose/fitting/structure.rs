@@ -17,7 +17,7 @@ use crate::model::{BuildError, Parameter, Plant};
 
 /// Step of a difference quotient as a share of the parameter's scale.
 const RELATIVE_STEP: f64 = 1e-5;
-/// Every how many points that are not fitted the model is led on the way to fitted ones: what it remembers is the way, not the steps.
+/// Where points are not fitted, the model is run over one point in this many: its friction depends on the path, not on the steps.
 const PASSING_STEP: usize = 4;
 /// Standard deviation of a recording's own zero, in units of its noise: folded hum is smaller than the noise.
 const OWN_ZERO: f64 = 0.2;
@@ -87,8 +87,8 @@ impl<'a> ModelStructure<'a> {
         Ok(())
     }
 
-    /// The same at the fitted points alone: past the others the plant is led in larger steps, and a track without fitted points is
-    /// left out.
+    /// The same at the fitted points alone. Between them the plant moves in larger steps, and a track without fitted points is left
+    /// out.
     fn predict_fitted(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
         if self.setup.surrogate.is_some() && !self.exact {
             return self.predict(values, out);

@@ -6,11 +6,11 @@ use std::net::TcpStream;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use super::support::http::{get_json, post_head, request, request_as_it_is, send_as_it_is};
-use super::support::{Daemon, PATIENCE, json, until};
 use crate::daemon::access::role::{Needs, Role};
 use crate::daemon::access::secret::Fingerprint;
-use crate::daemon::api::every_route;
+use crate::daemon::routes::every_route;
+use crate::tests::support::http::{get_json, post_head, request, request_as_it_is, send_as_it_is};
+use crate::tests::support::{Daemon, PATIENCE, json, until};
 
 /// Requests that the walk must send at least.
 const LEAST_REQUESTS: usize = 500;
@@ -511,7 +511,7 @@ fn n7_n8_under_twenty_hostile_loads_a_stop_is_answered_at_once() {
 fn n9_a_daemon_that_others_can_reach_starts_with_tls_or_a_proxy_only() {
     let folder = tempfile::tempdir().expect("a folder");
     let refused = |more: &[&str]| {
-        let output = super::support::leafbench(&["daemon", "--listen", "0.0.0.0:0", "--data"])
+        let output = crate::tests::support::leafbench(&["daemon", "--listen", "0.0.0.0:0", "--data"])
             .arg(folder.path())
             .args(more)
             .output()
