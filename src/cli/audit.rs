@@ -1,4 +1,4 @@
-//! `leafbench audit`.
+//! `leafbench audit`: reads and checks the audit log.
 
 use std::path::Path;
 

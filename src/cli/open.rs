@@ -1,4 +1,4 @@
-//! `leafbench open`.
+//! `leafbench open`: prints a link that signs a browser in.
 
 use clap::Args;
 

@@ -1,4 +1,4 @@
-//! `leafbench token`.
+//! `leafbench token`: adds, lists and removes tokens.
 
 use std::path::Path;
 

@@ -24,8 +24,6 @@ use super::{
 /// Largest body of a request in bytes: more than any profile file.
 const BODY_LIMIT: usize = 1 << 20;
 
-type Result<T> = std::result::Result<T, ApiError>;
-
 /// One route of the interface. A test compares the list of routes with the OpenAPI description.
 struct Route {
     method: MethodFilter,
@@ -259,7 +257,7 @@ async fn nowhere() -> ApiError {
 
 /// This description of the interface.
 #[utoipa::path(get, path = "/api/openapi.json", responses((status = 200, body = Object)))]
-async fn openapi() -> Result<Response> {
+async fn openapi() -> Result<Response, ApiError> {
     let document = described().map_err(|e| ApiError::internal(&e.to_string()))?;
     Ok(Json(document).into_response())
 }

@@ -1,5 +1,4 @@
-//! The wire at the rig's end, with the faults of a link: frames that are lost, changed, repeated, exchanged or late, and frames
-//! of others.
+//! The wire at the rig's end, with the faults of a link: frames that are lost, changed, repeated, out of order, late, or of another node.
 
 use std::collections::VecDeque;
 

@@ -1,5 +1,4 @@
-//! The lines of the audit log. Each one has the hash of the line before, so that a line that was changed, removed or put
-//! elsewhere shows.
+//! The lines of the audit log. Each one has the hash of the line before: a line that was changed, removed or moved shows.
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};

@@ -1,5 +1,4 @@
-//! A thinned copy of the tracks. Sets of effects are first fitted to it, because that is faster; the result is the start of the fit to
-//! all points.
+//! A thinned copy of the tracks. Sets of effects are first fitted to it, because that is faster, and from there to all points.
 //!
 //! One point in n stays and counts n times, so that sums of squares, priors and gains keep their size. The two points at each reversal
 //! stay as well, without weight: a model with friction depends on where the motion turned.

@@ -87,8 +87,7 @@ impl<'a> ModelStructure<'a> {
         Ok(())
     }
 
-    /// The same at the fitted points alone. Between them the plant moves in larger steps, and a track without fitted points is left
-    /// out.
+    /// The same at the fitted points alone. Between them the plant moves in larger steps; a track without such points is left out.
     fn predict_fitted(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
         if self.setup.surrogate.is_some() && !self.exact {
             return self.predict(values, out);
