@@ -60,6 +60,9 @@ pub(crate) enum Dynamics {
     Full,
 }
 
+/// More segments do not change a loop any more, and a step of the plant would take seconds.
+const MOST_SEGMENTS: usize = 2000;
+
 /// The structure table of a leaf pack. The defaults are the first paper's spring.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -183,9 +186,9 @@ impl PackStructure {
                 positive(&format!("leaves[{i}].{key}"), value)?;
             }
         }
-        if self.segments > 100_000 {
+        if self.segments > MOST_SEGMENTS {
             return Err(format!(
-                "segments = {} is too large: enter at most 100000",
+                "segments = {} is too large: enter at most {MOST_SEGMENTS}",
                 self.segments
             ));
         }
@@ -332,7 +335,9 @@ mod tests {
                 .expect_err("unknown key")
                 .contains("segmnts")
         );
-        let table: toml::Table = "leaves = []".parse().expect("toml");
-        assert!(PackStructure::from_table(&table).is_err());
+        for text in ["leaves = []", "segments = 2001"] {
+            let table: toml::Table = text.parse().expect("toml");
+            assert!(PackStructure::from_table(&table).is_err(), "{text}");
+        }
     }
 }
