@@ -7,5 +7,6 @@ mod flipped_bits;
 mod fuzz;
 mod kills;
 mod live_writer;
+mod over_vcan;
 mod soak;
 mod virtual_loop;

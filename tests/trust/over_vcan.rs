@@ -1,0 +1,126 @@
+//! Fault D1 over a real CAN stack in real time. Exact limits are asserted in virtual time; the limit here allows what a second kernel
+//! on a shared machine adds. `LEAFBENCH_KILLS` sets how many kills there are.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use socketcan::{CanFrame, CanSocket, EmbeddedFrame, Frame as _, Socket};
+
+use crate::protocol::frame::Frame;
+use crate::protocol::message::{FromRig, RigState, ToRig};
+use crate::tests::support::{Daemon, Process, config, leafbench, until};
+use crate::tests::two_processes::{ONE_BENCH, vcan0_is_there};
+
+const NODE: u8 = 1;
+/// Kills where `LEAFBENCH_KILLS` says nothing.
+const KILLS: usize = 5;
+/// The lease of 50 ms, and what a second kernel may add under load.
+const LONGEST: Duration = Duration::from_millis(100);
+
+/// What the bus has shown so far.
+#[derive(Debug, Default)]
+struct Seen {
+    state: Option<RigState>,
+    last_lease: Option<Instant>,
+    unloading: Option<Instant>,
+}
+
+/// Follows the bus until it is told to end.
+fn follow(bus: &CanSocket, seen: &Mutex<Seen>, ended: &AtomicBool) {
+    while !ended.load(Ordering::Relaxed) {
+        let Ok(CanFrame::Data(frame)) = bus.read_frame() else {
+            continue;
+        };
+        let now = Instant::now();
+        let Ok(id) = u16::try_from(frame.raw_id()) else {
+            continue;
+        };
+        let frame = Frame::new(id, frame.data());
+        let mut seen = seen.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Ok(ToRig::Lease(_)) = ToRig::decode(&frame, NODE) {
+            seen.last_lease = Some(now);
+        }
+        if let Ok(FromRig::Status(status)) = FromRig::decode(&frame, NODE) {
+            if status.state == RigState::Unload && seen.state != Some(RigState::Unload) {
+                seen.unloading = Some(now);
+            }
+            seen.state = Some(status.state);
+        }
+    }
+}
+
+/// Kills a daemon in a run; the time from its last lease to the unload of the rig, both as the bus shows them.
+fn unloads_after(kill_after: Duration, daemon: Daemon, seen: &Mutex<Seen>) -> Duration {
+    let look = |what: &str, condition: &dyn Fn(&Seen) -> bool| {
+        until(what, || {
+            condition(&seen.lock().unwrap_or_else(PoisonError::into_inner)).then_some(())
+        });
+    };
+    daemon.back_to_ready();
+    let data = daemon.data.to_str().expect("UTF-8").to_owned();
+    let run = leafbench(&["run", "sine-6mm-2.5hz-10", "--data", &data])
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::null())
+        .spawn();
+    let _run = Process(run.expect("leafbench starts"));
+    look("a run", &|seen| seen.state == Some(RigState::Running));
+    std::thread::sleep(kill_after);
+    drop(daemon);
+    look("an unload", &|seen| seen.state != Some(RigState::Running));
+    let seen = seen.lock().unwrap_or_else(PoisonError::into_inner);
+    let [leased, unloading] = [seen.last_lease, seen.unloading].map(|at| at.expect("seen"));
+    unloading.saturating_duration_since(leased)
+}
+
+#[test]
+fn d1_a_killed_daemon_leaves_a_rig_that_unloads_within_100_ms_on_vcan() {
+    if !vcan0_is_there() {
+        return;
+    }
+    let _alone = ONE_BENCH.lock().unwrap_or_else(PoisonError::into_inner);
+    let kills = std::env::var("LEAFBENCH_KILLS").map_or(KILLS, |n| n.parse().expect("a whole number"));
+    let folder = tempfile::tempdir().expect("a folder");
+    let bench = config("benches/mock-vcan.toml");
+    let bench = bench.to_str().expect("UTF-8");
+    let rig = leafbench(&["mock-rig", "--bench", bench, "--link", "can:vcan0"])
+        .stdout(std::process::Stdio::null())
+        .spawn();
+    let _rig = Process(rig.expect("leafbench starts"));
+    let bus = CanSocket::open("vcan0").expect("vcan0 opens");
+    bus.set_read_timeout(Duration::from_millis(100)).expect("set");
+    let (seen, ended) = (Mutex::new(Seen::default()), AtomicBool::new(false));
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut took: Vec<Duration> = std::thread::scope(|scope| {
+        scope.spawn(|| follow(&bus, &seen, &ended));
+        let _end = EndOfFollowing(&ended);
+        (0..kills)
+            .map(|_| {
+                let daemon = Daemon::start(folder.path(), &["--bench", bench, "--link", "can:vcan0"]);
+                let after = Duration::from_millis(rng.random_range(0..1500));
+                unloads_after(after, daemon, &seen)
+            })
+            .collect()
+    });
+    took.sort_unstable();
+    eprintln!(
+        "{kills} kills over vcan, from the last lease to the unload: shortest {:?}, median {:?}, longest {:?}",
+        took[0],
+        took[kills / 2],
+        took[kills - 1]
+    );
+    assert!(took[kills - 1] <= LONGEST, "{took:?}");
+    // The lease is 50 ms, less the 10 ms until it would have been renewed.
+    assert!(took[0] >= Duration::from_millis(35), "{took:?}");
+}
+
+/// Ends the thread that follows the bus, also if the test fails: otherwise it would wait for it for ever.
+struct EndOfFollowing<'t>(&'t AtomicBool);
+
+impl Drop for EndOfFollowing<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
