@@ -108,7 +108,7 @@ fn a_person_with_a_token_does_what_their_role_may_and_the_log_has_their_name() {
 }
 
 #[test]
-fn the_audit_log_shows_a_change_at_every_line() {
+fn n12_the_audit_log_shows_a_change_at_every_line() {
     let folder = tempfile::tempdir().expect("a folder");
     {
         let mut daemon = Daemon::ready(folder.path(), &[]);

@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_looked_up_and_never_become_paths() {
+    fn n6_names_are_looked_up_and_never_become_paths() {
         let library = shipped();
         assert_eq!(
             library.find("static-ramp").expect("shipped").0.name,

@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn ids_from_requests_are_looked_up_and_never_become_paths() {
+    fn n6_ids_from_requests_are_looked_up_and_never_become_paths() {
         let folder = tempfile::tempdir().expect("a folder");
         std::fs::write(folder.path().join("secret.leafrun"), "x").expect("written");
         std::fs::create_dir(folder.path().join("runs")).expect("made");

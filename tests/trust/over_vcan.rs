@@ -52,27 +52,41 @@ fn follow(bus: &CanSocket, seen: &Mutex<Seen>, ended: &AtomicBool) {
     }
 }
 
-/// Kills a daemon in a run; the time from its last lease to the unload of the rig, both as the bus shows them.
-fn unloads_after(kill_after: Duration, daemon: Daemon, seen: &Mutex<Seen>) -> Duration {
-    let look = |what: &str, condition: &dyn Fn(&Seen) -> bool| {
-        until(what, || {
-            condition(&seen.lock().unwrap_or_else(PoisonError::into_inner)).then_some(())
+/// Starts a run and waits until the rig moves. A busy machine may end it at once; then it is started again.
+fn moving_run(daemon: &Daemon, seen: &Mutex<Seen>) -> Process {
+    until("a run", || {
+        daemon.back_to_ready();
+        let run = leafbench(&["run", "sine-6mm-2.5hz-10", "--data"])
+            .arg(&daemon.data)
+            .stdout(std::process::Stdio::null())
+            .spawn();
+        let mut run = Process(run.expect("leafbench starts"));
+        let moves = until("a rig that moves", || {
+            if seen.lock().unwrap_or_else(PoisonError::into_inner).state == Some(RigState::Running) {
+                return Some(true);
+            }
+            run.0.try_wait().expect("a child").is_some().then_some(false)
         });
-    };
-    daemon.back_to_ready();
-    let data = daemon.data.to_str().expect("UTF-8").to_owned();
-    let run = leafbench(&["run", "sine-6mm-2.5hz-10", "--data", &data])
-        .stdout(std::process::Stdio::null())
-        .stderr(std::process::Stdio::null())
-        .spawn();
-    let _run = Process(run.expect("leafbench starts"));
-    look("a run", &|seen| seen.state == Some(RigState::Running));
+        moves.then_some(run)
+    })
+}
+
+/// Kills a daemon in a run; the time from its last lease to the unload of the rig, both as the bus shows them. `None` if the run had
+/// ended by then.
+fn unloads_after(kill_after: Duration, daemon: Daemon, seen: &Mutex<Seen>) -> Option<Duration> {
+    let _run = moving_run(&daemon, seen);
     std::thread::sleep(kill_after);
+    if seen.lock().unwrap_or_else(PoisonError::into_inner).state != Some(RigState::Running) {
+        return None;
+    }
     drop(daemon);
-    look("an unload", &|seen| seen.state != Some(RigState::Running));
+    let stopped = |seen: &Seen| seen.state != Some(RigState::Running);
+    until("an unload", || {
+        stopped(&seen.lock().unwrap_or_else(PoisonError::into_inner)).then_some(())
+    });
     let seen = seen.lock().unwrap_or_else(PoisonError::into_inner);
     let [leased, unloading] = [seen.last_lease, seen.unloading].map(|at| at.expect("seen"));
-    unloading.saturating_duration_since(leased)
+    Some(unloading.saturating_duration_since(leased))
 }
 
 #[test]
@@ -97,7 +111,7 @@ fn d1_a_killed_daemon_leaves_a_rig_that_unloads_within_100_ms_on_vcan() {
         scope.spawn(|| follow(&bus, &seen, &ended));
         let _end = EndOfFollowing(&ended);
         (0..kills)
-            .map(|_| {
+            .filter_map(|_| {
                 let daemon = Daemon::start(folder.path(), &["--bench", bench, "--link", "can:vcan0"]);
                 let after = Duration::from_millis(rng.random_range(0..1500));
                 unloads_after(after, daemon, &seen)
@@ -105,13 +119,20 @@ fn d1_a_killed_daemon_leaves_a_rig_that_unloads_within_100_ms_on_vcan() {
             .collect()
     });
     took.sort_unstable();
-    eprintln!(
-        "{kills} kills over vcan, from the last lease to the unload: shortest {:?}, median {:?}, longest {:?}",
-        took[0],
-        took[kills / 2],
-        took[kills - 1]
+    assert!(
+        took.len() * 10 >= kills * 8,
+        "{} of {kills} runs were killed",
+        took.len()
     );
-    assert!(took[kills - 1] <= LONGEST, "{took:?}");
+    let last = took.len() - 1;
+    eprintln!(
+        "{} kills over vcan, from the last lease to the unload: shortest {:?}, median {:?}, longest {:?}",
+        took.len(),
+        took[0],
+        took[last / 2],
+        took[last]
+    );
+    assert!(took[last] <= LONGEST, "{took:?}");
     // The lease is 50 ms, less the 10 ms until it would have been renewed.
     assert!(took[0] >= Duration::from_millis(35), "{took:?}");
 }
