@@ -73,7 +73,7 @@
 //!
 //! | rank | modules |
 //! |---|---|
-//! | 0 | units, regular_file, detector, nearest |
+//! | 0 | units, regular_file, detector, nearest, ring |
 //! | 1 | recording, profile, protocol, calibration |
 //! | 2 | acceptance, model, link, truth |
 //! | 3 | effect, control, conformance |
@@ -114,6 +114,7 @@ mod protocol;
 mod recording;
 mod regular_file;
 mod report;
+mod ring;
 mod truth;
 mod twin;
 mod units;

@@ -6,6 +6,7 @@ use std::sync::atomic::Ordering;
 
 use super::{Access, Backend, Link, LinkHealth, Port};
 use crate::protocol::frame::Frame;
+use crate::ring;
 
 /// The mock rig in this process.
 pub(super) const BACKEND: Backend = Backend {
@@ -20,8 +21,8 @@ const RING_FRAMES: usize = 8192;
 
 /// Host end and rig end.
 pub(crate) fn pair() -> (Link, Link) {
-    let (host_out, rig_in) = rtrb::RingBuffer::new(RING_FRAMES);
-    let (rig_out, host_in) = rtrb::RingBuffer::new(RING_FRAMES);
+    let [(host_out, rig_in), (rig_out, host_in)] =
+        [(); 2].map(|()| ring::touched(RING_FRAMES, || Frame::new(0, &[])));
     let end = |out, inbox| Link::over(Rings { out, inbox }, Arc::new(LinkHealth::opened()));
     (end(host_out, host_in), end(rig_out, rig_in))
 }

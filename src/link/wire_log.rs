@@ -12,6 +12,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use super::{Link, now_ns};
 use crate::protocol::frame::Frame;
+use crate::ring;
 use crate::units::NS_PER_S;
 
 /// Frames that wait for the thread: more than 7 s of both directions.
@@ -77,7 +78,7 @@ impl WireLog {
 
     /// Logs the frames of this link from now on.
     pub(crate) fn follow(&self, link: &mut Link) {
-        let (ring, end) = rtrb::RingBuffer::new(RING_FRAMES);
+        let (ring, end) = ring::touched(RING_FRAMES, || (0, Frame::new(0, &[])));
         let dropped = Arc::new(AtomicU64::new(0));
         link.tap = Some(Tap {
             ring,

@@ -8,9 +8,10 @@ use std::io;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use rtrb::{Consumer, Producer, RingBuffer};
+use rtrb::{Consumer, Producer};
 
 use super::{Event, EventKind, Flags, Header, Outcome, Recorder, Sample, StreamEvent};
+use crate::ring;
 
 /// Samples that fit between control and the recording thread: 65 s at 1 kHz.
 const RING_SAMPLES: usize = 65_536;
@@ -52,6 +53,18 @@ enum Item {
     Event(Event),
     StreamEvent(StreamEvent),
     End(Box<Outcome>),
+}
+
+impl Item {
+    /// An item that needs no memory of its own.
+    fn filler() -> Item {
+        Item::Event(Event {
+            tick: 0,
+            time_s: 0.0,
+            kind: EventKind::Host,
+            text: String::new(),
+        })
+    }
 }
 
 /// The end of the ring that control writes to. It never waits. It counts what does not fit, reports it as an event and flags
@@ -176,7 +189,7 @@ fn spawn_with_ring<R: Recorder + Send + 'static>(
     chain: R,
     samples: usize,
 ) -> io::Result<(RecorderInput, RecorderThread<R>)> {
-    let (ring, consumer) = RingBuffer::new(samples + RESERVED_FOR_EVENTS);
+    let (ring, consumer) = ring::touched(samples + RESERVED_FOR_EVENTS, Item::filler);
     let thread = thread::Builder::new().name("recorder".into()).spawn(move || {
         raise_priority();
         record(chain, consumer)
