@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use socketcan::{CanFrame, CanSocket, EmbeddedFrame, Frame as _, Socket};
 
 use crate::protocol::frame::Frame;
-use crate::protocol::message::{FromRig, RigState, ToRig};
+use crate::protocol::message::{Cause, FromRig, RigState, ToRig};
 use crate::tests::support::{Daemon, Process, config, leafbench, until};
 use crate::tests::two_processes::{ONE_BENCH, vcan0_is_there};
 
@@ -25,7 +25,7 @@ const LONGEST: Duration = Duration::from_millis(100);
 struct Seen {
     state: Option<RigState>,
     last_lease: Option<Instant>,
-    unloading: Option<Instant>,
+    unloading: Option<(Instant, Cause)>,
 }
 
 /// Follows the bus until it is told to end.
@@ -45,7 +45,7 @@ fn follow(bus: &CanSocket, seen: &Mutex<Seen>, ended: &AtomicBool) {
         }
         if let Ok(FromRig::Status(status)) = FromRig::decode(&frame, NODE) {
             if status.state == RigState::Unload && seen.state != Some(RigState::Unload) {
-                seen.unloading = Some(now);
+                seen.unloading = Some((now, status.cause));
             }
             seen.state = Some(status.state);
         }
@@ -71,8 +71,8 @@ fn moving_run(daemon: &Daemon, seen: &Mutex<Seen>) -> Process {
     })
 }
 
-/// Kills a daemon in a run; the time from its last lease to the unload of the rig, both as the bus shows them. `None` if the run had
-/// ended by then.
+/// Kills a daemon in a run; the time from its last lease to the unload of the rig, both as the bus shows them. `None` if the run
+/// had ended by then, or the rig unloaded for another reason.
 fn unloads_after(kill_after: Duration, daemon: Daemon, seen: &Mutex<Seen>) -> Option<Duration> {
     let _run = moving_run(&daemon, seen);
     std::thread::sleep(kill_after);
@@ -85,8 +85,8 @@ fn unloads_after(kill_after: Duration, daemon: Daemon, seen: &Mutex<Seen>) -> Op
         stopped(&seen.lock().unwrap_or_else(PoisonError::into_inner)).then_some(())
     });
     let seen = seen.lock().unwrap_or_else(PoisonError::into_inner);
-    let [leased, unloading] = [seen.last_lease, seen.unloading].map(|at| at.expect("seen"));
-    Some(unloading.saturating_duration_since(leased))
+    let (leased, (unloading, cause)) = (seen.last_lease?, seen.unloading?);
+    (cause == Cause::LeaseLapsed).then(|| unloading.saturating_duration_since(leased))
 }
 
 #[test]
@@ -133,8 +133,7 @@ fn d1_a_killed_daemon_leaves_a_rig_that_unloads_within_100_ms_on_vcan() {
         took[last]
     );
     assert!(took[last] <= LONGEST, "{took:?}");
-    // The lease is 50 ms, less the 10 ms until it would have been renewed.
-    assert!(took[0] >= Duration::from_millis(35), "{took:?}");
+    // There is no shortest time: a lease that a busy host sends without new samples is on the bus, and the rig does not count it.
 }
 
 /// Ends the thread that follows the bus, also if the test fails: otherwise it would wait for it for ever.
