@@ -132,8 +132,8 @@ fn d1_a_killed_daemon_leaves_a_rig_that_unloads_within_100_ms_on_vcan() {
         took[last / 2],
         took[last]
     );
+    // There is no shortest time: a mock rig that was held up makes up for its ticks, and then its lease is shorter by the clock.
     assert!(took[last] <= LONGEST, "{took:?}");
-    // There is no shortest time: a lease that a busy host sends without new samples is on the bus, and the rig does not count it.
 }
 
 /// Ends the thread that follows the bus, also if the test fails: otherwise it would wait for it for ever.
