@@ -17,6 +17,8 @@ use crate::tests::support::{Daemon, json};
 const HOURS: f64 = 0.25;
 /// Runs before the memory is measured.
 const WARM_UP_RUNS: u32 = 8;
+/// The same for the daemon: its buffers, caches and the allocator's arenas of its threads have their size after about 5 minutes.
+const WARM_UP_RUNS_OF_THE_DAEMON: u32 = 24;
 /// Most that the memory may grow, bytes.
 const MOST_GROWTH: i64 = 1 << 20;
 
@@ -147,8 +149,10 @@ fn d5_the_daemon_in_real_time_does_not_grow() {
         assert_eq!(code, 0, "{answer}");
         resident_bytes(&process)
     };
-    // Buffers and caches reach their size in the first runs.
-    let warm = (0..4).map(|_| run(&profile)).max().unwrap_or(0);
+    let warm = (0..WARM_UP_RUNS_OF_THE_DAEMON)
+        .map(|_| run(&profile))
+        .max()
+        .unwrap_or(0);
     let (begun, mut runs, mut newest) = (Instant::now(), 0, warm);
     while begun.elapsed() < Duration::from_secs_f64(seconds) {
         newest = run(&profile);
