@@ -261,7 +261,7 @@ impl Mesh {
         ends.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
         let leaves: Vec<usize> = ends
             .iter()
-            .map(|e| reach.iter().filter(|r| **r > e - 1e-9).count())
+            .map(|e| reach.iter().filter(|r| **r >= e - 1e-9).count())
             .collect();
         let starts: Vec<f64> = std::iter::once(start_mm).chain(ends.iter().copied()).collect();
         let lengths: Vec<f64> = starts.windows(2).map(|w| w[1] - w[0]).collect();
@@ -324,6 +324,13 @@ mod tests {
                 "{got} of {segments}"
             );
         }
+    }
+
+    /// With lengths beyond all rounding, an interval once counted for no leaf, and the mesh was never done.
+    #[test]
+    fn a_mesh_of_absurd_lengths_is_done() {
+        let mesh = Mesh::new(&[1e200, 1e17, 3.0], 2.0, 84).expect("valid");
+        assert!(mesh.leaves_at.iter().all(|leaves| *leaves > 0));
     }
 
     #[test]

@@ -4,8 +4,8 @@ use std::collections::HashSet;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use nix::time::{ClockId, clock_gettime};
@@ -114,52 +114,87 @@ fn try_input(parser: &mut Parser, input: &[u8], tally: &mut Tally) -> Result<u64
     Ok(kind)
 }
 
-/// Writes an input that broke a rule, and fails.
-fn fail(name: &str, input: &[u8], why: &str) -> ! {
+/// Writes an input that broke a rule; what to say of it.
+fn kept(name: &str, input: &[u8], why: &str) -> String {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/fuzz");
     let mut hasher = DefaultHasher::new();
     input.hash(&mut hasher);
     let file = folder.join(format!("{name}-{:016x}", hasher.finish()));
     let written = std::fs::create_dir_all(&folder).and_then(|()| std::fs::write(&file, input));
-    panic!("{name}: {why}: {} ({written:?})", file.display());
+    format!("{name}: {why}: {} ({written:?})", file.display())
 }
 
-/// Ends the program if an input is not done in time: an endless loop cannot be ended otherwise.
-fn watch(
-    name: &'static str,
-    seed: u64,
-    runs: Arc<AtomicU64>,
-    over: Arc<AtomicBool>,
-) -> std::thread::JoinHandle<()> {
-    std::thread::spawn(move || {
-        let (mut seen, mut since) = (0, Instant::now());
-        while !over.load(Ordering::Relaxed) {
-            std::thread::park_timeout(Duration::from_secs(1));
-            let now = runs.load(Ordering::Relaxed);
-            if now != seen {
-                (seen, since) = (now, Instant::now());
-            } else if since.elapsed() > HANG {
-                eprintln!("{name}: input {now} of seed {seed} hangs");
-                std::process::abort();
+/// What a parser is at.
+#[derive(Default)]
+struct Progress {
+    inputs: u64,
+    input: Vec<u8>,
+    is_over: bool,
+}
+
+/// Ends the program if an input is not done in time: an endless loop cannot be ended otherwise. It ends with the value.
+struct Watcher {
+    progress: Arc<Mutex<Progress>>,
+    thread: JoinHandle<()>,
+}
+
+impl Watcher {
+    fn start(name: &'static str, seed: u64) -> Watcher {
+        let progress = Arc::<Mutex<Progress>>::default();
+        let watched = Arc::clone(&progress);
+        let thread = std::thread::spawn(move || {
+            let (mut seen, mut since) = (0, Instant::now());
+            loop {
+                std::thread::park_timeout(Duration::from_secs(1));
+                let now = watched.lock().unwrap_or_else(PoisonError::into_inner);
+                if now.is_over {
+                    return;
+                }
+                if now.inputs != seen {
+                    (seen, since) = (now.inputs, Instant::now());
+                } else if since.elapsed() > HANG {
+                    let why = format!("input {seen} of seed {seed} hangs");
+                    eprintln!("{}", kept(name, &now.input, &why));
+                    std::process::abort();
+                }
             }
-        }
-    })
+        });
+        Watcher { progress, thread }
+    }
+
+    /// The parser begins this input.
+    fn begins(&self, input: &[u8]) {
+        let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
+        progress.inputs += 1;
+        progress.input.clear();
+        progress.input.extend_from_slice(input);
+    }
+}
+
+impl Drop for Watcher {
+    fn drop(&mut self) {
+        self.progress
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .is_over = true;
+        self.thread.thread().unpark();
+    }
 }
 
 /// Feeds the corpus, then mutations of it, until the time is over. Prints what it did.
 pub fn fuzz(mut parser: Parser) {
     let seed = setting("LEAFBENCH_FUZZ_SEED").unwrap_or(1);
     let time = setting("LEAFBENCH_FUZZ_SECONDS").map_or(DEFAULT_TIME, Duration::from_secs);
-    let mut kept = corpus(parser.name);
-    let of_corpus = kept.len();
-    kept.append(&mut parser.seeds);
-    assert!(!kept.is_empty(), "{} has no input to begin with", parser.name);
-    let (runs, over) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicBool::new(false)));
-    let watcher = watch(parser.name, seed, Arc::clone(&runs), Arc::clone(&over));
+    let mut inputs = corpus(parser.name);
+    let of_corpus = inputs.len();
+    inputs.append(&mut parser.seeds);
+    assert!(!inputs.is_empty(), "{} has no input to begin with", parser.name);
+    let watcher = Watcher::start(parser.name, seed);
     let mut tally = Tally::default();
-    for input in &kept {
+    for input in &inputs {
+        watcher.begins(input);
         if let Err(why) = try_input(&mut parser, input, &mut tally) {
-            fail(parser.name, input, &why);
+            panic!("{}", kept(parser.name, input, &why));
         }
     }
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -167,25 +202,19 @@ pub fn fuzz(mut parser: Parser) {
     while begun.elapsed() < time {
         // The clock is looked at now and then only: some parsers need less time than that.
         for _ in 0..16 {
-            let [base, other] = [(); 2].map(|()| rng.random_range(0..kept.len()));
-            let input = mutate(&mut rng, &kept[base], &kept[other], parser.words);
+            let [base, other] = [(); 2].map(|()| rng.random_range(0..inputs.len()));
+            let input = mutate(&mut rng, &inputs[base], &inputs[other], parser.words);
             let kinds = tally.kinds.len();
+            watcher.begins(&input);
             if let Err(why) = try_input(&mut parser, &input, &mut tally) {
-                fail(
-                    parser.name,
-                    &input,
-                    &format!("input {} of seed {seed}: {why}", tally.runs),
-                );
+                let why = format!("input {} of seed {seed}: {why}", tally.runs);
+                panic!("{}", kept(parser.name, &input, &why));
             }
-            runs.store(tally.runs, Ordering::Relaxed);
-            if tally.kinds.len() > kinds && kept.len() < MOST_KEPT {
-                kept.push(input);
+            if tally.kinds.len() > kinds && inputs.len() < MOST_KEPT {
+                inputs.push(input);
             }
         }
     }
-    over.store(true, Ordering::Relaxed);
-    watcher.thread().unpark();
-    watcher.join().expect("the watcher only looks");
     eprintln!(
         "fuzz {:<16} {:>10} inputs in {:>5.1} s, {:>9.0} a second; {} kinds of outcome, slowest {:.1} ms, most {} KiB; {of_corpus} of the corpus, seed {seed}",
         parser.name,
