@@ -238,7 +238,7 @@ fn sources(folder: &Path) -> String {
     text
 }
 
-/// Rows that a step of CI shows and no test can: a cut of the power, and what others publish about dependencies.
+/// Rows that a step of CI proves, because no test can: the power cut, and what others publish about dependencies.
 const STEPS_OF_CI: [(&str, &str); 2] = [
     ("O4", ".ci/power-cut \"$binary\""),
     ("N11", "check licenses bans sources"),
@@ -259,7 +259,7 @@ fn matrix_is_complete() {
     let has_test = |id: &str| {
         let begin = format!("{}_", id.to_lowercase());
         tests.iter().any(|test| {
-            // A test may hold two rows: n3_n4_...
+            // One test can cover two rows: n3_n4_...
             let after_a_row = test
                 .split_once('_')
                 .filter(|(first, _)| unique.contains(&first.to_uppercase()));

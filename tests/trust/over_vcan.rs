@@ -132,7 +132,7 @@ fn d1_a_killed_daemon_leaves_a_rig_that_unloads_within_100_ms_on_vcan() {
         took[last / 2],
         took[last]
     );
-    // There is no shortest time: a mock rig that was held up makes up for its ticks, and then its lease is shorter by the clock.
+    // No lower limit: a mock rig that was delayed catches up on its ticks, so that its lease ends earlier in real time.
     assert!(took[last] <= LONGEST, "{took:?}");
 }
 

@@ -17,7 +17,7 @@ use crate::tests::support::{Daemon, json};
 const HOURS: f64 = 0.25;
 /// Runs before the memory is measured.
 const WARM_UP_RUNS: u32 = 8;
-/// The same for the daemon: its buffers, caches and the allocator's arenas of its threads have their size after about 5 minutes.
+/// The same for the daemon: buffers, caches and the allocator's arenas reach their final size after about 5 minutes.
 const WARM_UP_RUNS_OF_THE_DAEMON: u32 = 24;
 /// Most that the memory may grow, bytes.
 const MOST_GROWTH: i64 = 1 << 20;

@@ -60,7 +60,7 @@ pub(crate) enum Dynamics {
     Full,
 }
 
-/// More segments do not change a loop any more, and a step of the plant would take seconds.
+/// Most segments that a pack may have. A finer mesh does not change the force any more, but each step takes longer.
 const MOST_SEGMENTS: usize = 2000;
 
 /// The structure table of a leaf pack. The defaults are the first paper's spring.
@@ -326,9 +326,10 @@ mod tests {
         }
     }
 
-    /// With lengths beyond all rounding, an interval once counted for no leaf, and the mesh was never done.
+    /// With very large lengths, the tolerance of 1e-9 mm is lost in rounding. Once no leaf was counted for such an interval, and the
+    /// loop that adds segments never ended.
     #[test]
-    fn a_mesh_of_absurd_lengths_is_done() {
+    fn a_mesh_of_absurd_lengths_ends() {
         let mesh = Mesh::new(&[1e200, 1e17, 3.0], 2.0, 84).expect("valid");
         assert!(mesh.leaves_at.iter().all(|leaves| *leaves > 0));
     }

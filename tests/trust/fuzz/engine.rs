@@ -132,7 +132,7 @@ struct Progress {
     is_over: bool,
 }
 
-/// Ends the program if an input is not done in time: an endless loop cannot be ended otherwise. It ends with the value.
+/// Ends the program if an input is not done in time: an endless loop cannot be ended otherwise. It stops when it is dropped.
 struct Watcher {
     progress: Arc<Mutex<Progress>>,
     thread: JoinHandle<()>,
