@@ -6,7 +6,8 @@ use crate::recording::{
     ChannelScale, Ending, FirmwareIdentity, Flags, Header, Outcome, Recorder, Sample, SensorIdentity, export,
 };
 use crate::units::{Command, Mode};
-use criterion::{Criterion, Throughput};
+use criterion::measurement::WallTime;
+use criterion::{BenchmarkGroup, Criterion, Throughput};
 
 /// The static ramp's length: 120 s at 1 kHz.
 const SAMPLES: u64 = 120_000;
@@ -66,30 +67,24 @@ fn samples(header: &Header) -> Vec<Sample> {
     (0..SAMPLES).map(sample).collect()
 }
 
+/// What one benchmark reads is there before, because a filter may have left out the one that writes it.
 pub fn recording(criterion: &mut Criterion) {
     let header = header();
     let samples = samples(&header);
-    let format = CsvFormat::new(&header, &[Mode::Displacement]);
-    let outcome = Outcome {
-        ending: Ending::Completed,
-        cause: String::new(),
-        samples: SAMPLES,
-        lost: 0,
-        late: 0,
-        cycles_completed: 0,
-        unsaved: None,
-        punctuality: None,
-    };
-    let folder = tempfile::tempdir().expect("the temporary folder can be made");
     let mut group = criterion.benchmark_group("recording");
     group.sample_size(10).throughput(Throughput::Elements(SAMPLES));
+    csv_rows(&mut group, &header, &samples);
+    run_file(&mut group, &header, &samples);
+    group.finish();
+}
 
-    // What one benchmark reads is there before, because a filter may have left out the one that writes it.
+fn csv_rows(group: &mut BenchmarkGroup<'_, WallTime>, header: &Header, samples: &[Sample]) {
+    let format = CsvFormat::new(header, &[Mode::Displacement]);
     let mut csv = Vec::new();
     let mut write = || {
         csv.clear();
         let mut writer = CsvWriter::new(&mut csv, format.clone()).expect("memory takes all");
-        for sample in &samples {
+        for sample in samples {
             writer.sample(sample).expect("memory takes all");
         }
     };
@@ -102,10 +97,23 @@ pub fn recording(criterion: &mut Criterion) {
                 .len()
         });
     });
+}
 
+fn run_file(group: &mut BenchmarkGroup<'_, WallTime>, header: &Header, samples: &[Sample]) {
+    let outcome = Outcome {
+        ending: Ending::Completed,
+        cause: String::new(),
+        samples: SAMPLES,
+        lost: 0,
+        late: 0,
+        cycles_completed: 0,
+        unsaved: None,
+        punctuality: None,
+    };
+    let folder = tempfile::tempdir().expect("the temporary folder can be made");
     let path = folder.path().join("bench.leafrun");
     let record = || {
-        let mut writer = RunFileWriter::create(&path, &header).expect("the folder is writable");
+        let mut writer = RunFileWriter::create(&path, header).expect("the folder is writable");
         samples.iter().for_each(|sample| writer.sample(sample));
         writer.end(&outcome);
         assert!(writer.status().problem().is_none());
@@ -126,5 +134,4 @@ pub fn recording(criterion: &mut Criterion) {
         bencher
             .iter(|| export::export(&run, export::Selection::Whole, &csv).expect("the folder is writable"));
     });
-    group.finish();
 }
