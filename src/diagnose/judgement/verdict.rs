@@ -86,18 +86,17 @@ fn diagnosis(
     let (plain, refitted, base) = (known.plain, known.refitted, known.base);
     let (before, after) = (&search.nodes[0], &search.nodes[search.chosen]);
     let left = lack_of_fit(context.data, &after.residuals);
+    let beside_names = unexplained_share(before, after, left);
     let unexplained_share = unexplained_share(base, after, left);
-    let unexplained = is_unexplained(context, search, base, left);
+    // What the shape of the friction law explains is no reason to overlook what the named effects leave.
+    let unexplained = is_unexplained(context, search, base, left) || repeats(search, beside_names, left);
     let verdict = verdict_of(unexplained, judged);
     let named = if unexplained { before } else { after };
     let courses = courses(context.data);
     let delivered = delivered(plain, &as_written(context, plain, named), unexplained, &courses);
     let confidence = intervals(context, named, search.likelihood);
-    let effects: Vec<Finding> = judged
-        .iter()
-        .filter(|_| !unexplained)
-        .map(|j| finding(context, search, j, &confidence, unexplained_share))
-        .collect();
+    let named_effects = if unexplained { &[] } else { judged };
+    let effects = findings(context, search, named_effects, &confidence, unexplained_share);
     let location = if unexplained {
         unexplained_locations(context, [refitted, before, after])
     } else {
@@ -105,11 +104,12 @@ fn diagnosis(
     };
     let fit = errors(plain, search, refitted, delivered.errors, known.nominal);
     let shape = shape_shares(context, after);
+    let of_shape = shape.filter(|_| !unexplained);
     let residuals = [&refitted.residuals[..], &delivered.residuals];
     Diagnosis {
         verdict,
         summary: summary(verdict, &effects, delivered.modelled_by(), &location, &fit)
-            + &limits_in_words(shape, search.cut_short),
+            + &limits_in_words(of_shape, search.cut_short),
         alternatives: alternatives(context, search, refitted, judged, unexplained),
         location,
         next_test: None,
@@ -286,9 +286,7 @@ fn is_unexplained(context: &FitContext<'_>, search: &SearchResult, before: &Node
     let data = context.data;
     let correlation_time = search.likelihood.correlation_time;
     let after = &search.nodes[search.chosen];
-    let repeats = left.power > LACK_POWER
-        && unexplained_share(before, after, left) > LACK_SHARE
-        && 0.5 * left.sum / correlation_time > LACK_GAIN;
+    let repeats = repeats(search, unexplained_share(before, after, left), left);
     // Structure that does not repeat from cycle to cycle is not found by regressions, but it exceeds the noise.
     let counted = data.count(Split::Select).max(1) as f64;
     let (power, power_before) = (after.select / counted, before.select / counted);
@@ -304,6 +302,13 @@ fn is_unexplained(context: &FitContext<'_>, search: &SearchResult, before: &Node
     let above_noise = reported > 1.0 + REPORT_POWER && reported - 1.0 > LACK_SHARE * (reported_before - 1.0);
     let late = (changed || above_noise) && !fits_every_cycle(context, after);
     repeats || no_fit || late || power > FAR_OFF_POWER
+}
+
+/// True if the structure that is left, `share` of what was to be explained, is no chance and no error of an effect's form.
+fn repeats(search: &SearchResult, share: f64, left: LackOfFit) -> bool {
+    left.power > LACK_POWER
+        && share > LACK_SHARE
+        && 0.5 * left.sum / search.likelihood.correlation_time > LACK_GAIN
 }
 
 /// True if one set of values fits the cycles of every split to within the noise. What the fitted cycles leave undetermined, such as
@@ -325,12 +330,28 @@ fn fits_every_cycle(context: &FitContext<'_>, node: &Node) -> bool {
         })
 }
 
+/// The named effects.
+fn findings(
+    context: &FitContext<'_>,
+    search: &SearchResult,
+    judged: &[JudgedEffect],
+    confidence: &Confidence,
+    unexplained_share: f64,
+) -> Vec<Finding> {
+    let trust = |j: &JudgedEffect| j.trust_beside(judged) * (1.0 - unexplained_share.powi(2));
+    let named = judged.iter();
+    named
+        .map(|j| finding(context, search, j, confidence, trust(j)))
+        .collect()
+}
+
+/// A named effect; `trust_in_set` is the factor of its confidence that the other effects and the unexplained rest leave.
 fn finding(
     context: &FitContext<'_>,
     search: &SearchResult,
     judged: &JudgedEffect,
     confidence: &Confidence,
-    unexplained_share: f64,
+    trust_in_set: f64,
 ) -> Finding {
     let node = &search.nodes[search.chosen];
     let attached = &node.attached[judged.place];
@@ -340,8 +361,7 @@ fn finding(
     let trust = variation.map_or(1.0, Variation::trust);
     Finding {
         code: attached.effect.code.to_owned(),
-        confidence: (judged.confidence * trust * (1.0 - unexplained_share * unexplained_share))
-            .clamp(0.0, MOST_CONFIDENCE),
+        confidence: (judged.confidence * trust * trust_in_set).clamp(0.0, MOST_CONFIDENCE),
         size_spread: variation.map(|v| v.spread),
         statement: one_of(&judged.group, attached.effect.code) + &(attached.effect.statement)(group),
         group: match judged.group.as_slice() {
