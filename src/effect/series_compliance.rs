@@ -1,14 +1,13 @@
 //! Compliance of load frame, board or fixture between specimen and LVDT.
 //!
 //! ```text
-//! F = F_in(x - d(F)),  d(F) = C asinh(c F) / c
+//! F = F_in(x - C F)
 //! ```
-//! C: `compliance_mm_per_kn` / 1000, mm/N. c: `closing_per_kn` / 1000, 1/N; for c = 0 d is C F. x: displacement, mm. F_in: force of the
-//! plant inside, N. A seat or joint closes under load, so that it deforms less and less. Each step solves this equation
-//! on copies of the plant inside: two secant steps, then within a bracket if they have not met it.
+//! C: `compliance_mm_per_kn` / 1000, mm/N. x: displacement, mm. F_in: force of the plant inside, N. Each step solves this
+//! equation on copies of the plant inside: two secant steps, then within a bracket if they have not met it.
 //! Where F_in jumps (dry friction that reverses at once, or that reverses after the noise band of a LVDT), no displacement of the
 //! specimen meets the equation. The specimen then sticks before the jump, and F is what the compliance carries.
-//! Source: two springs in series. Range: massless fixture. With c = 0 and a linear spring inside, the effect only lowers the
+//! Source: two springs in series. Range: linear, massless fixture. With a linear spring inside, the effect only lowers the
 //! rate and no recording can show it.
 
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
@@ -18,47 +17,29 @@ use crate::model::{Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "series_compliance",
     stage: Stage::Frame,
-    parameters: &[
-        Parameter {
-            name: "compliance_mm_per_kn",
-            unit: "mm/kN",
-            start: 0.1,
-            bounds: [0.0, 50.0],
-            belief: [0.0, 5.0],
-            what: "deformation of the fixture for each kN, near zero force",
-        },
-        Parameter {
-            name: "closing_per_kn",
-            unit: "1/kN",
-            start: 0.0,
-            bounds: [0.0, 20.0],
-            belief: [0.0, 10.0],
-            what: "how soon the fixture closes and deforms less: 0 for the same deformation at every force",
-        },
-    ],
-    neutral: &[0.0, 0.0],
+    parameters: &[Parameter {
+        name: "compliance_mm_per_kn",
+        unit: "mm/kN",
+        start: 0.1,
+        bounds: [0.0, 50.0],
+        belief: [0.0, 5.0],
+        what: "deformation of the fixture for each kN",
+    }],
+    neutral: &[0.0],
     amplitudes: &[0],
     kinks: &[],
-    shapes: &[1],
-    starts: |_| vec![vec![0.05, 0.2], vec![0.1, 2.0]],
+    shapes: &[],
+    starts: |_| vec![vec![0.05]],
     statement: |v| {
-        let closing = if v[1] > 0.0 {
-            format!(" at low force, half as much at {:.2} kN", HALF_CLOSED / v[1])
-        } else {
-            String::new()
-        };
         format!(
-            "A part between specimen and LVDT deforms by {:.3} mm for each kN{closing}. Possible causes: load frame, board or fixture.",
+            "A part between specimen and LVDT deforms by {:.3} mm for each kN. Possible causes: load frame, board or fixture.",
             v[0]
         )
     },
     attach: |v, inside| {
         wrapped(
             SeriesCompliance {
-                fixture: ClosingFixture {
-                    mm_per_n: 1e-3 * v[0],
-                    closing_per_n: 1e-3 * v[1],
-                },
+                mm_per_n: 1e-3 * v[0],
                 force_n: 0.0,
                 specimen_mm: 0.0,
                 rate_n_per_mm: 100.0,
@@ -69,22 +50,13 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     if_known: super::unchanged,
     place: everywhere,
-    confusable_with: &[
-        LookAlike {
-            code: "geometric_stiffness",
-            why: "a seat that deforms curves the characteristic as geometry does",
-            test: "a second LVDT between board and frame: it measures the deformation of the seat",
-        },
-        LookAlike {
-            code: "progressive_stiffness",
-            why: "a seat that closes deforms less under a high force, so the spring looks stiffer beyond a deflection",
-            test: "a second LVDT between board and frame: it measures the deformation of the seat",
-        },
-    ],
+    confusable_with: &[LookAlike {
+        code: "geometric_stiffness",
+        why: "a seat that deforms curves the characteristic as geometry does",
+        test: "a second LVDT between board and frame: it measures the deformation of the seat",
+    }],
 };
 
-/// c F at which a further newton deforms a fixture half as much as the first: the square root of 3.
-const HALF_CLOSED: f64 = 1.732;
 /// Secant steps of every solution. The number is fixed, because a convergence test that decides at every point would make the
 /// derivatives of a fit discontinuous.
 const SECANT_STEPS: usize = 2;
@@ -95,42 +67,9 @@ const TOLERANCE_MM: f64 = 1e-8;
 /// Smallest distance in mm of two displacements that a rate is computed from; below it rounding counts.
 const LEAST_CHORD_MM: f64 = 1e-7;
 
-/// A fixture that closes under load.
-#[derive(Debug, Clone, Copy)]
-struct ClosingFixture {
-    /// Deformation for each newton near zero force.
-    mm_per_n: f64,
-    closing_per_n: f64,
-}
-
-impl ClosingFixture {
-    /// Deformation in mm under a force.
-    fn deformed_mm(self, force_n: f64) -> f64 {
-        if self.closing_per_n > 0.0 {
-            self.mm_per_n * (self.closing_per_n * force_n).asinh() / self.closing_per_n
-        } else {
-            self.mm_per_n * force_n
-        }
-    }
-
-    /// Force in N that deforms it so far.
-    fn force_n(self, deformed_mm: f64) -> f64 {
-        if self.closing_per_n > 0.0 {
-            (self.closing_per_n * deformed_mm / self.mm_per_n).sinh() / self.closing_per_n
-        } else {
-            deformed_mm / self.mm_per_n
-        }
-    }
-
-    /// Deformation for a further newton.
-    fn mm_per_n_at(self, force_n: f64) -> f64 {
-        self.mm_per_n / (self.closing_per_n * force_n).hypot(1.0)
-    }
-}
-
 #[derive(Clone)]
 struct SeriesCompliance {
-    fixture: ClosingFixture,
+    mm_per_n: f64,
     force_n: f64,
     specimen_mm: f64,
     rate_n_per_mm: f64,
@@ -165,19 +104,18 @@ impl SeriesCompliance {
         displacement_mm: f64,
         mut force_at: impl FnMut(f64) -> f64,
     ) -> ([Option<Trial>; 2], Trial) {
-        let fixture = self.fixture;
-        let mut trial = |specimen_mm: f64| {
+        let mut trial = |specimen_mm: f64, mm_per_n: f64| {
             let force_n = force_at(specimen_mm);
             Trial {
                 specimen_mm,
                 force_n,
-                short_mm: displacement_mm - fixture.deformed_mm(force_n) - specimen_mm,
+                short_mm: displacement_mm - mm_per_n * force_n - specimen_mm,
             }
         };
         // Share of the displacement step that reaches the specimen, from the last known rate.
-        let share = 1.0 / (1.0 + fixture.mm_per_n_at(self.force_n) * self.rate_n_per_mm);
-        let step_mm = displacement_mm - fixture.deformed_mm(self.force_n) - self.specimen_mm;
-        let mut last = trial(self.specimen_mm + share * step_mm);
+        let share = 1.0 / (1.0 + self.mm_per_n * self.rate_n_per_mm);
+        let step_mm = displacement_mm - self.mm_per_n * self.force_n - self.specimen_mm;
+        let mut last = trial(self.specimen_mm + share * step_mm, self.mm_per_n);
         let mut bracket = [None, None];
         for step in 0..MOST_STEPS {
             bracket[usize::from(last.short_mm < 0.0)] = Some(last);
@@ -185,8 +123,7 @@ impl SeriesCompliance {
             if step >= SECANT_STEPS && (last.short_mm.abs() < TOLERANCE_MM || width_mm < TOLERANCE_MM) {
                 break;
             }
-            let yields = fixture.mm_per_n_at(last.force_n) * self.rate_n_per_mm;
-            let secant_mm = last.specimen_mm + last.short_mm / (1.0 + yields);
+            let secant_mm = last.specimen_mm + last.short_mm / (1.0 + self.mm_per_n * self.rate_n_per_mm);
             let next_mm = match bracket {
                 _ if step < SECANT_STEPS => secant_mm,
                 // Bisections between the secants: a jump within the bracket misleads every secant.
@@ -197,7 +134,7 @@ impl SeriesCompliance {
                 // The force rises with the displacement, so a step by all that is missing is too long.
                 _ => last.specimen_mm + last.short_mm,
             };
-            let next = trial(next_mm);
+            let next = trial(next_mm, self.mm_per_n);
             let chord_mm = next.specimen_mm - last.specimen_mm;
             let rate_n_per_mm = (next.force_n - last.force_n) / chord_mm;
             if rate_n_per_mm.is_finite() && rate_n_per_mm > 0.0 && chord_mm.abs() > LEAST_CHORD_MM {
@@ -229,7 +166,7 @@ impl Wrap for SeriesCompliance {
     }
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
-        if self.fixture.mm_per_n <= 0.0 {
+        if self.mm_per_n <= 0.0 {
             return inside.step(displacement_mm, dt_s);
         }
         let mut trial = self.trials.0.take().unwrap_or_else(|| inside.boxed_clone());
@@ -244,7 +181,7 @@ impl Wrap for SeriesCompliance {
                     (self.specimen_mm - low.specimen_mm).abs() <= (self.specimen_mm - high.specimen_mm).abs();
                 self.specimen_mm = if from_below { low } else { high }.specimen_mm;
                 inside.step(self.specimen_mm, dt_s);
-                let carried_n = self.fixture.force_n(displacement_mm - self.specimen_mm);
+                let carried_n = (displacement_mm - self.specimen_mm) / self.mm_per_n;
                 self.force_n = carried_n.clamp(low.force_n.min(high.force_n), low.force_n.max(high.force_n));
             }
             _ => {
@@ -272,38 +209,19 @@ mod tests {
     #[test]
     fn force_by_hand() {
         // 80 N/mm behind 2 mm/kN: x_s = (5 - 0.002 * 100) / 1.16, F = 100 + 80 x_s.
-        let mut plant = (EFFECT.attach)(&[2.0, 0.0], spring());
+        let mut plant = (EFFECT.attach)(&[2.0], spring());
         // The secant method ends within 1e-9 mm.
         assert!((plant.step(5.0, 0.1) - (100.0 + 80.0 * 4.8 / 1.16)).abs() < 1e-6);
     }
 
     #[test]
-    fn a_fixture_that_closes_deforms_less_and_less() {
-        // 80 N/mm behind 2 mm/kN that closes at 1 per kN: the specimen takes what asinh(F / 1000) * 2 mm leaves of 9 mm.
-        let mut plant = (EFFECT.attach)(&[2.0, 1.0], spring());
-        let mut force_n = 0.0;
-        for step in 1..=900 {
-            force_n = plant.step(0.01 * f64::from(step), 1e-3);
-        }
-        let specimen_mm = (force_n - 100.0) / 80.0;
-        assert!((specimen_mm + 2.0 * (1e-3 * force_n).asinh() - 9.0).abs() < 1e-6);
-        // The second half kN deforms it less than the first.
-        let fixture = super::ClosingFixture {
-            mm_per_n: 2e-3,
-            closing_per_n: 1e-3,
-        };
-        assert!(fixture.deformed_mm(1000.0) < 1.95 * fixture.deformed_mm(500.0));
-        assert!((fixture.force_n(fixture.deformed_mm(700.0)) - 700.0).abs() < 1e-9);
-    }
-
-    #[test]
     fn parameters_are_recovered_from_clean_data() {
-        parameters_are_recovered(&EFFECT, &[1.3, 0.8]);
+        parameters_are_recovered(&EFFECT, &[1.3]);
     }
 
     /// Forces of a spring with friction inside behind 2 mm/kN, over two cycles of 1 Hz at 1 kHz.
     fn stepped_at_1_khz(friction: &Effect, values: &[f64]) -> Vec<f64> {
-        let mut plant = (EFFECT.attach)(&[2.0, 0.0], (friction.attach)(values, spring()));
+        let mut plant = (EFFECT.attach)(&[2.0], (friction.attach)(values, spring()));
         (0..2000)
             .map(|i| {
                 let angle = std::f64::consts::TAU * 1e-3 * f64::from(i);
@@ -343,7 +261,7 @@ mod tests {
     #[test]
     fn the_equation_holds_at_every_step_where_the_force_has_no_jump() {
         // F = 100 + 80 (x - 0.002 F), so F = (100 + 80 x) / 1.16.
-        let mut plant = (EFFECT.attach)(&[2.0, 0.0], spring());
+        let mut plant = (EFFECT.attach)(&[2.0], spring());
         for (dt_s, x) in motion() {
             let expected_n = (100.0 + 80.0 * x) / 1.16;
             assert!((plant.step(x, dt_s) - expected_n).abs() < 1e-5, "{x}");

@@ -176,16 +176,8 @@ pub(super) fn candidates(context: &FitContext<'_>, search: &SearchResult) -> Vec
     rows
 }
 
-/// Candidates that these recordings cannot show in their simplest form. A form that is visible says nothing of the plain one: a
-/// fixture that closes curves the loop, a linear one does not.
+/// Candidates that these recordings cannot show.
 pub(super) fn not_testable(context: &FitContext<'_>, baseline: &Node) -> Vec<NotTestable> {
-    let mut plain = context.setup.clone();
-    for candidate in &mut plain.candidates {
-        for &shape in candidate.effect.shapes {
-            candidate.parameters[shape].bounds = [candidate.effect.neutral[shape]; 2];
-        }
-    }
-    let context = &context.with_setup(&plain);
     let lists = context
         .converged(baseline)
         .map_or_else(Vec::new, |(node, tangent)| context.scores(&node, &tangent));

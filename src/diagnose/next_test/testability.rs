@@ -59,7 +59,7 @@ fn in_words(test: &TestProfile, codes: &[&str], duration_s: f64) -> NextTest {
     }
 }
 
-/// The effects in all their starts, within their bounds, each in its simplest form.
+/// The effects in all their starts, within their bounds.
 fn unseen<'c>(context: &'c FitContext<'_>, node: &Node, codes: &[String]) -> Vec<UnseenEffect<'c>> {
     let wanted = |a: &&Attached| {
         codes.iter().any(|code| code == a.effect.code)
@@ -71,9 +71,6 @@ fn unseen<'c>(context: &'c FitContext<'_>, node: &Node, codes: &[String]) -> Vec
             .map(move |mut start| {
                 for (v, p) in start.iter_mut().zip(&candidate.parameters) {
                     *v = v.clamp(p.bounds[0], p.bounds[1]);
-                }
-                for &shape in candidate.effect.shapes {
-                    start[shape] = candidate.effect.neutral[shape];
                 }
                 UnseenEffect { candidate, start }
             })
