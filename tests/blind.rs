@@ -34,8 +34,8 @@ fn an_effect_that_is_removed_is_not_found() {
     assert_eq!(nothing.verdict, Verdict::Adequate, "{}", nothing.summary);
 }
 
-/// A magnetic catch on bristles that nobody has a formula for: the free shape of the friction law explained most of the difference, and
-/// what was left, 16 % of the noise at one place, was called adequate.
+/// A magnetic catch in a specimen with bristle friction; the library has neither. A free shape of the friction law explained most of the
+/// difference. What was left repeated, with a mean square of 16 % of the noise variance, and the verdict was `adequate`.
 #[test]
 fn structure_that_is_left_beside_a_free_friction_law_is_not_adequate() {
     let case = Case::draw(World::Lugre, 626_262, 17, None);

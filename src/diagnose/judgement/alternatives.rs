@@ -20,8 +20,9 @@ const CONFIDENCE_EXPONENT: f64 = 3.0;
 /// an effect is never exact.
 const DOUBT_FLOOR: f64 = 2.0;
 const DOUBT_SHARE: f64 = 0.02;
-/// Share of what an effect explains that the error of its form may leave: a law that is 17 % off in shape. At half, a small drift
-/// beside a creep of another law is sure again; at double, effects of equal size lose 6 % of their confidence instead of 3 %.
+/// Share of what an effect explains that the error of its form may leave: a law that is 17 % off in shape. Of 160 cases of five worlds
+/// (seed 626262) 6 have a wrong name that is sure, instead of 9 without it. At half: 6 too; at a third: 8. At double: 5, but 2 of 69
+/// right names are no longer sure.
 const FORM_SHARE: f64 = 0.03;
 /// Number of candidates that are fitted in place of an effect.
 const RIVALS_TRIED: usize = 8;
@@ -47,7 +48,7 @@ pub(in crate::diagnose) struct JudgedEffect {
 }
 
 impl JudgedEffect {
-    /// Factor of the confidence among the other effects of the set, 0 to 1: what this one takes may be the error of their forms.
+    /// Factor of the confidence, 0 to 1: a part of what this effect explains may be the error of form of the other effects in the set.
     pub(super) fn trust_beside(&self, all: &[JudgedEffect]) -> f64 {
         let others = all.iter().filter(|j| j.place != self.place);
         let form_error = FORM_SHARE * others.map(|j| j.loss.max(0.0)).sum::<f64>();

@@ -88,7 +88,8 @@ fn diagnosis(
     let left = lack_of_fit(context.data, &after.residuals);
     let beside_names = unexplained_share(before, after, left);
     let unexplained_share = unexplained_share(base, after, left);
-    // What the shape of the friction law explains is no reason to overlook what the named effects leave.
+    // Where a free shape of the friction law explains most, the rest is a small share of the whole. It is also compared with what is
+    // left to explain after that shape.
     let unexplained = is_unexplained(context, search, base, left) || repeats(search, beside_names, left);
     let verdict = verdict_of(unexplained, judged);
     let named = if unexplained { before } else { after };
@@ -304,7 +305,8 @@ fn is_unexplained(context: &FitContext<'_>, search: &SearchResult, before: &Node
     repeats || no_fit || late || power > FAR_OFF_POWER
 }
 
-/// True if the structure that is left, `share` of what was to be explained, is no chance and no error of an effect's form.
+/// True if the structure that is left is larger than chance and than the error of an effect's form; `share`: its share of what was to
+/// be explained.
 fn repeats(search: &SearchResult, share: f64, left: LackOfFit) -> bool {
     left.power > LACK_POWER
         && share > LACK_SHARE
@@ -345,7 +347,7 @@ fn findings(
         .collect()
 }
 
-/// A named effect; `trust_in_set` is the factor of its confidence that the other effects and the unexplained rest leave.
+/// A named effect. `trust_in_set`: factor of its confidence, for the other effects of the set and for what is left unexplained.
 fn finding(
     context: &FitContext<'_>,
     search: &SearchResult,
