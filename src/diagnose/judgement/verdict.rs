@@ -88,8 +88,7 @@ fn diagnosis(
     let left = lack_of_fit(context.data, &after.residuals);
     let beside_names = unexplained_share(before, after, left);
     let unexplained_share = unexplained_share(base, after, left);
-    // Where a free shape of the friction law explains most, the rest is a small share of the whole. It is also compared with what is
-    // left to explain after that shape.
+    // The rest is also compared with what the shape of the friction law left to explain: of the whole it may be a small share.
     let unexplained = is_unexplained(context, search, base, left) || repeats(search, beside_names, left);
     let verdict = verdict_of(unexplained, judged);
     let named = if unexplained { before } else { after };
