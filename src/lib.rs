@@ -75,7 +75,7 @@
 //! |---|---|
 //! | 0 | units, regular_file, detector, nearest, ring |
 //! | 1 | recording, profile, protocol, calibration |
-//! | 2 | acceptance, model, link, truth |
+//! | 2 | acceptance, archive, model, link, truth |
 //! | 3 | effect, control, conformance |
 //! | 4 | identify, mockrig, twin |
 //! | 5 | config, diagnose, papers |
@@ -92,6 +92,7 @@
 #![warn(missing_docs, unreachable_pub)]
 
 mod acceptance;
+mod archive;
 mod blind;
 mod calibration;
 mod cli;

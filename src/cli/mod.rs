@@ -4,6 +4,7 @@
 //! `calibrate` are folders, because they have several steps. A new command is one file and one line in [`COMMANDS`]. What several commands use (errors,
 //! progress, Ctrl-C, the client of the daemon, the files of this computer, the virtual bench) is in `shared`.
 
+mod archive;
 mod audit;
 mod blind;
 mod calibrate;
@@ -36,6 +37,7 @@ mod status;
 mod stop;
 mod tare;
 mod token;
+mod verify;
 mod watch;
 mod zero;
 
@@ -111,6 +113,8 @@ static COMMANDS: &[CommandEntry] = &[
     CommandEntry::of::<certificate::CertificateArgs>(),
     CommandEntry::of::<export::ExportArgs>(),
     CommandEntry::of::<import::ImportArgs>(),
+    CommandEntry::of::<archive::ArchiveArgs>(),
+    CommandEntry::of::<verify::VerifyArgs>(),
     CommandEntry::of::<new::NewArgs>(),
     CommandEntry::of::<plan::PlanArgs>(),
     CommandEntry::of::<simulate::SimulateArgs>(),

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::archive::ArchiveError;
 use crate::config::ConfigError;
 use crate::control::Refusal;
 use crate::daemon::DaemonError;
@@ -95,6 +96,9 @@ pub(crate) enum CliError {
     /// A run cannot be exported.
     #[error(transparent)]
     Export(#[from] ExportError),
+    /// An archive cannot be written or read.
+    #[error(transparent)]
+    Archive(#[from] ArchiveError),
     /// Control refused an order, in virtual time.
     #[error("the rig refused")]
     Control(#[from] Refusal),
