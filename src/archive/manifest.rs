@@ -118,16 +118,23 @@ impl Manifest {
             path.split_once('/')
                 .is_some_and(|(table, _)| TABLES.contains(&table))
         };
-        paths
-            .filter(|path| of_a_table(path) && !self.entries.contains_key(path))
-            .collect()
+        paths.filter(|path| of_a_table(path) && !self.has(path)).collect()
+    }
+
+    /// The objects of a table, by path.
+    pub(super) fn of_table<'a>(&'a self, table: &'a str) -> impl Iterator<Item = &'a ManifestEntry> {
+        self.entries()
+            .filter(move |e| e.path.split('/').next() == Some(table))
+    }
+
+    /// True if it has an object of this path.
+    pub(super) fn has(&self, path: &str) -> bool {
+        self.entries.contains_key(path)
     }
 
     /// Runs that have rows in a table.
     pub(super) fn runs_of<'a>(&'a self, table: &'a str) -> BTreeSet<&'a str> {
-        let of_table = self
-            .entries()
-            .filter(move |e| e.path.split('/').next() == Some(table));
+        let of_table = self.of_table(table);
         of_table.flat_map(|e| e.runs.iter().map(String::as_str)).collect()
     }
 }

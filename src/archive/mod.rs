@@ -2,15 +2,17 @@
 //! the programs that read it.
 //!
 //! `place` the name of an archive and its store · `lock` one writer at a time · `manifest` what is in it: the one point of commit ·
-//! `samples`, `runs`, `cycles` the tables · `parquet_file` a table as bytes · `add` puts runs in · `verify` finds what changed
+//! `samples`, `runs`, `cycles`, `diagnoses` the tables · `parquet_file` a table as bytes · `add` puts runs in · `read` gets them back · `verify` finds what changed
 
 mod add;
 mod cycles;
+mod diagnoses;
 mod lock;
 mod manifest;
 mod parquet_file;
 mod partition;
 mod place;
+mod read;
 mod runs;
 mod samples;
 mod verify;
@@ -23,7 +25,9 @@ use std::path::PathBuf;
 use crate::recording::run_file::RunFileError;
 
 pub(crate) use add::{AddOptions, Added, add};
+pub(crate) use diagnoses::{DiagnosedRun, DiagnosisRow, Estimated, add_diagnoses};
 pub(crate) use place::ArchiveStore;
+pub(crate) use read::{ArchiveReader, ArchivedRun};
 pub(crate) use verify::{Verified, verify};
 
 /// Version of the tables and of the manifest. A reader refuses a newer one.
@@ -68,6 +72,12 @@ pub(crate) enum ArchiveError {
         pid: u32,
         since: String,
     },
+    #[error("{place} has no run {run_id}: add it with `leafbench archive`")]
+    NoRun { place: String, run_id: String },
+    #[error(
+        "{place}: {object} is missing or not what was written: `leafbench verify {place}` names all such objects; restore them from a copy"
+    )]
+    Changed { place: String, object: String },
     /// Another command took the archive over while this one wrote.
     #[error("{place} was taken over by another command: nothing was committed by this one after that")]
     TakenOver { place: String },

@@ -10,8 +10,12 @@ pub(super) const SAMPLES: &str = "samples";
 pub(super) const RUNS: &str = "runs";
 /// One row for each counted cycle.
 pub(super) const CYCLES: &str = "cycles";
-/// All tables that `add` writes.
-pub(super) const TABLES: [&str; 3] = [SAMPLES, RUNS, CYCLES];
+/// One row for each quantity that a diagnosis of a run estimated.
+pub(super) const DIAGNOSES: &str = "diagnoses";
+/// The tables that have each run.
+pub(super) const RUN_TABLES: [&str; 3] = [SAMPLES, RUNS, CYCLES];
+/// All tables.
+pub(super) const TABLES: [&str; 4] = [SAMPLES, RUNS, CYCLES, DIAGNOSES];
 
 /// Longest name of a specimen in a path, in characters.
 const LONGEST: usize = 60;
@@ -47,7 +51,7 @@ fn is_month(text: &str) -> bool {
 
 /// A name that every file system, object store and reader takes as it is. A name with other characters gets a part of its hash, so
 /// that two specimens never share a folder.
-fn folder_name(specimen: &str) -> String {
+pub(super) fn folder_name(specimen: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_' || c == '.';
     let kept: String = specimen
         .chars()

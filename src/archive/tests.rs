@@ -17,10 +17,10 @@ use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use super::lock::WriterLock;
 use super::manifest::{MANIFEST, Manifest};
 use super::*;
-use crate::recording::Recorder;
 use crate::recording::run_file::test_support::{damage_samples, header, outcome, sample};
 use crate::recording::run_file::{RunFile, RunFileWriter};
 use crate::recording::run_recording;
+use crate::recording::{Recorder, Recording};
 
 /// A closed run of so many samples.
 fn run(folder: &FilePath, run_id: &str, specimen: &str, ticks: u64) -> PathBuf {
@@ -100,6 +100,120 @@ fn the_samples_of_an_archive_are_the_numbers_of_the_csv() {
 
 fn bytes_of(content: Vec<u8>) -> bytes::Bytes {
     content.into()
+}
+
+#[test]
+fn a_run_of_an_archive_is_the_recording_of_its_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let files = few_runs(folder.path());
+    let store = in_memory();
+    add_all(&store, &files);
+    let reader = ArchiveReader::open(&store).unwrap();
+    let runs = reader.runs().unwrap();
+    let ids: Vec<_> = runs
+        .iter()
+        .map(|run| (run.run_id.as_str(), run.specimen.as_str()))
+        .collect();
+    assert_eq!(
+        ids,
+        [("run-a", "pack-1"), ("run-b", "pack-1"), ("run-c", "pack 2/x")]
+    );
+    assert_eq!(
+        (runs[0].bench.as_str(), runs[0].started_utc.get(..7)),
+        ("bench-1", Some("2026-11"))
+    );
+    let of_archive = reader.recording("run-b").unwrap();
+    let of_file = run_recording::read("run-b", &RunFile::open(&files[1]).unwrap());
+    let bits = |recording: &Recording| {
+        let command = recording.command.as_deref().unwrap().iter();
+        command.map(|c| c.to_bits()).collect::<Vec<_>>()
+    };
+    assert_eq!(bits(&of_archive), bits(&of_file));
+    let without = |recording: Recording| Recording {
+        command: None,
+        ..recording
+    };
+    assert_eq!(without(of_archive), without(of_file));
+    assert!(matches!(
+        reader.recording("run-x"),
+        Err(ArchiveError::NoRun { .. })
+    ));
+    store
+        .put(
+            "samples/specimen=pack-1/month=2026-11/run-b.parquet",
+            b"other".to_vec(),
+        )
+        .unwrap();
+    assert!(matches!(
+        reader.recording("run-b"),
+        Err(ArchiveError::Changed { .. })
+    ));
+}
+
+#[test]
+fn diagnoses_are_written_once_and_read_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let files = few_runs(folder.path());
+    let store = in_memory();
+    add_all(&store, &files);
+    let diagnosed = |run_id: &str| DiagnosedRun {
+        run_id: run_id.to_owned(),
+        model: "equivalent".to_owned(),
+        program_version: "1".to_owned(),
+        verdict: "explained".to_owned(),
+        message: String::new(),
+        rows: vec![
+            DiagnosisRow {
+                kind: "parameter".to_owned(),
+                quantity: "rate_n_per_mm".to_owned(),
+                unit: "N/mm".to_owned(),
+                scale: "relative".to_owned(),
+                estimate: Some(72.0),
+                std_error: Some(0.1),
+                testable: true,
+                named: None,
+            },
+            DiagnosisRow {
+                kind: "effect".to_owned(),
+                quantity: "backlash".to_owned(),
+                named: Some(Estimated {
+                    confidence: 0.9,
+                    parameter: "gap_mm".to_owned(),
+                    value: 0.2,
+                    ci95: Some([0.1, 0.3]),
+                }),
+                ..DiagnosisRow::default()
+            },
+        ],
+    };
+    let failed = DiagnosedRun {
+        verdict: "failed".to_owned(),
+        message: "too short".to_owned(),
+        rows: Vec::new(),
+        ..diagnosed("run-c")
+    };
+    let open = || ArchiveReader::open(&store).unwrap();
+    assert_eq!(add_diagnoses(&store, &[diagnosed("run-b")]).unwrap(), 1);
+    assert_eq!(open().undiagnosed("equivalent").unwrap(), ["run-a", "run-c"]);
+    assert_eq!(open().undiagnosed("leaf_pack").unwrap().len(), 3);
+    let first = contents(&store);
+    assert_eq!(add_diagnoses(&store, &[diagnosed("run-b")]).unwrap(), 0);
+    assert_eq!(contents(&store), first);
+    assert_eq!(
+        add_diagnoses(&store, &[failed.clone(), diagnosed("run-b")]).unwrap(),
+        1
+    );
+    assert_eq!(
+        open().diagnoses("equivalent").unwrap(),
+        [diagnosed("run-b"), failed]
+    );
+    assert!(matches!(
+        add_diagnoses(&store, &[diagnosed("run-x")]),
+        Err(ArchiveError::NoRun { .. })
+    ));
+    // More runs and a check do not disturb them.
+    assert_eq!(add_all(&store, &files).leftovers_removed, 0);
+    assert!(check(&store, &files).is_clean());
 }
 
 #[test]

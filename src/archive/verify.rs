@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use rayon::prelude::*;
 
 use super::manifest::{Manifest, ManifestEntry};
-use super::partition::{CYCLES, RUNS, SAMPLES, TABLES, hash};
+use super::partition::{RUN_TABLES, RUNS, SAMPLES, hash};
 use super::{ArchiveError, ArchiveStore};
 use crate::recording::run_file::RunFile;
 
@@ -61,10 +61,9 @@ pub(crate) fn verify(
     let mut leftovers = manifest.unknown(objects.into_keys());
     let interrupted = store.interrupted_files()?;
     leftovers.extend(interrupted.iter().map(|path| path.display().to_string()));
-    let of_samples = entries.iter().filter(|e| e.path.starts_with(SAMPLES));
     Ok(Verified {
         runs: manifest.runs_of(RUNS).len(),
-        samples: of_samples.map(|entry| entry.rows).sum(),
+        samples: manifest.of_table(SAMPLES).map(|entry| entry.rows).sum(),
         objects: entries.len(),
         bytes: entries.iter().map(|entry| entry.bytes).sum(),
         problems,
@@ -88,7 +87,7 @@ fn problem_of(store: &ArchiveStore, entry: &ManifestEntry) -> Result<Option<Stri
 
 /// Runs that are in some tables only.
 fn incomplete_runs(manifest: &Manifest) -> Vec<String> {
-    let tables = TABLES.map(|table| (table, manifest.runs_of(table)));
+    let tables = RUN_TABLES.map(|table| (table, manifest.runs_of(table)));
     let all: BTreeSet<&str> = tables.iter().flat_map(|(_, runs)| runs).copied().collect();
     let lacking = all.iter().flat_map(|run| {
         let without = tables.iter().filter(move |(_, runs)| !runs.contains(run));
@@ -96,12 +95,9 @@ fn incomplete_runs(manifest: &Manifest) -> Vec<String> {
     });
     let mut problems: Vec<String> = lacking.collect();
     // Each run is in one file of each table.
-    for table in [SAMPLES, RUNS, CYCLES] {
+    for table in RUN_TABLES {
         let mut seen = BTreeSet::new();
-        let of_table = manifest
-            .entries()
-            .filter(|e| e.path.split('/').next() == Some(table));
-        for run in of_table.flat_map(|entry| &entry.runs) {
+        for run in manifest.of_table(table).flat_map(|entry| &entry.runs) {
             if !seen.insert(run) {
                 problems.push(format!("run {run} is twice in the table {table}"));
             }

@@ -109,11 +109,8 @@ fn run_ids(path: &Path) -> Vec<String> {
 }
 
 /// The command to its end: nothing is lost, nothing twice, nothing left over.
-fn finish(place: &Path, folder: &Path, runs: &[PathBuf], when: &str) {
-    assert!(
-        archive(place, folder).status().expect("starts").success(),
-        "{when}"
-    );
+fn finish(place: &Path, runs: &[PathBuf], when: &str) {
+    assert!(archive(place, runs).status().expect("starts").success(), "{when}");
     let found = look(place, runs).expect("an archive");
     assert!(found.is_clean() && found.runs == RUNS, "{when}: {found:?}");
     let rows: Vec<String> = parquet_files(&place.join("runs"))
