@@ -9,7 +9,7 @@ use futures_util::TryStreamExt;
 use object_store::aws::AmazonS3Builder;
 use object_store::local::LocalFileSystem;
 use object_store::path::Path;
-use object_store::{Error, ObjectStore, ObjectStoreExt, PutMode, PutPayload};
+use object_store::{Error, ObjectStore, ObjectStoreExt, PutMode, PutPayload, RetryConfig};
 use tokio::runtime::Runtime;
 
 use super::ArchiveError;
@@ -84,7 +84,15 @@ impl ArchiveStore {
         let (bucket, prefix) = rest.split_once('/').unwrap_or((rest, ""));
         // The first one that is installed stays, so an error here means that there is one.
         let _ = tokio_rustls::rustls::crypto::ring::default_provider().install_default();
-        let store = AmazonS3Builder::from_env().with_bucket_name(bucket).build();
+        // `repeat` tries again, for every kind of store.
+        let retry = RetryConfig {
+            max_retries: 0,
+            ..RetryConfig::default()
+        };
+        let store = AmazonS3Builder::from_env()
+            .with_bucket_name(bucket)
+            .with_retry(retry)
+            .build();
         let store = store.map_err(|e| refused(e.to_string()))?;
         let prefix = Path::parse(prefix).map_err(|e| refused(e.to_string()))?;
         ArchiveStore::over(place, Arc::new(store), prefix)

@@ -86,7 +86,7 @@ fn the_samples_of_an_archive_are_the_numbers_of_the_csv() {
             .collect()
     };
     assert_eq!(decimals("time_s", 1e6), read.time_s);
-    assert_eq!(decimals("displacement_mm", 1e6), read.displacement_mm);
+    assert_eq!(decimals("displacement_mm", 1e5), read.displacement_mm);
     assert_eq!(decimals("force_n", 1e3), read.force_n);
     let empty = |column: &str| {
         batches

@@ -120,7 +120,7 @@ def check_object_store(leafbench, archive, runs):
     s3.delete_object(Bucket="lab", Key=f"some/prefix/{name}")
     assert f"{name} is missing" in call("verify", place, code=1)
     server.stop()
-    refused = call("archive", place, *runs, code=1)
+    refused = call("archive", place, *runs, code=2)
     assert "check the connection" in refused, refused
 
 
