@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Other programs read an archive: DuckDB, Polars and, where PySpark and Java are, Spark give the same ten answers as the run files.
-The same archive in an object store (moto, an S3 server) has the same bytes. Usage: check.py PATH_OF_LEAFBENCH RUN_FILE...
+The same archive in an object store (moto, an S3 server) has the same bytes. Usage: archive_check.py PATH_OF_LEAFBENCH RUN_FILE...
 """
 import json
 import os

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Size and speed of an archive beside pandas with CSV and asammdf with MF4, on this machine.
-Usage: benchmark.py PATH_OF_LEAFBENCH RUN_FILE [RUNS] [FOLDER]
+Usage: archive_benchmark.py PATH_OF_LEAFBENCH RUN_FILE [RUNS] [FOLDER]
 RUN_FILE is a recording of the mock rig with noise; RUNS (default 1000) copies of its first 60 s are made, each with another id,
 specimen and day.
 """
