@@ -121,7 +121,10 @@ mod units;
 
 pub use cli::main;
 pub use config::Bench;
-pub use diagnose::{Baseline, DiagnoseOptions, Diagnosis, Finding, Verdict, diagnose};
+pub use diagnose::{
+    Baseline, DiagnoseOptions, Diagnosis, EffectEstimate, Estimates, Finding, ParameterEstimate, Verdict,
+    diagnose, estimate,
+};
 pub use library::{RecordError, record};
 pub use model::{BuildError, Model, Parameter, Plant, find as find_model};
 pub use profile::Profile;

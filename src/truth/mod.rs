@@ -7,7 +7,7 @@
 //! detection limits, see [`limit`]. `blind` compares the diagnosis with the truth.
 //!
 //! That formulation is one [`world`]. `foreign` has others, in which neither the friction nor the effects follow the formulas
-//! of the library, and `nuisance` has imperfect instruments.
+//! of the library, and `nuisance` has imperfect instruments. `lab` has many specimens on several benches over months.
 
 pub(crate) mod case;
 pub(crate) mod catalogue;
@@ -15,6 +15,9 @@ pub(crate) mod family;
 mod forces;
 mod foreign;
 pub(crate) mod hidden;
+pub(crate) mod lab;
+mod lab_run;
+pub(crate) mod lab_test;
 pub(crate) mod limit;
 pub(crate) mod motion;
 mod nuisance;
