@@ -441,11 +441,13 @@ impl MixedFit {
         let taken = g * g * m.dot(&(&self.covariance * &m));
         let free = (w * g - taken).max(f64::MIN_POSITIVE);
         let slope = Vector2::new(1.0, w2 / (w * w));
+        // What the estimate of tau^2 adds (Prasad & Rao 1990); it matters where tau is estimated as 0.
+        let of_variances = 2.0 * g.powi(3) * w * self.variance_covariance[(0, 0)];
         let degrees = self.degrees(tau2 + 1.0 / w, &slope);
         SpecimenEffect {
             predicted: Contrast {
                 estimate: tau2 * g * residual,
-                std_error: (tau2 - tau2 * tau2 * free).max(0.0).sqrt(),
+                std_error: (tau2 - tau2 * tau2 * free + of_variances).max(0.0).sqrt(),
                 degrees,
             },
             deletion: Contrast {
