@@ -48,7 +48,7 @@ pub(crate) enum EstimateScale {
 }
 
 impl EstimateScale {
-    fn word(self) -> &'static str {
+    pub(crate) fn word(self) -> &'static str {
         match self {
             EstimateScale::Relative => "relative",
             EstimateScale::Absolute => "absolute",

@@ -2,7 +2,6 @@
 
 use serde::Serialize;
 
-use super::bench_cause::BenchCause;
 use super::estimate::EstimateScale;
 
 /// The result of pooling a table of estimates.
@@ -19,7 +18,7 @@ pub(crate) struct FleetFindings {
     pub family_wise_error: f64,
     /// What was found, in the order of the kinds, the surest first; empty if nothing was.
     pub findings: Vec<FleetFinding>,
-    /// For each bench that deviates, the error that fits: force, displacement or delay.
+    /// For each bench whose forces or displacements deviate, the error of gain that fits.
     pub bench_causes: Vec<BenchCause>,
     /// What the table cannot tell, and what to do.
     pub cannot_tell: Vec<String>,
@@ -37,6 +36,45 @@ pub(crate) struct FleetFinding {
     /// p value after correction for all questions, 0 to the family-wise error.
     pub adjusted_p: f64,
     pub sentence: String,
+}
+
+/// Which error of gain explains how a bench deviates in several quantities.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct BenchCause {
+    pub bench: String,
+    /// The benches against whose mean it was judged.
+    pub against: Vec<String>,
+    /// The quantities that a gain would move.
+    pub quantities: Vec<String>,
+    pub error: BenchError,
+    /// The gain of the force that fits best; null if no quantity depends on it.
+    pub force_gain: Option<GainFit>,
+    /// The gain of the displacement that fits best; null if no quantity depends on it.
+    pub displacement_gain: Option<GainFit>,
+    pub sentence: String,
+}
+
+/// Errors of gain of a bench.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum BenchError {
+    ForceGain,
+    DisplacementGain,
+    /// Both fit: the recordings cannot tell.
+    Either,
+    /// Neither alone fits.
+    Neither,
+}
+
+/// An error of gain, fitted to the deviations of a bench.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub(crate) struct GainFit {
+    /// Fraction by which the bench reads high, with its 95 % interval.
+    pub error: f64,
+    pub low95: f64,
+    pub high95: f64,
+    /// p value of what the gain leaves; small if another error is at work.
+    pub misfit_p: f64,
 }
 
 /// Kinds of questions. Each kind has the same share of the family-wise error.

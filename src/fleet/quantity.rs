@@ -12,7 +12,7 @@ use crate::effect::{EFFECTS, Stage};
 use crate::identify::confidence::student_975;
 
 /// Fewest specimens of a group in which one can be called different.
-const FEWEST_SPECIMENS: usize = 3;
+pub(super) const FEWEST_SPECIMENS: usize = 3;
 /// A finding in a group must hold on each bench with at least this share of its runs. At 0 a bench that was used once would decide; at
 /// half, the error of a bench with a third of the runs could pass for physics.
 const SHARE_OF_BENCH: f64 = 0.1;
