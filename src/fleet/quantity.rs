@@ -7,7 +7,7 @@ use super::findings::{
 };
 use super::levels::{Factor, level_effects};
 use super::mixed_model::Contrast;
-use super::outliers::{RobustFit, p_value};
+use super::outliers::{RobustFit, outlier_p, p_value};
 use crate::effect::{EFFECTS, Stage};
 use crate::identify::confidence::student_975;
 
@@ -72,7 +72,10 @@ pub(super) fn quantity_findings(robust: &RobustFit, reference_bench: Option<&str
         false => instrument_effects(robust, part),
     });
     let operators: Vec<usize> = match robust.choice.operators {
-        true => (0..data.operators.names.len()).collect(),
+        // Runs without an operator belong to nobody who could be named.
+        true => (0..data.operators.names.len())
+            .filter(|o| !data.operators.names[*o].is_empty())
+            .collect(),
         false => Vec::new(),
     };
     let groups = 0..data.groups.len();
@@ -273,7 +276,7 @@ fn specimen_deviation(robust: &RobustFit, specimen: usize, asked: bool) -> Speci
     benches.sort_unstable();
     benches.dedup();
     let mut deviation = PooledValue::difference(&effect.predicted, data.rows[0].scale, false);
-    deviation.p = asked.then(|| p_value(&effect.deletion));
+    deviation.p = asked.then(|| outlier_p(&effect.deletion));
     SpecimenDeviation {
         specimen: own.name.to_owned(),
         family: own.family.to_owned(),
