@@ -85,13 +85,14 @@ impl MixedData {
         if self.y.len() <= self.width {
             return None;
         }
-        let (mut at, free) = self.start()?;
-        let mut here = Likelihood::of(self.sums(&at))?;
+        let blocks = self.dense();
+        let (mut at, free) = self.start(&blocks)?;
+        let mut here = Likelihood::of(self.sums(&blocks, &at))?;
         for _ in 0..MOST_STEPS {
             let step = here.step(&at, free);
             let shorter = (0..40).map(|n| (at + step * 0.5f64.powi(n)).map(|v| v.max(0.0)));
             let better = shorter
-                .filter_map(|next| Some((next, Likelihood::of(self.sums(&next))?)))
+                .filter_map(|next| Some((next, Likelihood::of(self.sums(&blocks, &next))?)))
                 .find(|(_, there)| there.log >= here.log);
             // No step is better within the rounding: this is the maximum.
             let Some((next, there)) = better else { break };
@@ -105,13 +106,13 @@ impl MixedData {
     }
 
     /// Variances to start from, and which of the two can be estimated.
-    fn start(&self) -> Option<(Variances, [bool; 2])> {
+    fn start(&self, blocks: &[DenseBlock]) -> Option<(Variances, [bool; 2])> {
         let known = self.known_variance.iter().sum::<f64>() / self.y.len() as f64;
         // The scatter of all rows about the design, shared out equally.
-        let all = Likelihood::of(self.sums(&Variances::new(0.0, known)))?;
+        let all = Likelihood::of(self.sums(blocks, &Variances::new(0.0, known)))?;
         let scatter = known * 2.0 * all.quadratic / (self.y.len() - self.width) as f64;
         let at = Variances::repeat(0.5 * scatter.max(0.1 * known));
-        let information = Likelihood::of(self.sums(&at))?.information;
+        let information = Likelihood::of(self.sums(blocks, &at))?.information;
         let [tau, sigma] = [information[(0, 0)], information[(1, 1)]];
         let between = tau > ALIASED * sigma;
         let run_to_run = !between || information.determinant() > ALIASED * tau * sigma;
@@ -122,16 +123,51 @@ impl MixedData {
         Some((start, [between, run_to_run]))
     }
 
+    /// The blocks with their rows in the columns that they use.
+    fn dense(&self) -> Vec<DenseBlock> {
+        self.blocks.iter().map(|block| DenseBlock::of(self, block)).collect()
+    }
+
     /// The sums over all specimens that likelihood, score and information need. The last column is y.
-    fn sums(&self, at: &Variances) -> Sums {
+    fn sums(&self, blocks: &[DenseBlock], at: &Variances) -> Sums {
         let mut sums = Sums::zeros(self.width + 1);
-        for block in &self.blocks {
-            let weights = block.clone().map(|i| 1.0 / (at.y + self.known_variance[i]));
-            let weights: Vec<f64> = weights.collect();
-            let rows = block.clone().map(|i| (self.rows[i].as_slice(), self.y[i]));
-            sums.add(at.x, &weights, rows);
+        for block in blocks {
+            let weights = block.known_variance.iter().map(|known| 1.0 / (at.y + known));
+            sums.add(at.x, &weights.collect::<Vec<f64>>(), block);
         }
         sums
+    }
+}
+
+/// The rows of a specimen without the columns that are 0 in all of them.
+struct DenseBlock {
+    /// Numbers of the columns; the last one is y.
+    columns: Vec<usize>,
+    /// Values in these columns, row after row.
+    values: Vec<f64>,
+    known_variance: Vec<f64>,
+}
+
+impl DenseBlock {
+    fn of(data: &MixedData, block: &Range<usize>) -> DenseBlock {
+        let rows = &data.rows[block.clone()];
+        let used = rows.iter().flatten().map(|(c, _)| *c);
+        let mut columns: Vec<usize> = used.chain([data.width]).collect();
+        columns.sort_unstable();
+        columns.dedup();
+        let mut values = vec![0.0; columns.len() * rows.len()];
+        let dense = values.chunks_exact_mut(columns.len());
+        for ((dense, row), y) in dense.zip(rows).zip(&data.y[block.clone()]) {
+            for &(column, value) in row {
+                dense[columns.partition_point(|c| *c < column)] += value;
+            }
+            dense[columns.len() - 1] = *y;
+        }
+        DenseBlock {
+            columns,
+            values,
+            known_variance: data.known_variance[block.clone()].to_vec(),
+        }
     }
 }
 
@@ -157,12 +193,7 @@ impl Sums {
     }
 
     /// Adds a specimen with weights d = 1 / (sigma^2 + s^2) of its rows.
-    fn add<'r>(
-        &mut self,
-        tau2: f64,
-        d: &[f64],
-        rows: impl Iterator<Item = (&'r [(usize, f64)], f64)> + Clone,
-    ) {
+    fn add(&mut self, tau2: f64, d: &[f64], block: &DenseBlock) {
         let power = |n: i32| d.iter().map(|d| d.powi(n)).sum::<f64>();
         let (w, w2, w3) = (power(1), power(2), power(3));
         let g = 1.0 / (1.0 + tau2 * w);
@@ -209,9 +240,9 @@ impl Sums {
                 mr: -k,
             },
         ];
-        let local = LocalRows::of(self.products[0].ncols() - 1, d, rows);
+        let sums = BlockSums::of(d, block);
         for (product, terms) in self.products.iter_mut().zip(&terms) {
-            local.add_to(product, terms);
+            sums.add_to(product, terms, &block.columns);
         }
     }
 }
@@ -238,63 +269,52 @@ impl BlockTerms {
     };
 }
 
-/// The rows of a block in the columns that they use, with y as the last one.
-struct LocalRows {
-    columns: Vec<usize>,
-    /// X' D^n X for n = 1, 2, 3.
+/// Weighted sums over the rows of a block.
+struct BlockSums {
+    /// X' D^n X for n = 1, 2, 3, of which the lower triangle is filled in.
     squares: [DMatrix<f64>; 3],
     /// X' D^n 1 for n = 1, 2, 3: m, q and r.
     sums: [DVector<f64>; 3],
 }
 
-impl LocalRows {
-    fn of<'r>(
-        y_column: usize,
-        d: &[f64],
-        rows: impl Iterator<Item = (&'r [(usize, f64)], f64)> + Clone,
-    ) -> LocalRows {
-        let used = rows.clone().flat_map(|(row, _)| row.iter().map(|(c, _)| *c));
-        let mut columns: Vec<usize> = used.chain([y_column]).collect();
-        columns.sort_unstable();
-        columns.dedup();
-        let size = columns.len();
+impl BlockSums {
+    fn of(d: &[f64], block: &DenseBlock) -> BlockSums {
+        let size = block.columns.len();
         let mut squares: [DMatrix<f64>; 3] = std::array::from_fn(|_| DMatrix::zeros(size, size));
         let mut sums: [DVector<f64>; 3] = std::array::from_fn(|_| DVector::zeros(size));
-        let mut entries: Vec<(usize, f64)> = Vec::new();
-        for ((row, y), &d) in rows.zip(d) {
-            entries.clear();
-            let local = |column: usize| columns.partition_point(|c| *c < column);
-            entries.extend(row.iter().map(|&(c, v)| (local(c), v)));
-            entries.push((size - 1, y));
-            for n in 0..3 {
-                let weight = d.powi(n as i32 + 1);
-                for &(i, x) in &entries {
-                    sums[n][i] += weight * x;
-                    for &(j, z) in &entries {
-                        squares[n][(i, j)] += weight * x * z;
+        for (row, &d) in block.values.chunks_exact(size).zip(d) {
+            let mut weight = 1.0;
+            for (square, sum) in squares.iter_mut().zip(&mut sums) {
+                weight *= d;
+                for (j, (square, &x)) in square.as_mut_slice().chunks_exact_mut(size).zip(row).enumerate() {
+                    let weighted = weight * x;
+                    sum[j] += weighted;
+                    for (square, z) in square[j..].iter_mut().zip(&row[j..]) {
+                        *square += weighted * z;
                     }
                 }
             }
         }
-        LocalRows {
-            columns,
-            squares,
-            sums,
-        }
+        BlockSums { squares, sums }
     }
 
-    fn add_to(&self, product: &mut DMatrix<f64>, terms: &BlockTerms) {
+    /// Adds what `terms` say to the product over all columns.
+    fn add_to(&self, product: &mut DMatrix<f64>, terms: &BlockTerms, columns: &[usize]) {
         let [m, q, r] = &self.sums;
-        for (i, &row) in self.columns.iter().enumerate() {
-            for (j, &column) in self.columns.iter().enumerate() {
+        for (j, &column) in columns.iter().enumerate() {
+            for (i, &row) in columns.iter().enumerate().skip(j) {
                 let over_rows = match terms.row {
                     0 => 0.0,
                     n => self.squares[n as usize - 1][(i, j)],
                 };
-                product[(row, column)] += over_rows
+                let value = over_rows
                     + terms.mm * m[i] * m[j]
                     + terms.mq * (m[i] * q[j] + q[i] * m[j])
                     + terms.mr * (m[i] * r[j] + r[i] * m[j] + q[i] * q[j]);
+                product[(row, column)] += value;
+                if i != j {
+                    product[(column, row)] += value;
+                }
             }
         }
     }

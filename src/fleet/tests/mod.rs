@@ -13,6 +13,11 @@ fn look() {
         let f = pool(&SyntheticLab::with_everything().table(seed), &FleetOptions::default()).unwrap();
         println!("--- seed {seed} questions {} {:?}", f.questions, t.elapsed());
         for x in &f.findings { println!("{:.1e} {}", x.adjusted_p, x.sentence); }
+        for q in f.quantities.iter().filter(|q| q.quantity == "series_compliance") {
+            println!("tau {} sigma {}", q.between_specimens, q.run_to_run);
+            for g in &q.groups { println!("{} {:?} {:?} {:?}", g.family, g.batch, g.benches, g.level); }
+            for g in &q.benches { println!("{} {:?}", g.name, g.effect); }
+        }
         for x in &f.bench_causes { println!("{}", x.sentence); }
         for x in &f.cannot_tell { println!("? {x}"); }
     }
