@@ -62,7 +62,10 @@ fn unit_powers(unit: &str) -> Option<[f64; 2]> {
     let mut powers = [0.0; 2];
     for (place, part) in unit.split('/').enumerate() {
         let sign = if place == 0 { 1.0 } else { -1.0 };
-        for factor in part.split(['*', '\u{b7}', ' ', '(', ')']).filter(|f| !f.is_empty()) {
+        for factor in part
+            .split(['*', '\u{b7}', ' ', '(', ')'])
+            .filter(|f| !f.is_empty())
+        {
             let name = factor.trim_end_matches(|c: char| c.is_ascii_digit() || "^\u{b2}\u{b3}".contains(c));
             let power = match factor[name.len()..].trim_start_matches('^') {
                 "" => 1.0,
@@ -262,6 +265,9 @@ mod tests {
         assert!((force.error - 0.011f64.exp_m1()).abs() < 1e-12);
         let displacement = gain(&both, 1).expect("depends on displacement");
         assert!((displacement.error - (-0.010f64).exp_m1()).abs() < 1e-12);
-        assert!(gain(&both[1..], 1).is_none(), "a preload says nothing about the displacement");
+        assert!(
+            gain(&both[1..], 1).is_none(),
+            "a preload says nothing about the displacement"
+        );
     }
 }

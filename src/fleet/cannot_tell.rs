@@ -64,7 +64,11 @@ fn confounded(robust: &RobustFit) -> Vec<String> {
     let (design, data) = (&robust.design, robust.design.of);
     let mut reasons = Vec::new();
     let slopes = [
-        (DesignTerm::Cycles(None), "cycles", "with another number of cycles"),
+        (
+            DesignTerm::Cycles(None),
+            "cycles",
+            "with another number of cycles",
+        ),
         (DesignTerm::Years, "time", "at another time"),
     ];
     for (term, word, again) in slopes {
@@ -118,8 +122,9 @@ fn not_asked(robust: &RobustFit) -> Vec<String> {
         reasons.push("a change with cycles cannot be told, as all runs have the same age_cycles".to_owned());
     }
     if is_missing(DesignTerm::Years) {
-        reasons
-            .push("a change with time cannot be told, as the runs span less than a quarter of a year".to_owned());
+        reasons.push(
+            "a change with time cannot be told, as the runs span less than a quarter of a year".to_owned(),
+        );
     }
     reasons
 }

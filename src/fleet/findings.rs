@@ -152,8 +152,12 @@ pub(crate) struct GroupLevel {
     pub benches: Vec<String>,
     pub specimens: usize,
     pub runs: usize,
-    /// Mean in the unit of the quantity, at the mean age of the runs of the group.
+    /// Mean in the unit of the quantity, at the mean age of the runs of the group. For an effect on the benches where it was measured:
+    /// the question is whether the group or one of these benches has it. For a parameter at the mean of the benches.
     pub level: PooledValue,
+    /// The mean of an effect if that bench is right for which it is least sure. The question is whether the group itself has the effect,
+    /// whichever bench is right (the largest p value counts: Berger 1982). Null for a parameter, and where one bench is all there is.
+    pub on_least_sure_bench: Option<PooledValue>,
     /// Difference from the other batches of the family; null for a family, and for the second one of two batches.
     pub from_other_batches: Option<PooledValue>,
     /// Largest absolute ratio of estimate to standard error of a single specimen.

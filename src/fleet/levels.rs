@@ -72,7 +72,10 @@ pub(super) fn level_effects(
             let contrast = robust.level_against(factor, level, &without(&left, level))?;
             Some((level, p_value(&contrast)))
         };
-        let least = left.iter().filter_map(|l| p(*l)).min_by(|a, b| a.1.total_cmp(&b.1));
+        let least = left
+            .iter()
+            .filter_map(|l| p(*l))
+            .min_by(|a, b| a.1.total_cmp(&b.1));
         let Some((level, _)) = least.filter(|(_, p)| p * (left.len() as f64) < TAKEN_OUT_AT) else {
             break;
         };

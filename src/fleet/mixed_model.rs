@@ -125,7 +125,10 @@ impl MixedData {
 
     /// The blocks with their rows in the columns that they use.
     fn dense(&self) -> Vec<DenseBlock> {
-        self.blocks.iter().map(|block| DenseBlock::of(self, block)).collect()
+        self.blocks
+            .iter()
+            .map(|block| DenseBlock::of(self, block))
+            .collect()
     }
 
     /// The sums over all specimens that likelihood, score and information need. The last column is y.

@@ -109,14 +109,22 @@ pub(crate) fn pool(rows: &[EstimateRow], options: &FleetOptions) -> Result<Fleet
 
 /// The values of a quantity that answer questions.
 fn asked(quantity: &mut QuantityFindings) -> Vec<(QuestionKind, &mut PooledValue)> {
-    let benches = quantity.benches.iter_mut().map(|b| (QuestionKind::Bench, &mut b.effect));
+    let benches = quantity
+        .benches
+        .iter_mut()
+        .map(|b| (QuestionKind::Bench, &mut b.effect));
     let operators = quantity.operators.iter_mut();
     let operators = operators.map(|o| (QuestionKind::Operator, &mut o.effect));
     let groups = quantity.groups.iter_mut().flat_map(|group| {
-        let values = std::iter::once(&mut group.level).chain(&mut group.from_other_batches);
+        let values = std::iter::once(&mut group.level)
+            .chain(&mut group.on_least_sure_bench)
+            .chain(&mut group.from_other_batches);
         values.map(|value| (QuestionKind::Group, value))
     });
-    let slopes = quantity.slopes.iter_mut().map(|s| (QuestionKind::Age, &mut s.slope));
+    let slopes = quantity
+        .slopes
+        .iter_mut()
+        .map(|s| (QuestionKind::Age, &mut s.slope));
     let specimens = quantity.specimen_deviations.iter_mut();
     let specimens = specimens.map(|s| (QuestionKind::Specimen, &mut s.deviation));
     benches
@@ -131,16 +139,34 @@ fn check(rows: &[EstimateRow], options: &FleetOptions) -> Result<(), FleetError>
     if rows.is_empty() {
         return Err(FleetError::Empty);
     }
-    agree(rows, "specimen", |r| &r.specimen, "the family", |r| r.family.clone())?;
-    agree(rows, "specimen", |r| &r.specimen, "the batch", |r| {
-        format!("\"{}\"", r.batch)
-    })?;
+    agree(
+        rows,
+        "specimen",
+        |r| &r.specimen,
+        "the family",
+        |r| r.family.clone(),
+    )?;
+    agree(
+        rows,
+        "specimen",
+        |r| &r.specimen,
+        "the batch",
+        |r| format!("\"{}\"", r.batch),
+    )?;
     agree(rows, "quantity", |r| &r.quantity, "the unit", |r| r.unit.clone())?;
-    agree(rows, "quantity", |r| &r.quantity, "the scale", |r| {
-        r.scale.word().to_owned()
-    })?;
+    agree(
+        rows,
+        "quantity",
+        |r| &r.quantity,
+        "the scale",
+        |r| r.scale.word().to_owned(),
+    )?;
     let benches: BTreeSet<&str> = rows.iter().map(|row| row.bench.as_str()).collect();
-    match options.reference_bench.as_deref().filter(|name| !benches.contains(name)) {
+    match options
+        .reference_bench
+        .as_deref()
+        .filter(|name| !benches.contains(name))
+    {
         Some(name) => Err(FleetError::UnknownBench {
             name: name.to_owned(),
             known: benches.into_iter().collect::<Vec<_>>().join(", "),

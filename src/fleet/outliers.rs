@@ -64,17 +64,16 @@ impl<'d, 'r> RobustFit<'d, 'r> {
         };
         let mut taken_back = Vec::new();
         for _ in 0..2 * data.specimens.len() {
-            let next = match (here.weakest(), here.strongest(&taken_back)) {
-                (Some(weakest), _) => {
-                    taken_back.push(weakest);
-                    here.choice.outliers.iter().copied().filter(|s| *s != weakest).collect()
-                }
-                (None, Some(strongest)) => {
-                    here.choice.outliers.iter().copied().chain([strongest]).collect()
-                }
-                (None, None) => break,
+            let (weak, mut next) = here.weak_and_confirmed();
+            taken_back.extend(&weak);
+            match here.strongest(&taken_back) {
+                _ if !weak.is_empty() => {}
+                Some(strongest) => next.push(strongest),
+                None => break,
             };
-            let Some(fit) = here.with_outliers(next) else { break };
+            let Some(fit) = here.with_outliers(next) else {
+                break;
+            };
             here = fit;
         }
         Some(here)
@@ -160,12 +159,11 @@ impl<'d, 'r> RobustFit<'d, 'r> {
         SET_ASIDE_AT / self.design.of.specimens.len() as f64
     }
 
-    /// The specimen set aside that has the least reason for it, if that is too little.
-    fn weakest(&self) -> Option<usize> {
+    /// The specimens set aside with too little reason for it, and the others. With fewer set aside the scatter only grows, so that all
+    /// weak ones can be taken back at once.
+    fn weak_and_confirmed(&self) -> (Vec<usize>, Vec<usize>) {
         let p = |s: usize| self.own_mean(s).map_or(1.0, |own| outlier_p(&own));
-        let all = self.choice.outliers.iter().map(|s| (*s, p(*s)));
-        let weakest = all.max_by(|a, b| a.1.total_cmp(&b.1))?;
-        (weakest.1 > self.level()).then_some(weakest.0)
+        self.choice.outliers.iter().partition(|s| p(**s) > self.level())
     }
 
     /// The specimen of the fit that has the most reason to be set aside, if that is enough.

@@ -3,7 +3,8 @@
 use super::design::DesignTerm;
 use super::estimate::EstimateScale;
 use super::findings::{
-    AgeSlope, AgeUnit, GroupLevel, LevelEffect, PooledValue, QuantityFindings, QuantityRole, SpecimenDeviation,
+    AgeSlope, AgeUnit, GroupLevel, LevelEffect, PooledValue, QuantityFindings, QuantityRole,
+    SpecimenDeviation,
 };
 use super::levels::{Factor, level_effects};
 use super::mixed_model::Contrast;
@@ -13,9 +14,6 @@ use crate::identify::confidence::student_975;
 
 /// Fewest specimens of a group in which one can be called different.
 pub(super) const FEWEST_SPECIMENS: usize = 3;
-/// A finding in a group must hold on each bench with at least this share of its runs. At 0 a bench that was used once would decide; at
-/// half, the error of a bench with a third of the runs could pass for physics.
-const SHARE_OF_BENCH: f64 = 0.1;
 
 impl QuantityRole {
     /// The role by the name of the quantity: the code of an effect, or a parameter.
@@ -68,7 +66,12 @@ pub(super) fn quantity_findings(robust: &RobustFit, reference_bench: Option<&str
     let role = QuantityRole::of(&row.quantity);
     let of_specimens = role != QuantityRole::InstrumentEffect;
     let benches = (0..data.parts()).flat_map(|part| match of_specimens {
-        true => level_effects(robust, Factor::Bench, &data.benches_of_part(part), reference_bench),
+        true => level_effects(
+            robust,
+            Factor::Bench,
+            &data.benches_of_part(part),
+            reference_bench,
+        ),
         false => instrument_effects(robust, part),
     });
     let operators: Vec<usize> = match robust.choice.operators {
@@ -108,7 +111,10 @@ fn instrument_effects(robust: &RobustFit, part: usize) -> Vec<LevelEffect> {
             effect: PooledValue::difference(&contrast, data.rows[0].scale, true),
         })
     };
-    data.benches_of_part(part).into_iter().filter_map(effect).collect()
+    data.benches_of_part(part)
+        .into_iter()
+        .filter_map(effect)
+        .collect()
 }
 
 impl RobustFit<'_, '_> {
@@ -119,9 +125,6 @@ impl RobustFit<'_, '_> {
         let groups: Vec<usize> = groups.collect();
         let share = 1.0 / groups.len() as f64;
         let mut weights = vec![(DesignTerm::Bench(bench), 1.0)];
-        if data.benches_of_part(data.part_of_bench[bench]).len() == 1 {
-            weights.clear();
-        }
         weights.extend(groups.into_iter().map(|g| (DesignTerm::Group(g), share)));
         self.design.contrast(&self.fit, &weights)
     }
@@ -132,10 +135,16 @@ fn group_levels(robust: &RobustFit, group: usize, role: QuantityRole) -> Vec<Gro
     let batches = &robust.design.of.groups[group].batches;
     let several = 0..if batches.len() > 1 { batches.len() } else { 0 };
     let all = std::iter::once(None).chain(several.map(Some));
-    all.filter_map(|batch| group_level(robust, group, batch, role)).collect()
+    all.filter_map(|batch| group_level(robust, group, batch, role))
+        .collect()
 }
 
-fn group_level(robust: &RobustFit, group: usize, batch: Option<usize>, role: QuantityRole) -> Option<GroupLevel> {
+fn group_level(
+    robust: &RobustFit,
+    group: usize,
+    batch: Option<usize>,
+    role: QuantityRole,
+) -> Option<GroupLevel> {
     let data = robust.design.of;
     let scale = data.rows[0].scale;
     let name = batch.map(|b| data.groups[group].batches[b]);
@@ -147,40 +156,48 @@ fn group_level(robust: &RobustFit, group: usize, batch: Option<usize>, role: Qua
         let weights: Vec<_> = plain.iter().copied().chain(benches).collect();
         robust.design.contrast(&robust.fit, &weights)
     };
-    let level = match role {
-        QuantityRole::Effect => {
-            let mix = contrast(&shares)?;
-            let on_each = shares.iter().filter(|(_, share)| *share >= SHARE_OF_BENCH);
-            let on_each = on_each.filter_map(|&(b, _)| contrast(&[(b, 1.0)]));
-            // The finding must hold whichever of its benches is right: the largest p value counts (Berger 1982).
-            let p = on_each.map(|on| match on.estimate * mix.estimate > 0.0 {
-                true => p_value(&on),
-                false => 1.0,
-            });
-            let p = p.fold(p_value(&mix), f64::max);
-            PooledValue::level(&mix, scale, Some(p))
-        }
-        _ => PooledValue::level(&contrast(&[])?, scale, None),
-    };
+    let is_effect = role == QuantityRole::Effect;
+    // An effect counts on the benches where it was measured, a parameter at the mean of all.
+    let level = contrast(if is_effect { &shares } else { &[] })?;
+    let benches = data.benches_of_part(data.groups[group].part);
+    let if_right = benches.iter().filter(|_| is_effect && benches.len() > 1);
+    let if_right = if_right.filter_map(|b| contrast(&[(*b, 1.0)]));
+    let least_sure = if_right
+        .map(|on| match on.estimate * level.estimate > 0.0 {
+            true => (p_value(&on), on),
+            false => (1.0, on),
+        })
+        .max_by(|a, b| a.0.total_cmp(&b.0));
     let members = data.specimens.iter().enumerate();
     let members = members.filter(|(_, s)| s.group == group && name.is_none_or(|b| s.batch == b));
     let z = members.clone().map(|(s, _)| single_z(robust, s));
     Some(GroupLevel {
         family: data.groups[group].family.to_owned(),
         batch: name.map(str::to_owned),
-        benches: shares.iter().map(|(b, _)| data.benches.names[*b].to_owned()).collect(),
+        benches: shares
+            .iter()
+            .map(|(b, _)| data.benches.names[*b].to_owned())
+            .collect(),
         specimens: members.count(),
         runs: rows.len(),
-        level,
-        from_other_batches: batch.and_then(|b| from_other_batches(robust, group, b, role)),
+        on_least_sure_bench: least_sure.map(|(p, on)| PooledValue::level(&on, scale, Some(p))),
+        level: PooledValue::level(&level, scale, is_effect.then(|| p_value(&level))),
+        from_other_batches: batch
+            .and_then(|b| from_other_batches(robust, group, b, role != QuantityRole::InstrumentEffect)),
         largest_single_z: z.fold(0.0, |most, z| if z.abs() > f64::abs(most) { z } else { most }),
     })
 }
 
 /// Weights of the mean of a group or batch at the mean of the benches and at the mean age of its runs.
-fn level_weights(robust: &RobustFit, group: usize, batch: Option<usize>, rows: &[usize]) -> Vec<(DesignTerm, f64)> {
+fn level_weights(
+    robust: &RobustFit,
+    group: usize,
+    batch: Option<usize>,
+    rows: &[usize],
+) -> Vec<(DesignTerm, f64)> {
     let (design, data) = (&robust.design, robust.design.of);
-    let mean = |values: &dyn Fn(usize) -> f64| rows.iter().map(|i| values(*i)).sum::<f64>() / rows.len() as f64;
+    let mean =
+        |values: &dyn Fn(usize) -> f64| rows.iter().map(|i| values(*i)).sum::<f64>() / rows.len() as f64;
     let cycles = mean(&|i| data.rows[i].age_cycles / 1000.0) - design.mean_age[0];
     let years = mean(&|i| data.years[i]) - design.mean_age[1];
     let mut weights = vec![(DesignTerm::Group(group), 1.0)];
@@ -193,7 +210,7 @@ fn level_weights(robust: &RobustFit, group: usize, batch: Option<usize>, rows: &
     weights
 }
 
-/// Share of the rows on each bench that has some, without those of outliers. None where a part has one bench only.
+/// Share of the rows on each bench that has some, without those of outliers.
 fn bench_shares(robust: &RobustFit, rows: &[usize]) -> Vec<(usize, f64)> {
     let data = robust.design.of;
     let aside = |i: &usize| {
@@ -203,12 +220,11 @@ fn bench_shares(robust: &RobustFit, rows: &[usize]) -> Vec<(usize, f64)> {
     let kept: Vec<usize> = rows.iter().copied().filter(aside).collect();
     let on = |bench: usize| kept.iter().filter(|i| data.benches.of_row[**i] == bench).count();
     let shares = (0..data.benches.names.len()).map(|b| (b, on(b) as f64 / kept.len().max(1) as f64));
-    let shared = |b: usize| data.benches_of_part(data.part_of_bench[b]).len() > 1;
-    shares.filter(|(b, share)| *share > 0.0 && shared(*b)).collect()
+    shares.filter(|(_, share)| *share > 0.0).collect()
 }
 
 /// A batch against the mean of the others. Two batches are one question, which the first of them asks.
-fn from_other_batches(robust: &RobustFit, group: usize, batch: usize, role: QuantityRole) -> Option<PooledValue> {
+fn from_other_batches(robust: &RobustFit, group: usize, batch: usize, asked: bool) -> Option<PooledValue> {
     let count = robust.design.of.groups[group].batches.len();
     if count < 2 || (count == 2 && batch == 1) {
         return None;
@@ -218,7 +234,7 @@ fn from_other_batches(robust: &RobustFit, group: usize, batch: usize, role: Quan
     let weights: Vec<_> = others.chain([(DesignTerm::Batch(group, batch), 1.0)]).collect();
     let contrast = robust.design.contrast(&robust.fit, &weights)?;
     let scale = robust.design.of.rows[0].scale;
-    Some(PooledValue::difference(&contrast, scale, role == QuantityRole::Parameter))
+    Some(PooledValue::difference(&contrast, scale, asked))
 }
 
 /// Mean of the rows of one specimen over its standard error: what this specimen alone says.
@@ -281,7 +297,10 @@ fn specimen_deviation(robust: &RobustFit, specimen: usize, asked: bool) -> Speci
         specimen: own.name.to_owned(),
         family: own.family.to_owned(),
         batch: own.batch.to_owned(),
-        benches: benches.iter().map(|b| data.benches.names[*b].to_owned()).collect(),
+        benches: benches
+            .iter()
+            .map(|b| data.benches.names[*b].to_owned())
+            .collect(),
         runs: own.rows.len(),
         deviation,
         deletion_t: effect.deletion.estimate / effect.deletion.std_error,

@@ -2,8 +2,8 @@
 
 use super::estimate::EstimateScale;
 use super::findings::{
-    AgeSlope, FleetFinding, GroupLevel, LevelEffect, PooledValue, QuantityFindings, QuantityRole, QuestionKind,
-    SpecimenDeviation,
+    AgeSlope, FleetFinding, GroupLevel, LevelEffect, PooledValue, QuantityFindings, QuantityRole,
+    QuestionKind, SpecimenDeviation,
 };
 use super::wording::{counted, interval, named};
 
@@ -34,7 +34,19 @@ pub(super) fn sentences(quantities: &[QuantityFindings], reference: Option<&str>
         }
         for group in &quantity.groups {
             let subject = group_name(group);
-            add(QuestionKind::Group, &subject, &group.level, of_group(quantity, group));
+            match &group.on_least_sure_bench {
+                Some(sure) if sure.found => {
+                    add(QuestionKind::Group, &subject, sure, of_group(quantity, group))
+                }
+                // That the group or one of its benches has it follows from the finding about the bench.
+                _ if bench_is_found(quantity, group) => {}
+                _ => add(
+                    QuestionKind::Group,
+                    &subject,
+                    &group.level,
+                    of_group_or_bench(quantity, group),
+                ),
+            }
             if let Some(difference) = &group.from_other_batches {
                 let text = of_batch(quantity, group, difference);
                 add(QuestionKind::Group, &subject, difference, text);
@@ -42,11 +54,21 @@ pub(super) fn sentences(quantities: &[QuantityFindings], reference: Option<&str>
         }
         for slope in &quantity.slopes {
             let subject = slope.family.as_deref().unwrap_or_default();
-            add(QuestionKind::Age, subject, &slope.slope, of_slope(quantity, slope));
+            add(
+                QuestionKind::Age,
+                subject,
+                &slope.slope,
+                of_slope(quantity, slope),
+            );
         }
         for specimen in &quantity.specimen_deviations {
             let text = of_specimen(quantity, specimen);
-            add(QuestionKind::Specimen, &specimen.specimen, &specimen.deviation, text);
+            add(
+                QuestionKind::Specimen,
+                &specimen.specimen,
+                &specimen.deviation,
+                text,
+            );
         }
     }
     found.sort_by(|(p, a), (q, b)| {
@@ -126,19 +148,51 @@ fn group_name(group: &GroupLevel) -> String {
 /// The group in a sentence.
 fn group_words(group: &GroupLevel) -> String {
     match &group.batch {
-        Some(batch) if batch.is_empty() => format!("The specimens without a batch of family {}", group.family),
+        Some(batch) if batch.is_empty() => {
+            format!("The specimens without a batch of family {}", group.family)
+        }
         Some(batch) => format!("Batch {batch} of family {}", group.family),
         None => format!("Family {}", group.family),
     }
 }
 
+/// True if a bench of the group deviates in the quantity.
+fn bench_is_found(quantity: &QuantityFindings, group: &GroupLevel) -> bool {
+    let mut found = quantity.benches.iter().filter(|b| b.effect.found);
+    found.any(|b| group.benches.contains(&b.name))
+}
+
 fn of_group(quantity: &QuantityFindings, group: &GroupLevel) -> String {
-    let level = &group.level;
-    let value = interval(level.value, level.low95, level.high95, quantity.scale, &quantity.unit);
+    let has = format!("{} has {}", group_words(group), quantity.quantity);
+    format!("{has}: {}.", group_evidence(quantity, group))
+}
+
+fn of_group_or_bench(quantity: &QuantityFindings, group: &GroupLevel) -> String {
+    let benches = if group.benches.len() == 1 {
+        "bench"
+    } else {
+        "one of the benches"
+    };
     format!(
-        "{} has {}: {value} (mean of {}, {}; the clearest single specimen is {:.1} standard errors from 0).",
+        "{} or {benches} {} has {}: {}. To tell which, test some of its specimens on another bench, too.",
         group_words(group),
+        named(&group.benches),
         quantity.quantity,
+        group_evidence(quantity, group)
+    )
+}
+
+fn group_evidence(quantity: &QuantityFindings, group: &GroupLevel) -> String {
+    let level = &group.level;
+    let value = interval(
+        level.value,
+        level.low95,
+        level.high95,
+        quantity.scale,
+        &quantity.unit,
+    );
+    format!(
+        "{value} (mean of {}, {}; the clearest single specimen is {:.1} standard errors from 0)",
         counted(group.specimens, "specimen"),
         counted(group.runs, "run"),
         group.largest_single_z.abs()
@@ -190,7 +244,11 @@ fn of_specimen(quantity: &QuantityFindings, specimen: &SpecimenDeviation) -> Str
         size(quantity, &specimen.deviation),
         specimen.deletion_t.abs(),
         counted(specimen.runs, "run"),
-        if specimen.benches.len() == 1 { "bench" } else { "benches" },
+        if specimen.benches.len() == 1 {
+            "bench"
+        } else {
+            "benches"
+        },
         named(&specimen.benches)
     )
 }

@@ -55,12 +55,60 @@ impl Default for SyntheticLab {
 type QuantityLaw = (&'static str, &'static str, EstimateScale, f64, f64, f64, f64);
 
 const QUANTITIES: [QuantityLaw; 6] = [
-    ("rate_n_per_mm", "N/mm", EstimateScale::Relative, 80.0, 0.012, 0.003, 0.002),
-    ("preload_n", "N", EstimateScale::Relative, 300.0, 0.010, 0.004, 0.003),
-    ("friction_ratio", "1", EstimateScale::Relative, 0.14, 0.04, 0.015, 0.01),
-    ("presliding_mm", "mm", EstimateScale::Relative, 0.4, 0.05, 0.02, 0.02),
-    ("series_compliance", "um/N", EstimateScale::Absolute, 0.0, 0.0, 0.10, 0.25),
-    ("channel_delay", "ms", EstimateScale::Absolute, 0.0, 0.0, 0.10, 0.20),
+    (
+        "rate_n_per_mm",
+        "N/mm",
+        EstimateScale::Relative,
+        80.0,
+        0.012,
+        0.003,
+        0.002,
+    ),
+    (
+        "preload_n",
+        "N",
+        EstimateScale::Relative,
+        300.0,
+        0.010,
+        0.004,
+        0.003,
+    ),
+    (
+        "friction_ratio",
+        "1",
+        EstimateScale::Relative,
+        0.14,
+        0.04,
+        0.015,
+        0.01,
+    ),
+    (
+        "presliding_mm",
+        "mm",
+        EstimateScale::Relative,
+        0.4,
+        0.05,
+        0.02,
+        0.02,
+    ),
+    (
+        "series_compliance",
+        "um/N",
+        EstimateScale::Absolute,
+        0.0,
+        0.0,
+        0.10,
+        0.25,
+    ),
+    (
+        "channel_delay",
+        "ms",
+        EstimateScale::Absolute,
+        0.0,
+        0.0,
+        0.10,
+        0.20,
+    ),
 ];
 
 /// A specimen of the lab.
@@ -95,8 +143,9 @@ impl SyntheticLab {
         let family_means: Vec<[f64; 6]> = (0..self.families)
             .map(|_| std::array::from_fn(|q| if q < 4 { 0.1 * normal(&mut random) } else { 0.0 }))
             .collect();
-        let specimens: Vec<SyntheticSpecimen> =
-            (0..self.specimens).map(|s| self.specimen(s, &mut random)).collect();
+        let specimens: Vec<SyntheticSpecimen> = (0..self.specimens)
+            .map(|s| self.specimen(s, &mut random))
+            .collect();
         let start: Timestamp = "2024-01-08T08:00:00Z".parse().expect("a time");
         let mut rows = Vec::new();
         for run in 0..self.runs {
@@ -107,7 +156,8 @@ impl SyntheticLab {
             let age_cycles = (specimen.cycles_between_runs * turn as f64).round();
             let operator = random.random_range(1..=2);
             for (q, law) in QUANTITIES.iter().enumerate() {
-                let shift = self.shift(q, bench, age_cycles) + family_means[specimen.family][q] + specimen.own[q];
+                let shift =
+                    self.shift(q, bench, age_cycles) + family_means[specimen.family][q] + specimen.own[q];
                 let (estimate, std_error) = measured(law, shift, &mut random);
                 rows.push(EstimateRow {
                     run_id: format!("r{run:05}"),
@@ -115,7 +165,11 @@ impl SyntheticLab {
                     family: format!("F{}", specimen.family + 1),
                     batch: specimen.batch.to_owned(),
                     bench: format!("B{}", bench + 1),
-                    operator: if self.operators { format!("O{operator}") } else { String::new() },
+                    operator: if self.operators {
+                        format!("O{operator}")
+                    } else {
+                        String::new()
+                    },
                     started_utc: start + SignedDuration::from_hours(hours as i64),
                     age_cycles,
                     quantity: law.0.to_owned(),
@@ -135,8 +189,17 @@ impl SyntheticLab {
         let batch = if place % 4 == 0 { "m1" } else { "m2" };
         let home = family % benches;
         let mut own = QUANTITIES.map(|law| law.4 * skewed(random));
-        own[0] += self.outliers.iter().filter(|(s, _)| *s == number).map(|(_, shift)| shift).sum::<f64>();
-        own[4] += if family == 1 && batch == "m2" { self.batch_compliance } else { 0.0 };
+        own[0] += self
+            .outliers
+            .iter()
+            .filter(|(s, _)| *s == number)
+            .map(|(_, shift)| shift)
+            .sum::<f64>();
+        own[4] += if family == 1 && batch == "m2" {
+            self.batch_compliance
+        } else {
+            0.0
+        };
         SyntheticSpecimen {
             name: format!("S{number:03}"),
             family,
