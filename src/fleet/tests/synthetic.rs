@@ -26,8 +26,10 @@ pub(super) struct SyntheticLab {
     pub outliers: Vec<(usize, f64)>,
     /// Growth of the friction ratio, fraction per 1000 cycles.
     pub friction_growth: f64,
-    /// True: every specimen stays on one bench.
-    pub one_bench_each: bool,
+    /// Series compliance that each bench adds, in its one-step amplitude.
+    pub bench_compliance: Vec<f64>,
+    /// Of five specimens so many are tested on a second bench, too.
+    pub of_five_on_two_benches: usize,
     /// True: two operators take turns.
     pub operators: bool,
 }
@@ -44,7 +46,8 @@ impl Default for SyntheticLab {
             batch_compliance: 0.0,
             outliers: Vec::new(),
             friction_growth: 0.0,
-            one_bench_each: false,
+            bench_compliance: vec![0.0; 3],
+            of_five_on_two_benches: 2,
             operators: true,
         }
     }
@@ -140,11 +143,9 @@ impl SyntheticLab {
     /// The table of the lab.
     pub(super) fn table(&self, seed: u64) -> Vec<EstimateRow> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let specimens = self.draw_specimens(&mut random);
         let family_means: Vec<[f64; 6]> = (0..self.families)
             .map(|_| std::array::from_fn(|q| if q < 4 { 0.1 * normal(&mut random) } else { 0.0 }))
-            .collect();
-        let specimens: Vec<SyntheticSpecimen> = (0..self.specimens)
-            .map(|s| self.specimen(s, &mut random))
             .collect();
         let start: Timestamp = "2024-01-08T08:00:00Z".parse().expect("a time");
         let mut rows = Vec::new();
@@ -183,6 +184,16 @@ impl SyntheticLab {
         rows
     }
 
+    /// Deviation of each specimen's rate from its family, a logarithm, as in the table of this seed.
+    pub(super) fn rate_deviations(&self, seed: u64) -> Vec<(String, f64)> {
+        let specimens = self.draw_specimens(&mut ChaCha8Rng::seed_from_u64(seed));
+        specimens.into_iter().map(|s| (s.name, s.own[0])).collect()
+    }
+
+    fn draw_specimens(&self, random: &mut ChaCha8Rng) -> Vec<SyntheticSpecimen> {
+        (0..self.specimens).map(|s| self.specimen(s, random)).collect()
+    }
+
     fn specimen(&self, number: usize, random: &mut ChaCha8Rng) -> SyntheticSpecimen {
         let (family, benches) = (number % self.families, self.force_gain.len());
         let place = number / self.families;
@@ -204,8 +215,7 @@ impl SyntheticLab {
             name: format!("S{number:03}"),
             family,
             batch,
-            // Two of five specimens were tested on a second bench, too.
-            benches: match !self.one_bench_each && place % 5 < 2 {
+            benches: match place % 5 < self.of_five_on_two_benches {
                 true => vec![home, (home + 1 + place % 2) % benches],
                 false => vec![home],
             },
@@ -223,6 +233,7 @@ impl SyntheticLab {
             1 => force,
             2 => self.friction_growth.ln_1p() * age_cycles / 1000.0,
             3 => displacement,
+            4 => self.bench_compliance[bench],
             5 => self.delay_ms[bench],
             _ => 0.0,
         }
