@@ -25,36 +25,72 @@ fn about<'f>(findings: &'f FleetFindings, subject: &str, quantity: &str) -> Opti
     all.find(|f| f.subject == subject && f.quantity == quantity)
 }
 
+/// Of the labs with everything in them: how often each thing was found, and how often its interval holds the truth.
+#[derive(Debug, Default)]
+struct Found {
+    gain: Coverage,
+    force_is_the_cause: usize,
+    delay: Coverage,
+    batch: usize,
+    outliers: usize,
+    slope: Coverage,
+    /// Findings about subjects in which there is nothing.
+    wrong: usize,
+}
+
+impl Found {
+    fn count(&mut self, lab: &SyntheticLab, findings: &FleetFindings) {
+        let bench = |quantity_name: &str, name: &str| {
+            let mut benches = quantity(findings, quantity_name).benches.iter();
+            benches.find(|b| b.name == name).map(|b| b.effect.clone())
+        };
+        let held = |value: Option<PooledValue>, truth: f64| value.is_some_and(|v| v.found && covers(&v, truth));
+        self.gain.count(held(bench("rate_n_per_mm", "B2"), lab.force_gain[1]));
+        self.delay.count(held(bench("channel_delay", "B3"), lab.delay_ms[2]));
+        let causes = &findings.bench_causes;
+        let force = causes.iter().filter(|c| c.bench == "B2" && c.error == BenchError::ForceGain);
+        self.force_is_the_cause += force.count();
+        self.batch += usize::from(about(findings, "F2 / m2", "series_compliance").is_some());
+        let outlier = |s: &&&str| about(findings, s, "rate_n_per_mm").is_some();
+        self.outliers += ["S007", "S025"].iter().filter(outlier).count();
+        let slopes = &quantity(findings, "friction_ratio").slopes;
+        let mut shared = slopes.iter().filter(|s| s.family.is_none());
+        let slope = shared.find(|s| s.per == AgeUnit::ThousandCycles);
+        self.slope.count(held(slope.map(|s| s.slope.clone()), lab.friction_growth));
+        self.wrong += findings.findings.iter().filter(|f| !is_true(f)).count();
+    }
+}
+
+/// True if the lab with everything in it has what the finding says.
+fn is_true(finding: &FleetFinding) -> bool {
+    let subjects: &[&str] = match finding.quantity.as_str() {
+        "rate_n_per_mm" => &["B2", "S007", "S025"],
+        "preload_n" => &["B2"],
+        "friction_ratio" => &["", "F1", "F2", "F3", "F4"],
+        "series_compliance" => &["F2", "F2 / m1", "F2 / m2"],
+        "channel_delay" => &["B3"],
+        _ => &[],
+    };
+    subjects.contains(&finding.subject.as_str())
+}
+
+fn found_in(seeds: std::ops::Range<u64>) -> Found {
+    let lab = SyntheticLab::with_everything();
+    let mut found = Found::default();
+    seeds.for_each(|seed| found.count(&lab, &pooled(&lab.table(seed))));
+    found
+}
+
 #[test]
 fn everything_in_a_lab_is_found() {
-    let lab = SyntheticLab::with_everything();
-    let found = pooled(&lab.table(1));
-    let bench = |quantity_name: &str, name: &str| {
-        let mut benches = quantity(&found, quantity_name).benches.iter();
-        benches.find(|b| b.name == name).expect("the bench").effect.clone()
-    };
-    let (rate, delay) = (bench("rate_n_per_mm", "B2"), bench("channel_delay", "B3"));
-    assert!(rate.found && covers(&rate, 0.01), "{rate:?}");
-    assert!(delay.found && covers(&delay, 1.5), "{delay:?}");
-    let [cause] = &found.bench_causes[..] else {
-        panic!("one bench has a wrong gain: {:?}", found.bench_causes)
-    };
-    assert_eq!((cause.bench.as_str(), cause.error), ("B2", BenchError::ForceGain));
-    assert!(
-        about(&found, "F2 / m2", "series_compliance").is_some(),
-        "{:#?}",
-        found.findings
-    );
-    for specimen in ["S007", "S025"] {
-        assert!(about(&found, specimen, "rate_n_per_mm").is_some(), "{specimen}");
+    let found = found_in(100..110);
+    println!("{found:?}");
+    // Intervals of 95 %: 8 of 10 or more have a chance of 99 %.
+    for held in [found.gain, found.delay, found.slope] {
+        assert!(held.held >= 8, "{found:?}");
     }
-    let slopes = &quantity(&found, "friction_ratio").slopes;
-    let mut shared = slopes.iter().filter(|s| s.family.is_none());
-    let slope = shared.find(|s| s.per == AgeUnit::ThousandCycles).expect("a slope");
-    assert!(slope.slope.found && covers(&slope.slope, 0.002), "{slope:?}");
-    let subjects: BTreeSet<&str> = found.findings.iter().map(|f| f.subject.as_str()).collect();
-    let known = ["", "B2", "B3", "F1", "F2", "F2 / m2", "F3", "F4", "S007", "S025"];
-    assert!(subjects.iter().all(|s| known.contains(s)), "{subjects:?}");
+    assert!(found.force_is_the_cause >= 9 && found.outliers >= 18, "{found:?}");
+    assert!(found.batch >= 7 && found.wrong <= 2, "{found:?}");
 }
 
 #[test]
