@@ -78,7 +78,7 @@
 //! | 2 | acceptance, model, link, truth |
 //! | 3 | effect, control, conformance |
 //! | 4 | identify, mockrig, twin |
-//! | 5 | config, diagnose, papers |
+//! | 5 | config, diagnose, fleet, papers |
 //! | 6 | report |
 //! | 7 | daemon, blind |
 //! | 8 | cli |
@@ -102,6 +102,7 @@ mod daemon;
 mod detector;
 mod diagnose;
 mod effect;
+mod fleet;
 mod identify;
 mod library;
 mod link;
