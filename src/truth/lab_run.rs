@@ -4,8 +4,9 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::lab::{Lab, MOUNTING_SPREAD};
+use super::lab_test::LabTest;
 use super::nuisance::Nuisance;
-use super::{between, lab_test, normal};
+use super::{between, normal};
 use crate::recording::Recording;
 
 /// Noise of the load cell in N and of the LVDT in mm.
@@ -16,18 +17,17 @@ const ZERO: [f64; 2] = [1.0, 5e-3];
 const IMPERFECT: f64 = 0.1;
 
 impl Lab {
-    /// Takes the recording of run `number`, from 0. The same number gives the same bits.
-    pub(crate) fn record(&self, number: usize) -> Recording {
+    /// Takes the recording of run `number`, from 0, with the test of its family. The same number gives the same bits.
+    pub(crate) fn record(&self, number: usize, test: &LabTest) -> Recording {
         let run = &self.runs[number];
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         random.set_stream(number as u64);
         let mounting = MOUNTING_SPREAD.map(|spread| 1.0 + spread * normal(&mut random));
         let specimen = self.mounted(run, mounting);
-        let of_specimen = &self.specimens[run.specimen];
-        let hidden = of_specimen.hidden.as_slice();
+        let hidden = self.specimens[run.specimen].hidden.as_slice();
         let bench = &self.benches[run.bench];
-        let motion = lab_test::motion(self.families[of_specimen.family_index].top_mm);
-        let count = (lab_test::duration_s() * bench.sample_rate_hz) as usize;
+        let motion = test.motion();
+        let count = (test.duration_s() * bench.sample_rate_hz) as usize;
         let time_s: Vec<f64> = (0..count).map(|k| k as f64 / bench.sample_rate_hz).collect();
         let late_s: Vec<f64> = time_s.iter().map(|t| t - bench.force_lag_s).collect();
         let zero = ZERO.map(|sigma| sigma * normal(&mut random));
@@ -71,9 +71,14 @@ mod tests {
             .expect("20 runs of 40 are of travelling specimens");
         let mut right = lab.clone();
         right.benches[1].force_gain = 1.0;
-        let top = |lab: &Lab| lab.record(number).force_n.iter().copied().fold(0.0, f64::max);
+        let family = &lab.families[lab.specimens[lab.runs[number].specimen].family_index];
+        let test = LabTest::new(&family.name, family.top_mm);
+        let top = |lab: &Lab| {
+            let recording = lab.record(number, &test);
+            recording.force_n.iter().copied().fold(0.0, f64::max)
+        };
         // Both have the same noise, which is not multiplied: it is 0.1 % of the force at most.
         assert!((top(&lab) / top(&right) - 1.01).abs() < 1e-4);
-        assert_eq!(lab.record(number), lab.record(number));
+        assert_eq!(lab.record(number, &test), lab.record(number, &test));
     }
 }

@@ -1,65 +1,92 @@
 //! The test of every run of a lab.
 //!
-//! It is scaled to the travel of the family: three slow large cycles, six small quick ones, six at a middle speed. Different amplitudes
-//! and speeds tell friction, rate and lag apart.
+//! It is scaled to the travel of the family: two slow large cycles, five small quick ones, five at a middle speed. Different
+//! amplitudes and speeds tell friction, rate and lag apart.
 
-use std::f64::consts::TAU;
+use std::fmt::Write;
 
 use super::Programme;
 use super::path::Path;
+use crate::profile::{Player, Profile, Slot};
 
 /// Middle of all sines as a share of the largest displacement.
 const MEAN: f64 = 0.5;
-/// Amplitude as a share of the largest displacement, frequency in Hz and number of cycles of each sine.
-pub(crate) const SINES: [(f64, f64, u32); 3] = [(0.42, 0.5, 3), (0.12, 2.0, 6), (0.3, 1.5, 6)];
-/// Cycles of one run.
+/// Amplitude as a share of the largest displacement, frequency in Hz and number of counted cycles of each sine.
+const SINES: [(f64, f64, u32); 3] = [(0.42, 0.5, 2), (0.12, 2.0, 5), (0.3, 1.5, 5)];
+/// Counted cycles of one run.
 pub(crate) const CYCLES: u32 = SINES[0].2 + SINES[1].2 + SINES[2].2;
 /// Duration of the ramp to the middle and back, s.
-pub(crate) const RAMP_S: f64 = 1.0;
-/// Samples per second of the path.
-const PATH_HZ: f64 = 1000.0;
+const RAMP_S: f64 = 1.0;
+/// Commands per second.
+const COMMANDS_HZ: f64 = 1000.0;
 
-/// Largest displacement of a test to its middle displacement, mm.
-pub(crate) fn mean_mm(top_mm: f64) -> f64 {
-    MEAN * top_mm
+/// The test of one family, as a bench runs it.
+pub(crate) struct LabTest {
+    pub profile: Profile,
+    pub profile_toml: String,
+    slots: Vec<Slot>,
 }
 
-/// Duration of the test, s.
-pub(crate) fn duration_s() -> f64 {
-    2.0 * RAMP_S + SINES.iter().map(|s| f64::from(s.2) / s.1).sum::<f64>()
-}
-
-/// Displacement in mm at a time in s, counted cycle from 1 (0 outside the sines) and segment from 1.
-pub(crate) fn commanded(top_mm: f64, time_s: f64) -> (f64, u32, u32) {
-    let mut left_s = time_s - RAMP_S;
-    let mean_mm = mean_mm(top_mm);
-    if left_s < 0.0 {
-        return (mean_mm * time_s / RAMP_S, 0, 1);
-    }
-    let mut before = 0;
-    for (k, (share, frequency_hz, cycles)) in SINES.into_iter().enumerate() {
-        let passed = left_s * frequency_hz;
-        if passed < f64::from(cycles) {
-            let x_mm = mean_mm + share * top_mm * (TAU * passed).sin();
-            return (x_mm, before + passed as u32 + 1, k as u32 + 2);
+impl LabTest {
+    /// The test of a family whose largest displacement is `top_mm`.
+    pub(crate) fn new(family: &str, top_mm: f64) -> LabTest {
+        let profile_toml = profile_toml(family, top_mm);
+        let profile = Profile::from_toml(&profile_toml, family).expect("the text below is a profile");
+        let mut player = Player::new(&profile, 0.0, COMMANDS_HZ).expect("its sines begin at their mean");
+        let slots = std::iter::from_fn(|| player.next()).collect();
+        LabTest {
+            profile,
+            profile_toml,
+            slots,
         }
-        left_s -= f64::from(cycles) / frequency_hz;
-        before += cycles;
     }
-    (
-        mean_mm * (1.0 - left_s / RAMP_S).max(0.0),
-        0,
-        SINES.len() as u32 + 2,
-    )
+
+    /// Counted cycles of the test.
+    pub(crate) fn cycles(&self) -> u32 {
+        CYCLES
+    }
+
+    /// Duration of the test, s.
+    pub(crate) fn duration_s(&self) -> f64 {
+        self.slots.len() as f64 / COMMANDS_HZ
+    }
+
+    /// The command of a time in s after the start: the one that was due last.
+    pub(crate) fn at(&self, time_s: f64) -> Option<&Slot> {
+        let due = (time_s * COMMANDS_HZ).round() as usize;
+        self.slots.get(due.min(self.slots.len()).checked_sub(1)?)
+    }
+
+    /// The test as a motion.
+    pub(super) fn motion(&self) -> Programme {
+        let mut points = vec![[0.0, 0.0]];
+        for slot in &self.slots {
+            points.push([points.len() as f64 / COMMANDS_HZ, slot.command.value()]);
+        }
+        Programme::Path(Path::new(&points))
+    }
 }
 
-/// The test as a motion.
-pub(super) fn motion(top_mm: f64) -> Programme {
-    let points: Vec<[f64; 2]> = (0..=(duration_s() * PATH_HZ) as usize)
-        .map(|k| k as f64 / PATH_HZ)
-        .map(|t| [t, commanded(top_mm, t).0])
-        .collect();
-    Programme::Path(Path::new(&points))
+/// The profile file.
+fn profile_toml(family: &str, top_mm: f64) -> String {
+    let mean_mm = MEAN * top_mm;
+    let mut text = format!("name = \"lab-{family}\"\ncontrol = \"displacement\"\n\n[[block]]\n");
+    let mut segment = |lines: String| {
+        // A String takes every text.
+        let _ = write!(text, "\n[[block.segment]]\n{lines}");
+    };
+    segment(format!(
+        "kind = \"ramp\"\nto_mm = {mean_mm:?}\nduration_s = {RAMP_S:?}\n"
+    ));
+    for (share, frequency_hz, cycles) in SINES {
+        let amplitude_mm = share * top_mm;
+        segment(format!(
+            "kind = \"sine\"\nmean_mm = {mean_mm:?}\namplitude_mm = {amplitude_mm:?}\nfrequency_hz = {frequency_hz:?}\n\
+             cycles = {cycles}\ntaper_cycles = 1\ncorrect = false\n"
+        ));
+    }
+    segment(format!("kind = \"ramp\"\nto_mm = 0.0\nduration_s = {RAMP_S:?}\n"));
+    text
 }
 
 #[cfg(test)]
@@ -67,16 +94,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cycles_and_segments_are_counted() {
-        let at = |time_s| commanded(20.0, time_s);
-        assert_eq!(at(0.5), (5.0, 0, 1));
-        assert_eq!((at(1.0).1, at(2.9).1, at(3.1).1), (1, 1, 2));
-        // The second sine begins after 1 s and three cycles of 2 s.
-        assert_eq!((at(7.1).1, at(7.1).2), (4, 3));
-        assert_eq!(
-            (at(duration_s() - 1.001).1, at(duration_s() - 0.5).1),
-            (CYCLES, 0)
-        );
-        assert!(at(duration_s()).0.abs() < 1e-9);
+    fn a_run_has_its_cycles_and_reaches_the_travel_that_it_was_scaled_to() {
+        let test = LabTest::new("F1", 20.0);
+        let cycles = test.slots.iter().map(|s| s.cycle).max();
+        assert_eq!(cycles, Some(CYCLES));
+        // Ramps of 1 s; sines of 4, 7 and 7 cycles with their tapers at 0.5, 2 and 1.5 Hz.
+        assert!((test.duration_s() - (2.0 + 8.0 + 3.5 + 14.0 / 3.0)).abs() < 2e-3);
+        let top_mm = test.slots.iter().map(|s| s.command.value()).fold(0.0, f64::max);
+        assert!((top_mm - 0.92 * 20.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_time_has_the_command_that_was_due_last() {
+        let test = LabTest::new("F1", 20.0);
+        assert_eq!(test.at(0.0), None);
+        let at = |time_s| test.at(time_s).map(|s| (s.cycle, s.segment));
+        // The first counted cycle begins after the ramp and one growing cycle.
+        assert_eq!(at(2.9), Some((0, 2)));
+        assert_eq!(at(3.1), Some((1, 2)));
+        assert_eq!(test.at(1e3).map(|s| s.command.value()), Some(0.0));
     }
 }
