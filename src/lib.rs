@@ -78,7 +78,7 @@
 //! | 2 | acceptance, archive, model, link, truth |
 //! | 3 | effect, control, conformance |
 //! | 4 | identify, mockrig, twin |
-//! | 5 | config, diagnose, papers |
+//! | 5 | config, diagnose, fleet, papers |
 //! | 6 | report |
 //! | 7 | daemon, blind |
 //! | 8 | cli |
@@ -103,6 +103,7 @@ mod daemon;
 mod detector;
 mod diagnose;
 mod effect;
+mod fleet;
 mod identify;
 mod library;
 mod link;
@@ -122,7 +123,10 @@ mod units;
 
 pub use cli::main;
 pub use config::Bench;
-pub use diagnose::{Baseline, DiagnoseOptions, Diagnosis, Finding, Verdict, diagnose};
+pub use diagnose::{
+    Baseline, DiagnoseOptions, Diagnosis, EffectEstimate, Estimates, Finding, ParameterEstimate, Verdict,
+    diagnose, estimate,
+};
 pub use library::{RecordError, record};
 pub use model::{BuildError, Model, Parameter, Plant, find as find_model};
 pub use profile::Profile;

@@ -15,10 +15,12 @@ mod demo;
 pub(crate) mod diagnose;
 mod doctor;
 mod export;
+mod fleet;
 mod hold;
 mod identify;
 mod import;
 mod jog;
+mod lab;
 mod man;
 mod mock_rig;
 mod new;
@@ -127,7 +129,9 @@ static COMMANDS: &[CommandEntry] = &[
     CommandEntry::of::<audit::AuditArgs>(),
     CommandEntry::of::<calibrate::CalibrateArgs>(),
     CommandEntry::of::<diagnose::DiagnoseArgs>(),
+    CommandEntry::of::<fleet::FleetArgs>(),
     CommandEntry::of::<blind::BlindArgs>(),
+    CommandEntry::of::<lab::LabArgs>(),
     CommandEntry::of::<demo::DemoArgs>(),
     CommandEntry::of::<completions::CompletionsArgs>(),
     CommandEntry::of::<man::ManArgs>(),
