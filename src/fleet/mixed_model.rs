@@ -138,6 +138,9 @@ impl MixedData {
             let weights = block.known_variance.iter().map(|known| 1.0 / (at.y + known));
             sums.add(at.x, &weights.collect::<Vec<f64>>(), block);
         }
+        sums.products
+            .iter_mut()
+            .for_each(DMatrix::fill_upper_triangle_with_lower_triangle);
         sums
     }
 }
@@ -243,10 +246,7 @@ impl Sums {
                 mr: -k,
             },
         ];
-        let sums = BlockSums::of(d, block);
-        for (product, terms) in self.products.iter_mut().zip(&terms) {
-            sums.add_to(product, terms, &block.columns);
-        }
+        BlockSums::of(d, block).add_to(&mut self.products, &terms, &block.columns);
     }
 }
 
@@ -254,7 +254,7 @@ impl Sums {
 #[derive(Clone, Copy)]
 struct BlockTerms {
     /// Power of d in the sum over rows; 0 for no such sum.
-    row: i32,
+    row: usize,
     /// Of m m'.
     mm: f64,
     /// Of m q' + q m'.
@@ -301,22 +301,19 @@ impl BlockSums {
         BlockSums { squares, sums }
     }
 
-    /// Adds what `terms` say to the product over all columns.
-    fn add_to(&self, product: &mut DMatrix<f64>, terms: &BlockTerms, columns: &[usize]) {
+    /// Adds the terms of each product to its lower triangle.
+    fn add_to(&self, products: &mut [DMatrix<f64>; 6], terms: &[BlockTerms; 6], columns: &[usize]) {
         let [m, q, r] = &self.sums;
         for (j, &column) in columns.iter().enumerate() {
             for (i, &row) in columns.iter().enumerate().skip(j) {
-                let over_rows = match terms.row {
-                    0 => 0.0,
-                    n => self.squares[n as usize - 1][(i, j)],
-                };
-                let value = over_rows
-                    + terms.mm * m[i] * m[j]
-                    + terms.mq * (m[i] * q[j] + q[i] * m[j])
-                    + terms.mr * (m[i] * r[j] + r[i] * m[j] + q[i] * q[j]);
-                product[(row, column)] += value;
-                if i != j {
-                    product[(column, row)] += value;
+                let [d1, d2, d3] = self.squares.each_ref().map(|square| square[(i, j)]);
+                let over_rows = [0.0, d1, d2, d3];
+                let mm = m[i] * m[j];
+                let mq = m[i] * q[j] + q[i] * m[j];
+                let mr = m[i] * r[j] + r[i] * m[j] + q[i] * q[j];
+                for (product, terms) in products.iter_mut().zip(terms) {
+                    product[(row, column)] +=
+                        over_rows[terms.row] + terms.mm * mm + terms.mq * mq + terms.mr * mr;
                 }
             }
         }

@@ -101,6 +101,7 @@ pub(crate) fn pool(rows: &[EstimateRow], options: &FleetOptions) -> Result<Fleet
         questions,
         family_wise_error: FAMILY_WISE_ERROR,
         findings: sentences::sentences(&quantities, reference),
+        worth_a_look: sentences::worth_a_look(&quantities),
         bench_causes: bench_cause::bench_causes(&fits, &quantities, reference),
         cannot_tell: cannot_tell::cannot_tell(&fits, &too_few),
         quantities,

@@ -80,6 +80,23 @@ pub(super) fn sentences(quantities: &[QuantityFindings], reference: Option<&str>
     found.into_iter().map(|(_, finding)| finding).collect()
 }
 
+/// Deviation of a specimen in standard errors from which it is worth a look: a normal law has one of 16 000 beyond it.
+const WORTH_A_LOOK: f64 = 4.0;
+
+/// Specimens that deviate, but not by enough to be findings, the clearest first.
+pub(super) fn worth_a_look(quantities: &[QuantityFindings]) -> Vec<String> {
+    let mut seen: Vec<(f64, String)> = Vec::new();
+    for quantity in quantities {
+        let doubtful = quantity
+            .specimen_deviations
+            .iter()
+            .filter(|s| s.deviation.p.is_some() && !s.deviation.found && s.deletion_t.abs() > WORTH_A_LOOK);
+        seen.extend(doubtful.map(|s| (s.deletion_t.abs(), of_specimen(quantity, s))));
+    }
+    seen.sort_by(|a, b| b.0.total_cmp(&a.0).then_with(|| a.1.cmp(&b.1)));
+    seen.into_iter().map(|(_, sentence)| sentence).collect()
+}
+
 /// The size of a difference, without its sign, with its interval.
 fn size(quantity: &QuantityFindings, value: &PooledValue) -> String {
     let (value, low, high) = match value.value < 0.0 {

@@ -44,11 +44,16 @@ impl Found {
             let mut benches = quantity(findings, quantity_name).benches.iter();
             benches.find(|b| b.name == name).map(|b| b.effect.clone())
         };
-        let held = |value: Option<PooledValue>, truth: f64| value.is_some_and(|v| v.found && covers(&v, truth));
-        self.gain.count(held(bench("rate_n_per_mm", "B2"), lab.force_gain[1]));
-        self.delay.count(held(bench("channel_delay", "B3"), lab.delay_ms[2]));
+        let held =
+            |value: Option<PooledValue>, truth: f64| value.is_some_and(|v| v.found && covers(&v, truth));
+        self.gain
+            .count(held(bench("rate_n_per_mm", "B2"), lab.force_gain[1]));
+        self.delay
+            .count(held(bench("channel_delay", "B3"), lab.delay_ms[2]));
         let causes = &findings.bench_causes;
-        let force = causes.iter().filter(|c| c.bench == "B2" && c.error == BenchError::ForceGain);
+        let force = causes
+            .iter()
+            .filter(|c| c.bench == "B2" && c.error == BenchError::ForceGain);
         self.force_is_the_cause += force.count();
         self.batch += usize::from(about(findings, "F2 / m2", "series_compliance").is_some());
         let outlier = |s: &&&str| about(findings, s, "rate_n_per_mm").is_some();
@@ -56,7 +61,8 @@ impl Found {
         let slopes = &quantity(findings, "friction_ratio").slopes;
         let mut shared = slopes.iter().filter(|s| s.family.is_none());
         let slope = shared.find(|s| s.per == AgeUnit::ThousandCycles);
-        self.slope.count(held(slope.map(|s| s.slope.clone()), lab.friction_growth));
+        self.slope
+            .count(held(slope.map(|s| s.slope.clone()), lab.friction_growth));
         self.wrong += findings.findings.iter().filter(|f| !is_true(f)).count();
     }
 }
@@ -101,7 +107,9 @@ fn a_lab_with_nothing_in_it_gets_nothing() {
         ..SyntheticLab::default()
     };
     let seeds = 5000..5200;
-    let wrong = seeds.filter(|seed| !pooled(&lab.table(*seed)).findings.is_empty()).count();
+    let wrong = seeds
+        .filter(|seed| !pooled(&lab.table(*seed)).findings.is_empty())
+        .count();
     println!("{wrong} of 200 labs with nothing in them got a finding");
     assert!(wrong <= 10, "{wrong} of 200");
 }
@@ -171,7 +179,10 @@ fn intervals_hold_the_truth_in_95_percent() {
         println!("{families} families: {:?}", found.map(Coverage::share));
         for coverage in found {
             // Three standard deviations of the share, taken as if the intervals of a lab were one (150 labs), beside 93 to 97 %.
-            assert!((0.90..=0.985).contains(&coverage.share()), "{families}: {found:?}");
+            assert!(
+                (0.90..=0.985).contains(&coverage.share()),
+                "{families}: {found:?}"
+            );
         }
     }
 }
