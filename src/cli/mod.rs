@@ -14,6 +14,7 @@ mod demo;
 pub(crate) mod diagnose;
 mod doctor;
 mod export;
+mod fleet;
 mod hold;
 mod identify;
 mod import;
@@ -123,6 +124,7 @@ static COMMANDS: &[CommandEntry] = &[
     CommandEntry::of::<audit::AuditArgs>(),
     CommandEntry::of::<calibrate::CalibrateArgs>(),
     CommandEntry::of::<diagnose::DiagnoseArgs>(),
+    CommandEntry::of::<fleet::FleetArgs>(),
     CommandEntry::of::<blind::BlindArgs>(),
     CommandEntry::of::<demo::DemoArgs>(),
     CommandEntry::of::<completions::CompletionsArgs>(),

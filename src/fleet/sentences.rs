@@ -5,6 +5,7 @@ use super::findings::{
     AgeSlope, FleetFinding, GroupLevel, LevelEffect, PooledValue, QuantityFindings, QuantityRole,
     QuestionKind, SpecimenDeviation,
 };
+use super::questions::WORTH_A_LOOK;
 use super::wording::{counted, interval, named};
 
 /// All findings, in the order of their kinds, the surest first. `reference`: the bench that counts as right.
@@ -79,9 +80,6 @@ pub(super) fn sentences(quantities: &[QuantityFindings], reference: Option<&str>
     });
     found.into_iter().map(|(_, finding)| finding).collect()
 }
-
-/// Deviation of a specimen in standard errors from which it is worth a look: a normal law has one of 16 000 beyond it.
-const WORTH_A_LOOK: f64 = 4.0;
 
 /// Specimens that deviate, but not by enough to be findings, the clearest first.
 pub(super) fn worth_a_look(quantities: &[QuantityFindings]) -> Vec<String> {
