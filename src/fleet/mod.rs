@@ -28,6 +28,7 @@ use findings::{FleetFindings, PooledValue, QuantityFindings, QuestionKind};
 use outliers::RobustFit;
 use quantity_data::QuantityData;
 use questions::FAMILY_WISE_ERROR;
+pub(crate) use questions::WORTH_A_LOOK;
 
 /// What pooling is told beside the table.
 #[derive(Debug, Clone, Default)]
@@ -101,6 +102,7 @@ pub(crate) fn pool(rows: &[EstimateRow], options: &FleetOptions) -> Result<Fleet
         questions,
         family_wise_error: FAMILY_WISE_ERROR,
         findings: sentences::sentences(&quantities, reference),
+        worth_a_look: sentences::worth_a_look(&quantities),
         bench_causes: bench_cause::bench_causes(&fits, &quantities, reference),
         cannot_tell: cannot_tell::cannot_tell(&fits, &too_few),
         quantities,

@@ -134,7 +134,7 @@ impl SyntheticLab {
             force_gain: vec![0.0, 0.01, 0.0],
             delay_ms: vec![0.0, 0.0, 1.5],
             batch_compliance: 0.16,
-            outliers: vec![(7, 0.14), (25, -0.13)],
+            outliers: vec![(7, 0.18), (25, -0.17)],
             friction_growth: 0.002,
             ..SyntheticLab::default()
         }
