@@ -78,11 +78,12 @@
 //! | 2 | acceptance, archive, model, link, truth |
 //! | 3 | effect, control, conformance |
 //! | 4 | identify, mockrig, twin |
-//! | 5 | config, diagnose, fleet, papers |
-//! | 6 | report |
-//! | 7 | daemon, blind |
-//! | 8 | cli |
-//! | 9 | library |
+//! | 5 | config, diagnose, papers |
+//! | 6 | fleet |
+//! | 7 | report |
+//! | 8 | daemon, blind |
+//! | 9 | cli |
+//! | 10 | library |
 //!
 //! A sample goes through `link`, `protocol`, `control`, `twin`, `recording`, in this order. A command goes the other way, from
 //! `profile`.

@@ -55,7 +55,7 @@ impl EstimateScale {
         }
     }
 
-    fn of_word(word: &str) -> Option<EstimateScale> {
+    pub(crate) fn of_word(word: &str) -> Option<EstimateScale> {
         [EstimateScale::Relative, EstimateScale::Absolute]
             .into_iter()
             .find(|scale| scale.word() == word)

@@ -8,9 +8,11 @@
 mod bench_cause;
 mod cannot_tell;
 mod design;
+pub(crate) mod diagnosed;
 pub(crate) mod estimate;
 pub(crate) mod findings;
 mod levels;
+pub(crate) mod members;
 mod mixed_model;
 mod outliers;
 mod quantity;

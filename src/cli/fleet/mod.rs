@@ -1,12 +1,14 @@
 //! `leafbench fleet`: what the runs of a whole laboratory say together. Each action is one file.
 
+mod diagnose;
 mod estimate;
+mod report;
 
 use clap::{Args, Subcommand};
 
 use super::{CliCommand, CliError, Done, Output};
 
-/// Estimate the parameters and effects of all runs of a laboratory, for pooling
+/// Compare benches, operators, families, batches and specimens over many runs
 #[derive(Debug, Args)]
 pub(super) struct FleetArgs {
     #[command(subcommand)]
@@ -15,17 +17,25 @@ pub(super) struct FleetArgs {
 
 #[derive(Debug, Subcommand)]
 enum FleetAction {
+    Diagnose(diagnose::FleetDiagnoseArgs),
     Estimate(estimate::EstimateArgs),
+    Report(report::FleetReportArgs),
 }
 
 impl CliCommand for FleetArgs {
     const NAME: &'static str = "fleet";
-    const EXAMPLES: &'static [&'static str] =
-        &["leafbench fleet estimate leafbench-data/runs --specimens specimens.csv"];
+    const EXAMPLES: &'static [&'static str] = &[
+        "leafbench fleet diagnose lab-archive",
+        "leafbench fleet report lab-archive --specimens specimens.csv --out fleet",
+        "leafbench fleet report examples/estimates.csv --out fleet --reference-bench B1",
+        "leafbench fleet estimate leafbench-data/runs --specimens specimens.csv",
+    ];
 
     fn run(self, output: &Output) -> Result<Done, CliError> {
         match self.action {
+            FleetAction::Diagnose(args) => args.run(output),
             FleetAction::Estimate(args) => args.run(output),
+            FleetAction::Report(args) => args.run(output),
         }
     }
 }

@@ -1,38 +1,35 @@
-//! `leafbench fleet`: what a table of estimates of many runs says together.
+//! `leafbench fleet report`: what the estimates of many runs say together.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use clap::{Args, Subcommand};
+use clap::Args;
 
-use super::shared::local;
-use super::{CliCommand, CliError, Done, Output};
+use crate::archive::{ArchiveReader, ArchiveStore};
+use crate::cli::shared::local;
+use crate::cli::{CliError, Done, Output};
+use crate::daemon::chain;
 use crate::fleet::estimate::read_estimates;
 use crate::fleet::findings::FleetFindings;
+use crate::fleet::members::{ArchivedEstimates, Members, archived_estimates};
 use crate::fleet::{FleetOptions, pool};
+use crate::model;
 use crate::recording::atomic_file;
 use crate::regular_file::{self, TABLE_MAX_BYTES};
 use crate::report::{fleet, fleet_tables};
 
-/// Compare benches, operators, families, batches and specimens over many runs
+/// Pool the estimates of many runs: print what was found, and write a page with plots and tables
 #[derive(Debug, Args)]
-pub(super) struct FleetArgs {
-    #[command(subcommand)]
-    action: FleetAction,
-}
-
-#[derive(Debug, Subcommand)]
-enum FleetAction {
-    /// Pool a table of estimates: print what was found, and write a page with plots and tables
-    Report(FleetReportArgs),
-}
-
-/// The arguments of `leafbench fleet report`.
-#[derive(Debug, Args)]
-struct FleetReportArgs {
-    /// Table of estimates (CSV), one row for each quantity of each run
-    #[arg(value_name = "TABLE")]
-    table: PathBuf,
+pub(super) struct FleetReportArgs {
+    /// Archive with diagnoses (a folder or s3://BUCKET/PREFIX), or a table of estimates (CSV), one row for each quantity of each run
+    #[arg(value_name = "ARCHIVE|TABLE")]
+    source: String,
+    /// Table with the columns specimen, family and batch of an archive's specimens [default: all are one family]
+    #[arg(long, value_name = "CSV")]
+    specimens: Option<PathBuf>,
+    /// Model of the diagnoses in an archive
+    #[arg(long, value_name = "MODEL", default_value = "equivalent")]
+    baseline: String,
     /// Folder to write fleet.html, fleet.json and the tables to
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
@@ -47,39 +44,56 @@ struct FleetReportArgs {
     force: bool,
 }
 
-impl CliCommand for FleetArgs {
-    const NAME: &'static str = "fleet";
-    const EXAMPLES: &'static [&'static str] = &[
-        "leafbench fleet report examples/estimates.csv --out fleet",
-        "leafbench fleet report examples/estimates.csv --out fleet --reference-bench B1",
-    ];
-
-    fn run(self, output: &Output) -> Result<Done, CliError> {
-        let FleetAction::Report(report) = self.action;
-        report.run(output)
-    }
-}
-
 impl FleetReportArgs {
-    fn run(self, output: &Output) -> Result<Done, CliError> {
-        let name = self.table.display().to_string();
-        let text = regular_file::read_text(&self.table, TABLE_MAX_BYTES)
-            .map_err(CliError::file(&self.table, "reading"))?;
-        let rows = read_estimates(&name, text.as_bytes())?;
+    pub(super) fn run(self, output: &Output) -> Result<Done, CliError> {
+        let estimates = match Path::new(&self.source).is_file() {
+            true => self.of_table()?,
+            false => self.of_archive()?,
+        };
         let options = FleetOptions {
             reference_bench: self.reference_bench,
             ignore_operators: self.ignore_operators,
         };
-        let findings = pool(&rows, &options)?;
-        let shown = self
-            .table
-            .file_name()
-            .map_or(name.clone(), |f| f.to_string_lossy().into_owned());
+        let findings = pool(&estimates.rows, &options)?;
+        let shown = Path::new(&self.source).file_name();
+        let shown = shown.map_or(self.source.clone(), |name| name.to_string_lossy().into_owned());
         let written = write(&findings, &shown, &self.out, self.force)?;
         output.result(&findings, || {
-            format!("{}\n\nwritten: {}", sentences(&findings), written.display())
+            let left_out = estimates.left_out.iter();
+            let left_out: String = left_out.map(|reason| format!("\nLEFT OUT: {reason}")).collect();
+            format!(
+                "{}\n\nwritten: {}{left_out}",
+                sentences(&findings),
+                written.display()
+            )
         })?;
         Ok(Done::Success)
+    }
+
+    fn of_table(&self) -> Result<ArchivedEstimates, CliError> {
+        let path = Path::new(&self.source);
+        let text = regular_file::read_text(path, TABLE_MAX_BYTES).map_err(CliError::file(path, "reading"))?;
+        Ok(ArchivedEstimates {
+            rows: read_estimates(&self.source, text.as_bytes())?,
+            left_out: Vec::new(),
+        })
+    }
+
+    fn of_archive(&self) -> Result<ArchivedEstimates, CliError> {
+        let model = model::find(&self.baseline)?;
+        let members = match &self.specimens {
+            None => None,
+            Some(path) => {
+                let text = regular_file::read_text(path, TABLE_MAX_BYTES)
+                    .map_err(CliError::file(path, "reading"))?;
+                let name = path.display().to_string();
+                Some(Members::read(&name, text.as_bytes()).map_err(|e| CliError::Input(chain(&e)))?)
+            }
+        };
+        let store = ArchiveStore::open_existing(&self.source)?;
+        let reader = ArchiveReader::open(&store)?;
+        let diagnosed = reader.diagnoses(model.name)?;
+        Ok(archived_estimates(&reader.runs()?, &diagnosed, members.as_ref()))
     }
 }
 
