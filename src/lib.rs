@@ -73,7 +73,7 @@
 //!
 //! | rank | modules |
 //! |---|---|
-//! | 0 | units, regular_file, detector, nearest, ring |
+//! | 0 | units, regular_file, cancel, detector, nearest, ring |
 //! | 1 | recording, profile, protocol, calibration |
 //! | 2 | acceptance, model, link, truth |
 //! | 3 | effect, control, conformance |
@@ -94,6 +94,7 @@
 mod acceptance;
 mod blind;
 mod calibration;
+mod cancel;
 mod cli;
 mod config;
 mod conformance;
@@ -119,13 +120,19 @@ mod truth;
 mod twin;
 mod units;
 
+pub use cancel::CancelFlag;
 pub use cli::main;
 pub use config::Bench;
 pub use diagnose::{Baseline, DiagnoseOptions, Diagnosis, Finding, Verdict, diagnose};
-pub use library::{RecordError, record};
+pub use library::{
+    BenchDiagnosis, DiagnoseOrder, Failure, FailureKind, IdentifyOrder, ReadRecording, RecordError,
+    diagnose_on_bench, find_bench, find_profile, identify, plan, read_recording, record, record_run,
+    require_one_specimen, simulate,
+};
 pub use model::{BuildError, Model, Parameter, Plant, find as find_model};
 pub use profile::Profile;
-pub use recording::{Recording, csv::read_file as read_csv};
+pub use recording::{Recording, RecordingError, csv::read_file as read_csv};
+pub use units::Mode;
 
 #[cfg(feature = "benchmarks")]
 #[doc(hidden)]

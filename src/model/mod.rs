@@ -4,6 +4,8 @@
 
 use std::any::Any;
 
+use crate::nearest;
+
 pub(crate) mod equivalent;
 pub(crate) mod finite_segment;
 pub(crate) mod five_link;
@@ -90,10 +92,12 @@ impl Parameter {
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum BuildError {
     /// There is no model of this name.
-    #[error("no model is called \"{name}\": use one of {known}")]
+    #[error("no model is called \"{name}\"{}: use one of {known}", nearest::question(meant.as_deref()))]
     UnknownModel {
         /// The name that was asked for.
         name: String,
+        /// The name that is probably meant.
+        meant: Option<String>,
         /// Names and descriptions of all models.
         known: String,
     },
@@ -177,6 +181,7 @@ pub fn find(name: &str) -> Result<&'static Model, BuildError> {
         .find(|m| m.name == name)
         .ok_or_else(|| BuildError::UnknownModel {
             name: name.to_owned(),
+            meant: nearest::name(name, &MODELS.iter().map(|m| m.name).collect::<Vec<_>>()).map(str::to_owned),
             known: MODELS
                 .iter()
                 .map(|m| format!("\"{}\": {}", m.name, m.what))
