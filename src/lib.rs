@@ -124,12 +124,13 @@ pub use cancel::CancelFlag;
 pub use cli::main;
 pub use config::Bench;
 pub use diagnose::{Baseline, DiagnoseOptions, Diagnosis, Finding, Verdict, diagnose};
+pub use effect::codes as codes_of_physics;
 pub use library::{
     BenchDiagnosis, DiagnoseOrder, Failure, FailureKind, IdentifyOrder, ReadRecording, RecordError,
     diagnose_on_bench, find_bench, find_profile, identify, plan, read_recording, record, record_run,
     require_one_specimen, simulate,
 };
-pub use model::{BuildError, Model, Parameter, Plant, find as find_model};
+pub use model::{BuildError, Model, Parameter, Plant, all as models, find as find_model};
 pub use profile::Profile;
 pub use recording::{Recording, RecordingError, csv::read_file as read_csv};
 pub use units::Mode;

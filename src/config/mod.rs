@@ -61,6 +61,11 @@ pub struct Bench {
 }
 
 impl Bench {
+    /// Name or serial number of the spring on the rig.
+    pub fn specimen_name(&self) -> &str {
+        &self.specimen.name
+    }
+
     /// The bench with one more effect in the specimen of its mock rig. Twin and diagnosis do not have it.
     #[must_use]
     pub fn with_concealed_effect(mut self, code: &str, parameters: &[(&str, f64)]) -> Bench {

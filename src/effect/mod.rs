@@ -219,6 +219,11 @@ pub enum EffectError {
     Value(#[from] BuildError),
 }
 
+/// Codes of physics that a model may lack (docs/formats.md), sorted.
+pub fn codes() -> Vec<&'static str> {
+    EFFECTS.iter().map(|effect| effect.code).collect()
+}
+
 /// The effect or form with this code.
 pub(crate) fn find(code: &str) -> Result<&'static Effect, EffectError> {
     EFFECTS

@@ -35,7 +35,7 @@ pub fn identify(
     order: &IdentifyOrder,
     flag: &CancelFlag,
     progress: &mut dyn FnMut(f64),
-) -> Result<(impl serde::Serialize, String), Failure> {
+) -> Result<(impl serde::Serialize + use<>, String), Failure> {
     let args = IdentifyArgs {
         recordings: Vec::new(),
         targets: None,

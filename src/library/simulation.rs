@@ -78,7 +78,11 @@ pub fn simulate(bench: &Bench, profile: &Profile, flag: &CancelFlag) -> Result<R
 }
 
 /// Predicts a profile on the bench's model and compares it with the limits: the JSON of `leafbench plan --json`.
-pub fn plan(bench: &Bench, profile: &Profile, flag: &CancelFlag) -> Result<impl serde::Serialize, Failure> {
+pub fn plan(
+    bench: &Bench,
+    profile: &Profile,
+    flag: &CancelFlag,
+) -> Result<impl serde::Serialize + use<>, Failure> {
     let wanted = || !flag.is_cancelled();
     let planned: Result<Plan, PlanError> = planning::check_while(bench, profile, false, &wanted);
     planned.map_err(|error| match error {

@@ -174,6 +174,11 @@ pub(crate) static MODELS: &[Model] = &[
     two_sided::MODEL,
 ];
 
+/// All models, sorted by name.
+pub fn all() -> &'static [Model] {
+    MODELS
+}
+
 /// The model called `name`.
 pub fn find(name: &str) -> Result<&'static Model, BuildError> {
     MODELS

@@ -408,7 +408,7 @@ mod tests {
     fn a_round_gets_every_file_of_its_diagnosis() {
         let folder = tempfile::tempdir().expect("a folder");
         let bench = Bench::shipped().expect("built in");
-        let baseline = Baseline::of(model::find("equivalent").expect("listed"));
+        let baseline = Baseline::of(crate::model::find("equivalent").expect("listed"));
         let job = DiagnoseJob {
             bench: &bench,
             baseline: &baseline,

@@ -1,0 +1,84 @@
+//! Computes on a thread of its own, without the interpreter's lock. The calling thread meanwhile shows the progress and looks for
+//! Ctrl-C; then the computation is cancelled, and its thread has ended before the exception is raised.
+
+use std::panic::{self, AssertUnwindSafe};
+use std::sync::mpsc::{self, RecvTimeoutError, Sender};
+use std::thread;
+use std::time::Duration;
+
+use leafbench::{CancelFlag, Failure};
+use pyo3::exceptions::PyOSError;
+use pyo3::prelude::*;
+
+use crate::errors;
+
+/// The calling thread looks this often for Ctrl-C: a person does not notice the delay, and the lock is almost always free.
+const LOOK_EVERY: Duration = Duration::from_millis(50);
+/// Stack of the thread: that of a main thread on Linux.
+const STACK_BYTES: usize = 8 << 20;
+
+/// What the computation is given.
+pub(crate) struct Job {
+    /// Ends it.
+    pub flag: CancelFlag,
+    steps: Sender<(f64, String)>,
+}
+
+impl Job {
+    /// Shows the share done, 0 to 1, and the current step.
+    pub(crate) fn show(&self, share: f64, step: &str) {
+        // Nobody listens any more only when the job is cancelled.
+        let _ = self.steps.send((share, step.to_owned()));
+    }
+}
+
+/// Runs `work` and returns its result. `progress(share, step)` is called on this thread; an exception in it ends the work.
+pub(crate) fn until_done<T: Send>(
+    py: Python<'_>,
+    progress: Option<Bound<'_, PyAny>>,
+    work: impl FnOnce(&Job) -> Result<T, Failure> + Send,
+) -> PyResult<T> {
+    let progress = progress.map(Bound::unbind);
+    let (steps, shown) = mpsc::channel();
+    let job = Job {
+        flag: CancelFlag::default(),
+        steps,
+    };
+    let flag = job.flag.clone();
+    let ended = py.detach(|| {
+        thread::scope(|scope| {
+            // The job, and with it the sender, is dropped at the end of the work, which ends the loop below.
+            let computing = move || panic::catch_unwind(AssertUnwindSafe(move || work(&job)));
+            let thread = thread::Builder::new()
+                .name("leafbench".to_owned())
+                .stack_size(STACK_BYTES)
+                .spawn_scoped(scope, computing)
+                .map_err(PyOSError::new_err)?;
+            let watched = loop {
+                let step = shown.recv_timeout(LOOK_EVERY);
+                if matches!(step, Err(RecvTimeoutError::Disconnected)) {
+                    break Ok(());
+                }
+                if let Err(raised) = Python::attach(|py| looked_after(py, progress.as_ref(), step.ok())) {
+                    flag.cancel();
+                    break Err(raised);
+                }
+            };
+            let result = thread.join().and_then(|caught| caught);
+            watched.map(|()| result)
+        })
+    })?;
+    match ended {
+        Ok(result) => result.map_err(|failure| errors::exception(py, failure)),
+        Err(payload) => Err(errors::of_panic(payload.as_ref())),
+    }
+}
+
+/// Raises what a signal handler raised (Ctrl-C), and shows a step.
+fn looked_after(py: Python<'_>, progress: Option<&Py<PyAny>>, step: Option<(f64, String)>) -> PyResult<()> {
+    py.check_signals()?;
+    match (progress, step) {
+        (Some(progress), Some(step)) => progress.call1(py, step).map(drop),
+        _ => Ok(()),
+    }
+}
