@@ -106,7 +106,7 @@ mod tests {
             wrong.check().map_err(|e| (e.column, e.index))
         };
         assert_eq!(place(&|r| r.time_s.clear()), Err(("time_s", None)));
-        assert_eq!(place(&|r| drop(r.force_n.pop())), Err(("force_n", None)));
+        assert_eq!(place(&|r| r.force_n.truncate(2)), Err(("force_n", None)));
         assert_eq!(place(&|r| r.cycle = Some(vec![1])), Err(("cycle", None)));
         assert_eq!(place(&|r| r.force_n[1] = f64::NAN), Err(("force_n", Some(1))));
         assert_eq!(place(&|r| r.time_s[2] = 1.0), Err(("time_s", Some(2))));
