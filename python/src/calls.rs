@@ -107,11 +107,9 @@ pub(crate) fn diagnose(
             baseline: baseline.as_deref(),
             known: known.as_deref(),
         };
-        let options = DiagnoseOptions {
-            threads,
-            cancel: job.flag.clone(),
-            ..DiagnoseOptions::default()
-        };
+        let mut options = DiagnoseOptions::default();
+        options.threads = threads;
+        options.cancel = job.flag.clone();
         let show = &mut |share: f64, step: &str| job.show(share, step);
         let found = leafbench::diagnose_on_bench(&recordings, &left_out, order, options, show)?;
         Ok((json(&found.diagnosis)?, found.improved_toml))

@@ -1,6 +1,7 @@
 //! A recording as columns. numpy and Arrow read the memory of the recording itself; it is never written, and each reader keeps the
 //! recording alive.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 
 use arrow_array::ffi::{FFI_ArrowArray, FFI_ArrowSchema, to_ffi};
@@ -291,7 +292,7 @@ fn batch(recording: &Arc<Recording>) -> Result<RecordBatch, ArrowError> {
     let (fields, arrays): (Vec<Field>, Vec<ArrayRef>) = there
         .map(|name| {
             let array = array(recording, name);
-            let unit = [("unit".to_owned(), unit(name).to_owned())].into();
+            let unit = HashMap::from([("unit".to_owned(), unit(name).to_owned())]);
             let nullable = name.starts_with("command");
             let kind: DataType = array.data_type().clone();
             (Field::new(name, kind, nullable).with_metadata(unit), array)

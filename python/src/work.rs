@@ -45,7 +45,7 @@ pub(crate) fn until_done<T: Send>(
         steps,
     };
     let flag = job.flag.clone();
-    let ended = py.detach(|| {
+    let ended = py.detach(move || {
         thread::scope(|scope| {
             // The job, and with it the sender, is dropped at the end of the work, which ends the loop below.
             let computing = move || panic::catch_unwind(AssertUnwindSafe(move || work(&job)));

@@ -7,7 +7,7 @@ use crate::cancel::{self, CancelFlag};
 use crate::cli::{CliError, virtual_bench};
 use crate::config::Bench;
 use crate::daemon::plan::{self as planning, Plan, PlanError};
-use crate::profile::Profile;
+use crate::profile::{Player, Profile};
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::recording::Recording;
 use crate::twin::dry_run_with;
@@ -15,6 +15,8 @@ use crate::units::Command;
 
 /// A simulation looks this often whether it is cancelled, in ticks.
 const LOOK_TICKS: usize = 1000;
+/// Most samples of a recording in memory: as many as the reader of CSV takes. They need about 2.5 GB.
+const MOST_SAMPLES: u64 = 50_000_000;
 
 /// Why a run on the mock rig gave no recording. The text says what is wrong, where, and what to do.
 #[derive(Debug, thiserror::Error)]
@@ -35,6 +37,7 @@ pub fn record_run(
     seed: Option<u32>,
     flag: &CancelFlag,
 ) -> Result<Recording, Failure> {
+    within_memory(profile)?;
     let mut bench = bench.clone();
     if let Some(seed) = seed {
         bench.mock_rig.insert("seed".to_owned(), i64::from(seed).into());
@@ -45,6 +48,7 @@ pub fn record_run(
 
 /// Steps the bench's model along the profile, at 1 kHz: no noise, no hydraulics, no limits.
 pub fn simulate(bench: &Bench, profile: &Profile, flag: &CancelFlag) -> Result<Recording, Failure> {
+    within_memory(profile)?;
     let plant = bench.model.plant().map_err(CliError::from)?;
     let mut recording = Recording {
         name: profile.name.clone(),
@@ -92,6 +96,19 @@ pub fn plan(
     })
 }
 
+/// Refuses a profile with more samples than a recording in memory may have.
+fn within_memory(profile: &Profile) -> Result<(), Failure> {
+    let samples = Player::new(profile, 0.0, f64::from(SAMPLE_RATE_HZ))?.total_ticks();
+    match samples <= MOST_SAMPLES {
+        true => Ok(()),
+        false => Err(Failure::input(format!(
+            "profile {} has {samples} samples, and at most {MOST_SAMPLES} are kept in memory: shorten it, or use `leafbench simulate`, \
+             which writes to a file",
+            profile.name
+        ))),
+    }
+}
+
 fn cancelled() -> Failure {
     Failure {
         kind: FailureKind::Cancelled,
@@ -104,9 +121,17 @@ mod tests {
     use super::*;
 
     fn ramp() -> Profile {
-        let text = "name = \"ramp\"\ncontrol = \"displacement\"\n[[block]]\nsegment = [\n\
-                    { kind = \"ramp\", to_mm = 5.0, duration_s = 2.0 },\n{ kind = \"ramp\", to_mm = 0.0, duration_s = 2.0 },\n]\n";
-        Profile::from_toml(text, "ramp").expect("a profile")
+        ramp_of_s(2.0)
+    }
+
+    /// Up in `up_s`, down in 2 s.
+    fn ramp_of_s(up_s: f64) -> Profile {
+        let text = format!(
+            "name = \"ramp\"\ncontrol = \"displacement\"\n[[block]]\nsegment = [\n\
+             {{ kind = \"ramp\", to_mm = 5.0, duration_s = {up_s:?} }},\n\
+             {{ kind = \"ramp\", to_mm = 0.0, duration_s = 2.0 }},\n]\n"
+        );
+        Profile::from_toml(&text, "ramp").expect("a profile")
     }
 
     #[test]
@@ -122,6 +147,20 @@ mod tests {
         ]
         .map(|result| result.expect_err("cancelled").kind);
         assert_eq!(kinds, [FailureKind::Cancelled; 3]);
+    }
+
+    #[test]
+    fn a_profile_that_does_not_fit_into_memory_is_refused() {
+        let bench = Bench::shipped().expect("built in");
+        let long = ramp_of_s(3e6);
+        let flag = CancelFlag::default();
+        for refused in [
+            simulate(&bench, &long, &flag),
+            record_run(&bench, &long, None, &flag),
+        ] {
+            let text = refused.expect_err("too long").text;
+            assert!(text.contains("3000002000 samples"), "{text}");
+        }
     }
 
     #[test]
