@@ -1,6 +1,6 @@
 //! The compiled half of the Python package `leafbench`: calls of the library `leafbench`, with its errors as exceptions.
 //!
-//! The other half is Python, in `leafbench/`: it checks types, finds files and makes typed results. The two meet in JSON and in
+//! The other half is Python, in `package/leafbench/`: it checks types, finds files and makes typed results. The two meet in JSON and in
 //! columns of numbers.
 //!
 //! | file | what it does |
