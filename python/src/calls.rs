@@ -1,6 +1,6 @@
 //! The calls of the package. Each takes names, numbers and columns, and returns columns or JSON.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use leafbench::{DiagnoseOptions, DiagnoseOrder, Failure, FailureKind, IdentifyOrder, Recording};
@@ -128,12 +128,12 @@ pub(crate) fn require_one_specimen(
     leafbench::require_one_specimen(named).map_err(|failure| errors::exception(py, failure))
 }
 
-/// Reads a bench, and returns the name of its specimen.
+/// The bench as one complete file, with its specimen.
 #[pyfunction]
-pub(crate) fn check_bench(py: Python<'_>, bench: Option<String>, configs: PathBuf) -> PyResult<String> {
-    let found = leafbench::find_bench(bench.as_deref(), Path::new(&configs));
-    let bench = found.map_err(|failure| errors::exception(py, failure))?;
-    Ok(bench.specimen_name().to_owned())
+pub(crate) fn bench_toml(py: Python<'_>, bench: Option<String>, configs: PathBuf) -> PyResult<String> {
+    until_done(py, None, |_| {
+        Ok(leafbench::find_bench(bench.as_deref(), &configs)?.to_toml())
+    })
 }
 
 /// Name and description of each model.

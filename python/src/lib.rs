@@ -21,7 +21,7 @@ mod work;
 mod _leafbench {
     #[pymodule_export]
     use super::calls::{
-        check_bench, diagnose, identify, models, physics, plan, read, require_one_specimen, simulate,
+        bench_toml, diagnose, identify, models, physics, plan, read, require_one_specimen, simulate,
     };
     #[pymodule_export]
     use super::columns::{Column, Columns};

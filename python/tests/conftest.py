@@ -47,7 +47,7 @@ def loops(samples: int = 2000, name: str = "loops") -> leafbench.Recording:
 @pytest.fixture(scope="session")
 def helper_leaf_bench() -> str:
     """Text of a bench whose spring has a helper leaf."""
-    return (leafbench.CONFIGS / "benches" / "mock.toml").read_text() + HELPER_LEAF
+    return leafbench.bench_toml("mock") + HELPER_LEAF
 
 
 @pytest.fixture(scope="session")

@@ -102,12 +102,14 @@ pub enum BuildError {
         known: String,
     },
     /// The model has no parameter of this name.
-    #[error("model {model} has no parameter \"{name}\": use one of {known}")]
+    #[error("model {model} has no parameter \"{name}\"{}: use one of {known}", nearest::question(meant.as_deref()))]
     UnknownParameter {
         /// Name of the model.
         model: &'static str,
         /// The name that was asked for.
         name: String,
+        /// The name that is probably meant.
+        meant: Option<String>,
         /// Names of the model's parameters.
         known: String,
     },
@@ -203,19 +205,14 @@ impl Model {
 
     /// Index of a parameter by name.
     pub(crate) fn parameter_index(&self, name: &str) -> Result<usize, BuildError> {
-        self.parameters
-            .iter()
-            .position(|p| p.name == name)
-            .ok_or_else(|| BuildError::UnknownParameter {
-                model: self.name,
-                name: name.to_owned(),
-                known: self
-                    .parameters
-                    .iter()
-                    .map(|p| p.name)
-                    .collect::<Vec<_>>()
-                    .join(", "),
-            })
+        let names: Vec<&str> = self.parameters.iter().map(|p| p.name).collect();
+        let index = names.iter().position(|known| *known == name);
+        index.ok_or_else(|| BuildError::UnknownParameter {
+            model: self.name,
+            name: name.to_owned(),
+            meant: nearest::name(name, &names).map(str::to_owned),
+            known: names.join(", "),
+        })
     }
 
     /// Builds after checking that every value is finite and within bounds.

@@ -10,7 +10,7 @@ Units are in the names: ``force_n`` is in N, ``displacement_mm`` in mm, ``time_s
 """
 
 from ._arguments import CONFIGS
-from ._calls import benches, diagnose, identify, models, physics, plan, profiles, simulate
+from ._calls import bench_toml, benches, diagnose, identify, models, physics, plan, profiles, simulate
 from ._diagnosis import (
     Alternative,
     AttachedEffect,
@@ -74,6 +74,7 @@ __all__ = [
     "Value",
     "Yardstick",
     "__version__",
+    "bench_toml",
     "benches",
     "diagnose",
     "identify",

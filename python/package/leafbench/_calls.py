@@ -228,6 +228,14 @@ def profiles() -> list[str]:
     return _shipped("profiles")
 
 
+def bench_toml(bench: PathLike | None = None) -> str:
+    """Text of a bench as one complete file that includes its specimen: to read, to change and to give as ``bench``.
+
+    ``bench`` is as in :func:`simulate`.
+    """
+    return _leafbench.bench_toml(_bench(bench), _CONFIGS)
+
+
 def _shipped(folder: str) -> list[str]:
     return sorted(path.stem for path in (_arguments.CONFIGS / folder).glob("*.toml"))
 
