@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
@@ -46,13 +46,17 @@ def path(name: str, value: object) -> str:
         raise InputError(f"{name} is empty: give a path")
     if "\0" in given:
         raise InputError(f"{name} has a zero byte: remove it")
+    try:
+        os.fsencode(given)
+    except UnicodeEncodeError as error:
+        raise InputError(f"{name} is no file name: {error.reason}: correct the character at {error.start}") from None
     return given
 
 
 def word_or_path(name: str, value: object) -> str:
     """The name of a shipped file, the path of a file or its text."""
     if isinstance(value, os.PathLike):
-        return path(name, value)
+        value = path(name, value)
     if not isinstance(value, str):
         raise ArgumentTypeError(
             f"{name} is a {_got(value)}: give the name of a shipped one, a path of a .toml file, or the text of one"
@@ -79,11 +83,19 @@ def switch(name: str, value: object) -> bool:
     return value
 
 
+def items(name: str, value: Iterable[Any]) -> Iterator[Any]:
+    """The items one by one; some things say that they have items and do not, such as a numpy array without a dimension."""
+    try:
+        return iter(value)
+    except TypeError as error:
+        raise ArgumentTypeError(f"{name} is a {_got(value)} without items ({error}): give a list") from error
+
+
 def texts(name: str, value: object) -> list[str]:
     """A sequence of texts. A single text is refused, because it would be taken for its letters."""
     if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
         raise ArgumentTypeError(f"{name} is a {_got(value)}: give a list of texts")
-    return [text(f"{name}[{index}]", item) for index, item in enumerate(value)]
+    return [text(f"{name}[{index}]", item) for index, item in enumerate(items(name, value))]
 
 
 def numbers_by_name(name: str, value: object) -> list[tuple[str, float]]:

@@ -30,7 +30,7 @@ def _recordings(name: str, given: object, *, may_be_empty: bool = False) -> list
     if isinstance(given, (Mapping, bytes)) or hasattr(given, "__arrow_c_stream__") or not isinstance(given, Iterable):
         raise ArgumentTypeError(_no_recording(name, given))
     found = []
-    for index, item in enumerate(given):
+    for index, item in enumerate(_arguments.items(name, given)):
         if isinstance(item, (str, os.PathLike)):
             item = read(item)
         if not isinstance(item, Recording):

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ._errors import ArgumentTypeError, InputError, input_error
 
 #: As many samples as the reader of CSV takes.
 MOST_SAMPLES = 50_000_000
 #: Type in memory of each column, in the order of a recording CSV.
-TYPES = {
+TYPES: dict[str, type[np.number[Any]]] = {
     "time_s": np.float64,
     "displacement_mm": np.float64,
     "force_n": np.float64,
@@ -20,20 +21,21 @@ TYPES = {
     "cycle": np.uint32,
     "flags": np.uint16,
 }
+#: Largest value of each column of whole numbers.
+LARGEST = {"cycle": 2**32 - 1, "flags": 2**16 - 1}
 #: Columns that every recording has.
 NEEDED = ("time_s", "displacement_mm", "force_n")
 
 
-def column_of(name: str, column: str, values: object) -> np.ndarray:
+def column_of(name: str, column: str, values: object) -> NDArray[Any]:
     """The values as a contiguous array of the column's type. `name` is that of the recording."""
     array = _array(name, column, values)
-    kind = TYPES[column]
-    if kind is not np.float64:
-        array = _whole_numbers(name, column, array, np.iinfo(kind).max)
-    return np.ascontiguousarray(array, dtype=kind)
+    if column in LARGEST:
+        array = _whole_numbers(name, column, array, LARGEST[column])
+    return np.ascontiguousarray(array, dtype=TYPES[column])
 
 
-def _array(name: str, column: str, values: object) -> np.ndarray:
+def _array(name: str, column: str, values: object) -> NDArray[Any]:
     """One dimension, of integers or floating point numbers."""
     if isinstance(values, (str, bytes, dict, set)):
         raise ArgumentTypeError(f"{name}, column {column}: it is a {type(values).__name__}: give a list or an array of numbers")
@@ -67,7 +69,7 @@ def _array(name: str, column: str, values: object) -> np.ndarray:
     return array
 
 
-def _no_numbers(name: str, column: str, array: np.ndarray) -> InputError:
+def _no_numbers(name: str, column: str, array: NDArray[Any]) -> InputError:
     """The error for values that are no real numbers, with the first of them."""
     index = None
     if array.dtype.kind == "O":
@@ -80,7 +82,7 @@ def _no_numbers(name: str, column: str, array: np.ndarray) -> InputError:
     )
 
 
-def _whole_numbers(name: str, column: str, array: np.ndarray, most: int) -> np.ndarray:
+def _whole_numbers(name: str, column: str, array: NDArray[Any], most: int) -> NDArray[Any]:
     """Refuses what a column of whole numbers cannot hold."""
     with np.errstate(invalid="ignore"):
         wrong = ~((array >= 0) & (array <= most) & (array == np.floor(array)))
@@ -97,17 +99,13 @@ def _whole_numbers(name: str, column: str, array: np.ndarray, most: int) -> np.n
 
 def columns_of_table(table: Any) -> dict[str, object]:
     """The columns of a recording in a data frame (pandas, polars), an Arrow table or a dict; others are ignored."""
-    if isinstance(table, dict):
-        names = list(table)
-    else:
-        # The columns of an Arrow table are arrays, and their names are elsewhere.
-        names = getattr(table, "column_names", None)
-        names = getattr(table, "columns", None) if names is None else names
-        if names is None or not hasattr(table, "__getitem__"):
-            raise ArgumentTypeError(
-                f"table is a {type(table).__name__}: give a data frame of pandas or polars, an Arrow table or a dict of columns"
-            )
-        names = list(names)
+    # The columns of an Arrow table are arrays, and their names are elsewhere.
+    given = table if isinstance(table, dict) else getattr(table, "column_names", getattr(table, "columns", None))
+    if given is None or not hasattr(table, "__getitem__"):
+        raise ArgumentTypeError(
+            f"table is a {type(table).__name__}: give a data frame of pandas or polars, an Arrow table or a dict of columns"
+        )
+    names = list(given)
     missing = [column for column in NEEDED if column not in names]
     if missing:
         raise input_error(

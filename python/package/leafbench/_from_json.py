@@ -16,7 +16,8 @@ _PYTHON_NAMES = {"from": "from_"}
 
 def from_json(kind: type[T], text: str, **more: object) -> T:
     """An object of the dataclass `kind`; `more` has fields that the JSON does not have."""
-    return _object(kind, json.loads(text) | more)
+    made: T = _object(kind, json.loads(text) | more)
+    return made
 
 
 @cache
