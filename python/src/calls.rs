@@ -8,12 +8,12 @@ use pyo3::prelude::*;
 
 use crate::columns::Columns;
 use crate::errors;
-use crate::work::until_done;
+use crate::work::{until_done, until_done_on};
 
 /// Reads a run file or a CSV: the columns, the specimen, and what is not whole about the file.
 #[pyfunction]
 pub(crate) fn read(py: Python<'_>, path: PathBuf) -> PyResult<(Columns, Option<String>, Vec<String>)> {
-    let read = until_done(py, None, |_| leafbench::read_recording(&path))?;
+    let read = until_done(py, |_| leafbench::read_recording(&path))?;
     Ok((Columns(Arc::new(read.recording)), read.specimen, read.notes))
 }
 
@@ -27,7 +27,7 @@ pub(crate) fn simulate(
     rig: bool,
     seed: Option<u32>,
 ) -> PyResult<(Columns, String)> {
-    until_done(py, None, |job| {
+    until_done(py, |job| {
         let bench = leafbench::find_bench(bench.as_deref(), &configs)?;
         let profile = leafbench::find_profile(&profile, &configs)?;
         let recording = match rig {
@@ -46,7 +46,7 @@ pub(crate) fn plan(
     bench: Option<String>,
     configs: PathBuf,
 ) -> PyResult<String> {
-    until_done(py, None, |job| {
+    until_done(py, |job| {
         let bench = leafbench::find_bench(bench.as_deref(), &configs)?;
         let profile = leafbench::find_profile(&profile, &configs)?;
         json(&leafbench::plan(&bench, &profile, &job.flag)?)
@@ -78,7 +78,7 @@ pub(crate) fn identify(
         begin,
         seed,
     };
-    until_done(py, progress, |job| {
+    until_done_on(py, 0, progress, |job| {
         let show = &mut |share: f64| job.show(share, "fitting");
         let (found, specimen) = leafbench::identify(recordings, &order, &job.flag, show)?;
         Ok((json(&found)?, specimen))
@@ -100,7 +100,7 @@ pub(crate) fn diagnose(
     progress: Option<Bound<'_, PyAny>>,
 ) -> PyResult<(String, Option<String>)> {
     let (recordings, left_out) = (copies(&recordings), copies(&left_out));
-    until_done(py, progress, |job| {
+    until_done_on(py, threads, progress, |job| {
         let bench = leafbench::find_bench(bench.as_deref(), &configs)?;
         let order = DiagnoseOrder {
             bench: &bench,
@@ -131,7 +131,7 @@ pub(crate) fn require_one_specimen(
 /// The bench as one complete file, with its specimen.
 #[pyfunction]
 pub(crate) fn bench_toml(py: Python<'_>, bench: Option<String>, configs: PathBuf) -> PyResult<String> {
-    until_done(py, None, |_| {
+    until_done(py, |_| {
         Ok(leafbench::find_bench(bench.as_deref(), &configs)?.to_toml())
     })
 }

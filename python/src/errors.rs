@@ -127,5 +127,5 @@ pub(crate) fn of_panic(payload: &(dyn Any + Send)) -> PyErr {
 #[cfg(debug_assertions)]
 #[pyfunction]
 pub(crate) fn provoke_panic(py: Python<'_>) -> PyResult<()> {
-    crate::work::until_done(py, None, |_| panic!("asked for by a test"))
+    crate::work::until_done(py, |_| panic!("asked for by a test"))
 }

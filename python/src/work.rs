@@ -1,5 +1,8 @@
 //! Computes on a thread of its own, without the interpreter's lock. The calling thread meanwhile shows the progress and looks for
 //! Ctrl-C; then the computation is cancelled, and its thread has ended before the exception is raised.
+//!
+//! Each call has a thread pool of its own. The pool that rayon shares among all calls would hang in a process that was forked, as
+//! `multiprocessing` does it, because its threads are not there.
 
 use std::panic::{self, AssertUnwindSafe};
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
@@ -9,12 +12,13 @@ use std::time::Duration;
 use leafbench::{CancelFlag, Failure};
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
+use rayon::ThreadPoolBuilder;
 
 use crate::errors;
 
 /// The calling thread looks this often for Ctrl-C: a person does not notice the delay, and the lock is almost always free.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
-/// Stack of the thread: that of a main thread on Linux.
+/// Stack of a thread: that of a main thread on Linux.
 const STACK_BYTES: usize = 8 << 20;
 
 /// What the computation is given.
@@ -32,9 +36,11 @@ impl Job {
     }
 }
 
-/// Runs `work` and returns its result. `progress(share, step)` is called on this thread; an exception in it ends the work.
-pub(crate) fn until_done<T: Send>(
+/// Runs `work` on as many threads (0: one for each core) and returns its result. `progress(share, step)` is called on this thread;
+/// an exception in it ends the work.
+pub(crate) fn until_done_on<T: Send>(
     py: Python<'_>,
+    threads: usize,
     progress: Option<Bound<'_, PyAny>>,
     work: impl FnOnce(&Job) -> Result<T, Failure> + Send,
 ) -> PyResult<T> {
@@ -46,13 +52,17 @@ pub(crate) fn until_done<T: Send>(
     };
     let flag = job.flag.clone();
     let ended = py.detach(move || {
+        let pool = ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .stack_size(STACK_BYTES)
+            .build()
+            .map_err(|error| PyOSError::new_err(format!("no thread can be started: {error}: end other programs")))?;
         thread::scope(|scope| {
             // The job, and with it the sender, is dropped at the end of the work, which ends the loop below.
-            let computing = move || panic::catch_unwind(AssertUnwindSafe(move || work(&job)));
+            let work = move || panic::catch_unwind(AssertUnwindSafe(move || work(&job)));
             let thread = thread::Builder::new()
                 .name("leafbench".to_owned())
-                .stack_size(STACK_BYTES)
-                .spawn_scoped(scope, computing)
+                .spawn_scoped(scope, || pool.install(work))
                 .map_err(PyOSError::new_err)?;
             let watched = loop {
                 let step = shown.recv_timeout(LOOK_EVERY);
@@ -72,6 +82,14 @@ pub(crate) fn until_done<T: Send>(
         Ok(result) => result.map_err(|failure| errors::exception(py, failure)),
         Err(payload) => Err(errors::of_panic(payload.as_ref())),
     }
+}
+
+/// As [`until_done_on`], on one thread and without progress.
+pub(crate) fn until_done<T: Send>(
+    py: Python<'_>,
+    work: impl FnOnce(&Job) -> Result<T, Failure> + Send,
+) -> PyResult<T> {
+    until_done_on(py, 1, None, work)
 }
 
 /// Raises what a signal handler raised (Ctrl-C), and shows a step.

@@ -40,9 +40,24 @@ def test_fit_a_spring(monkeypatch, capsys):
     assert "the place: column force_n, index 3" in capsys.readouterr().out
 
 
+def test_the_example_of_the_document(capsys):
+    text = (Path(__file__).resolve().parents[2] / "docs/python.md").read_text()
+    names = {}
+    exec(text.split("```python\n")[1].split("```")[0], names)
+    assert names["diagnosis"].verdict and names["better"].force_n.max() > 1900
+    assert str(names["diagnosis"]) in capsys.readouterr().out
+
+
+def test_the_document_names_every_function():
+    text = (Path(__file__).resolve().parents[2] / "docs/python.md").read_text()
+    functions = [name for name in leafbench.__all__ if name[0].islower()]
+    assert [name for name in functions if f"`{name}(" not in text] == []
+
+
 def test_every_example_is_tested():
     tested = {name.removeprefix("test_") + ".py" for name in globals() if name.startswith("test_")}
-    assert {path.name for path in EXAMPLES.glob("*.py")} <= tested
+    shown = {path.name for path in EXAMPLES.glob("*.py")}
+    assert shown and shown <= tested
 
 
 @pytest.mark.parametrize("module", ["leafbench", "leafbench._recording"])

@@ -104,6 +104,27 @@ def test_ctrl_c_ends_a_long_computation(call):
     assert process.returncode == 0 and ended_s < 5
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_forked_process_computes_too():
+    """As multiprocessing does it on Linux. A pool of threads that was shared with the parent would hang here."""
+    program = textwrap.dedent(
+        """
+        import os, signal, leafbench
+        recording = leafbench.simulate("sine-6mm-2.5hz-10")
+        leafbench.diagnose(recording)
+        child = os.fork()
+        if child == 0:
+            signal.alarm(60)
+            leafbench.diagnose(recording)
+            leafbench.identify(recording, model="equivalent")
+            os._exit(7)
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+        """
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
+    assert done.stdout.strip() == "7", (done.stdout, done.stderr)
+
+
 def test_a_panic_is_an_exception_that_asks_for_a_report(capfd):
     if not hasattr(_leafbench, "provoke_panic"):
         pytest.skip("a wheel for users has no call that panics")
