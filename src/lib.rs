@@ -126,7 +126,7 @@ pub use config::Bench;
 pub use diagnose::{Baseline, DiagnoseOptions, Diagnosis, Finding, Verdict, diagnose};
 pub use effect::codes as codes_of_physics;
 pub use library::{
-    BenchDiagnosis, DiagnoseOrder, Failure, FailureKind, IdentifyOrder, ReadRecording, RecordError,
+    BenchDiagnosis, CallFailure, DiagnoseOrder, FailureKind, IdentifyOrder, ReadRecording, RecordError,
     diagnose_on_bench, find_bench, find_profile, identify, plan, read_recording, record, record_run,
     require_one_specimen, simulate,
 };

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use leafbench::{DiagnoseOptions, DiagnoseOrder, Failure, FailureKind, IdentifyOrder, Recording};
+use leafbench::{CallFailure, DiagnoseOptions, DiagnoseOrder, FailureKind, IdentifyOrder, Recording};
 use pyo3::prelude::*;
 
 use crate::columns::Columns;
@@ -156,8 +156,8 @@ fn copies(recordings: &[PyRef<'_, Columns>]) -> Vec<Recording> {
         .collect()
 }
 
-fn json(value: &impl serde::Serialize) -> Result<String, Failure> {
-    serde_json::to_string(value).map_err(|error| Failure {
+fn json(value: &impl serde::Serialize) -> Result<String, CallFailure> {
+    serde_json::to_string(value).map_err(|error| CallFailure {
         kind: FailureKind::Defect,
         text: error.to_string(),
         file: None,

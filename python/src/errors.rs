@@ -2,7 +2,7 @@
 
 use std::any::Any;
 
-use leafbench::{Failure, FailureKind, RecordingError};
+use leafbench::{CallFailure, FailureKind, RecordingError};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyOSError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
@@ -78,7 +78,7 @@ fn input_error(py: Python<'_>, text: String, place: Place) -> PyErr {
 }
 
 /// The exception for a failure.
-pub(crate) fn exception(py: Python<'_>, failure: Failure) -> PyErr {
+pub(crate) fn exception(py: Python<'_>, failure: CallFailure) -> PyErr {
     let text = in_python_words(&failure.text);
     match failure.kind {
         FailureKind::Input => {

@@ -9,7 +9,7 @@ use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread;
 use std::time::Duration;
 
-use leafbench::{CancelFlag, Failure};
+use leafbench::{CallFailure, CancelFlag};
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
 use rayon::ThreadPoolBuilder;
@@ -42,7 +42,7 @@ pub(crate) fn until_done_on<T: Send>(
     py: Python<'_>,
     threads: usize,
     progress: Option<Bound<'_, PyAny>>,
-    work: impl FnOnce(&Job) -> Result<T, Failure> + Send,
+    work: impl FnOnce(&Job) -> Result<T, CallFailure> + Send,
 ) -> PyResult<T> {
     let progress = progress.map(Bound::unbind);
     let (steps, shown) = mpsc::channel();
@@ -56,7 +56,9 @@ pub(crate) fn until_done_on<T: Send>(
             .num_threads(threads)
             .stack_size(STACK_BYTES)
             .build()
-            .map_err(|error| PyOSError::new_err(format!("no thread can be started: {error}: end other programs")))?;
+            .map_err(|error| {
+                PyOSError::new_err(format!("no thread can be started: {error}: end other programs"))
+            })?;
         thread::scope(|scope| {
             // The job, and with it the sender, is dropped at the end of the work, which ends the loop below.
             let work = move || panic::catch_unwind(AssertUnwindSafe(move || work(&job)));
@@ -87,7 +89,7 @@ pub(crate) fn until_done_on<T: Send>(
 /// As [`until_done_on`], on one thread and without progress.
 pub(crate) fn until_done<T: Send>(
     py: Python<'_>,
-    work: impl FnOnce(&Job) -> Result<T, Failure> + Send,
+    work: impl FnOnce(&Job) -> Result<T, CallFailure> + Send,
 ) -> PyResult<T> {
     until_done_on(py, 1, None, work)
 }

@@ -1,7 +1,7 @@
 //! A diagnosis on a bench, as `leafbench diagnose` does it: with the bench's model, limits and known physics, errors on the
 //! recordings left out, and the proof of the improved model.
 
-use super::Failure;
+use super::CallFailure;
 use crate::cli::bench_diagnosis as steps;
 use crate::config::Bench;
 use crate::diagnose::{DiagnoseOptions, Diagnosis};
@@ -35,7 +35,7 @@ pub fn diagnose_on_bench(
     order: DiagnoseOrder<'_>,
     options: DiagnoseOptions,
     progress: &mut dyn FnMut(f64, &str),
-) -> Result<BenchDiagnosis, Failure> {
+) -> Result<BenchDiagnosis, CallFailure> {
     for recording in recordings.iter().chain(left_out) {
         recording.check()?;
         steps::in_mm_and_n(recording)?;

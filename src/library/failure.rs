@@ -37,7 +37,7 @@ pub enum FailureKind {
 /// Why a call gave no result.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{text}")]
-pub struct Failure {
+pub struct CallFailure {
     /// What kind of error it is.
     pub kind: FailureKind,
     /// What is wrong, where, and what to do.
@@ -50,10 +50,10 @@ pub struct Failure {
     pub column: Option<String>,
 }
 
-impl Failure {
+impl CallFailure {
     /// Input that has no place in a file.
-    pub(crate) fn input(text: String) -> Failure {
-        Failure {
+    pub(crate) fn input(text: String) -> CallFailure {
+        CallFailure {
             kind: FailureKind::Input,
             text,
             file: None,
@@ -62,8 +62,8 @@ impl Failure {
         }
     }
 
-    fn at(self, file: &str, row: Option<u64>, column: Option<&str>) -> Failure {
-        Failure {
+    fn at(self, file: &str, row: Option<u64>, column: Option<&str>) -> CallFailure {
+        CallFailure {
             file: Some(file.to_owned()),
             row,
             column: column.map(str::to_owned),
@@ -72,7 +72,7 @@ impl Failure {
     }
 
     /// A file that could not be read. Without the error of the system, the file itself tells whether it is there.
-    fn of_file(self, path: &Path, error: Option<&io::Error>) -> Failure {
+    fn of_file(self, path: &Path, error: Option<&io::Error>) -> CallFailure {
         let known = error.and_then(io::Error::raw_os_error);
         // What is there and still refused (a folder, a pipe) is the wrong input.
         let there = path.exists();
@@ -84,13 +84,13 @@ impl Failure {
             }
             None => FailureKind::Input,
         };
-        Failure { kind, ..self }.at(&path.display().to_string(), None, None)
+        CallFailure { kind, ..self }.at(&path.display().to_string(), None, None)
     }
 }
 
-impl From<CsvError> for Failure {
-    fn from(error: CsvError) -> Failure {
-        let failure = Failure::input(chain(&error));
+impl From<CsvError> for CallFailure {
+    fn from(error: CsvError) -> CallFailure {
+        let failure = CallFailure::input(chain(&error));
         match &error {
             CsvError::Io { name, source } => failure.of_file(Path::new(name), Some(source)),
             _ => {
@@ -101,12 +101,12 @@ impl From<CsvError> for Failure {
     }
 }
 
-impl From<RunFileError> for Failure {
-    fn from(error: RunFileError) -> Failure {
-        let failure = Failure::input(chain(&error));
+impl From<RunFileError> for CallFailure {
+    fn from(error: RunFileError) -> CallFailure {
+        let failure = CallFailure::input(chain(&error));
         match &error {
             RunFileError::Io { path, source, .. } => failure.of_file(path, Some(source)),
-            RunFileError::Database { path, .. } => Failure {
+            RunFileError::Database { path, .. } => CallFailure {
                 kind: FailureKind::File { os_error: EIO },
                 ..failure
             }
@@ -120,9 +120,9 @@ impl From<RunFileError> for Failure {
     }
 }
 
-impl From<ConfigError> for Failure {
-    fn from(error: ConfigError) -> Failure {
-        let failure = Failure::input(chain(&error));
+impl From<ConfigError> for CallFailure {
+    fn from(error: ConfigError) -> CallFailure {
+        let failure = CallFailure::input(chain(&error));
         match &error {
             ConfigError::Read { path, .. } => failure.of_file(path, None),
             ConfigError::Invalid {
@@ -132,9 +132,9 @@ impl From<ConfigError> for Failure {
     }
 }
 
-impl From<ProfileError> for Failure {
-    fn from(error: ProfileError) -> Failure {
-        let failure = Failure::input(chain(&error));
+impl From<ProfileError> for CallFailure {
+    fn from(error: ProfileError) -> CallFailure {
+        let failure = CallFailure::input(chain(&error));
         match &error {
             ProfileError::File { name, line, .. } => failure.at(name, Some(*line as u64), None),
             _ => failure,
@@ -142,9 +142,9 @@ impl From<ProfileError> for Failure {
     }
 }
 
-impl From<LibraryError> for Failure {
-    fn from(error: LibraryError) -> Failure {
-        let failure = Failure::input(chain(&error));
+impl From<LibraryError> for CallFailure {
+    fn from(error: LibraryError) -> CallFailure {
+        let failure = CallFailure::input(chain(&error));
         match error {
             LibraryError::File { path, .. } => failure.of_file(&path, None),
             LibraryError::Folder { path, source } => failure.of_file(&path, Some(&source)),
@@ -154,11 +154,11 @@ impl From<LibraryError> for Failure {
     }
 }
 
-impl From<DiagnoseError> for Failure {
-    fn from(error: DiagnoseError) -> Failure {
-        let failure = Failure::input(chain(&error));
+impl From<DiagnoseError> for CallFailure {
+    fn from(error: DiagnoseError) -> CallFailure {
+        let failure = CallFailure::input(chain(&error));
         match &error {
-            DiagnoseError::Cancelled => Failure {
+            DiagnoseError::Cancelled => CallFailure {
                 kind: FailureKind::Cancelled,
                 ..failure
             },
@@ -173,16 +173,16 @@ impl From<DiagnoseError> for Failure {
     }
 }
 
-impl From<RecordingError> for Failure {
-    fn from(error: RecordingError) -> Failure {
-        let failure = Failure::input(error.to_string());
+impl From<RecordingError> for CallFailure {
+    fn from(error: RecordingError) -> CallFailure {
+        let failure = CallFailure::input(error.to_string());
         failure.at(&error.name, None, Some(error.column))
     }
 }
 
-impl From<IdentifyError> for Failure {
-    fn from(error: IdentifyError) -> Failure {
-        let failure = Failure::input(chain(&error));
+impl From<IdentifyError> for CallFailure {
+    fn from(error: IdentifyError) -> CallFailure {
+        let failure = CallFailure::input(chain(&error));
         match &error {
             IdentifyError::Recording { name, .. } => failure.at(name, None, None),
             _ => failure,
@@ -190,9 +190,9 @@ impl From<IdentifyError> for Failure {
     }
 }
 
-impl From<CliError> for Failure {
-    fn from(error: CliError) -> Failure {
-        let failure = Failure::input(chain(&error));
+impl From<CliError> for CallFailure {
+    fn from(error: CliError) -> CallFailure {
+        let failure = CallFailure::input(chain(&error));
         match error {
             CliError::Csv(error) => error.into(),
             CliError::RunFile(error) => error.into(),
@@ -202,7 +202,7 @@ impl From<CliError> for Failure {
             CliError::Diagnose(error) => error.into(),
             CliError::Identify(error) => error.into(),
             CliError::File { path, source, .. } => failure.of_file(&path, Some(&source)),
-            CliError::Internal(_) => Failure {
+            CliError::Internal(_) => CallFailure {
                 kind: FailureKind::Defect,
                 ..failure
             },
@@ -216,7 +216,7 @@ mod tests {
     use super::super::{find_bench, read_recording};
     use super::*;
 
-    fn failed(name: &str, text: Option<&str>) -> Failure {
+    fn failed(name: &str, text: Option<&str>) -> CallFailure {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join(name);
         if let Some(text) = text {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::Failure;
+use super::CallFailure;
 use crate::cli::{diagnose_inputs as inputs, local};
 use crate::config::Bench;
 use crate::daemon::library::{self, Library};
@@ -14,7 +14,7 @@ use crate::recording::run_file::EXTENSION;
 /// A recording with what its file says besides.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReadRecording {
-    /// The samples.
+    /// Its samples, in the columns of a CSV.
     pub recording: Recording,
     /// Name of the specimen, from the run file or the data package beside the CSV.
     pub specimen: Option<String>,
@@ -23,7 +23,7 @@ pub struct ReadRecording {
 }
 
 /// Reads a run file (`.leafrun`) or, with any other name, a CSV.
-pub fn read_recording(path: &Path) -> Result<ReadRecording, Failure> {
+pub fn read_recording(path: &Path) -> Result<ReadRecording, CallFailure> {
     let mut notes = Vec::new();
     let given = match path.extension().is_some_and(|e| e == EXTENSION) {
         true => inputs::of_run(path, &path.display().to_string(), &mut |note| notes.push(note))?,
@@ -39,13 +39,13 @@ pub fn read_recording(path: &Path) -> Result<ReadRecording, Failure> {
 /// Refuses recordings of different specimens. Each is given by its name and its specimen; those without one may be of any.
 pub fn require_one_specimen<'a>(
     recordings: impl Iterator<Item = (&'a str, Option<&'a str>)>,
-) -> Result<(), Failure> {
+) -> Result<(), CallFailure> {
     Ok(inputs::one_specimen(recordings)?)
 }
 
 /// A bench: the text of a bench file, the path of one (`.toml`), or the name of a file in `configs/benches`. `None` is the mock
 /// rig in memory.
-pub fn find_bench(word: Option<&str>, configs: &Path) -> Result<Bench, Failure> {
+pub fn find_bench(word: Option<&str>, configs: &Path) -> Result<Bench, CallFailure> {
     let Some(word) = word else {
         return Ok(Bench::shipped()?);
     };
@@ -63,7 +63,7 @@ pub fn find_bench(word: Option<&str>, configs: &Path) -> Result<Bench, Failure> 
         return Ok(Bench::load(&folder.join(format!("{word}.toml")))?);
     }
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    Err(Failure::input(format!(
+    Err(CallFailure::input(format!(
         "there is no bench \"{word}\"{}: choose one of {}, or give the path of a bench file (.toml)",
         nearest::question(nearest::name(word, &names)),
         names.join(", ")
@@ -71,7 +71,7 @@ pub fn find_bench(word: Option<&str>, configs: &Path) -> Result<Bench, Failure> 
 }
 
 /// A profile: the text of a profile file, the path of one (`.toml`), or the name of a file in `configs/profiles`.
-pub fn find_profile(word: &str, configs: &Path) -> Result<Profile, Failure> {
+pub fn find_profile(word: &str, configs: &Path) -> Result<Profile, CallFailure> {
     let path = Path::new(word);
     if !word.contains('\n') && path.extension().is_some_and(|e| e == "toml") {
         local::require_file(path, local::WrittenKind::Profile)?;

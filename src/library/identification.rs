@@ -2,7 +2,7 @@
 
 use clap::ValueEnum;
 
-use super::{Failure, FailureKind};
+use super::{CallFailure, FailureKind};
 use crate::cancel::CancelFlag;
 use crate::cli::identify::{Identified, IdentifyArgs, RecordingStart, SearchMethod};
 use crate::identify::FitControl;
@@ -35,7 +35,7 @@ pub fn identify(
     order: &IdentifyOrder,
     flag: &CancelFlag,
     progress: &mut dyn FnMut(f64),
-) -> Result<(impl serde::Serialize + use<>, String), Failure> {
+) -> Result<(impl serde::Serialize + use<>, String), CallFailure> {
     let args = IdentifyArgs {
         recordings: Vec::new(),
         targets: None,
@@ -56,23 +56,23 @@ pub fn identify(
         }
     })?;
     match flag.is_cancelled() {
-        true => Err(Failure {
+        true => Err(CallFailure {
             kind: FailureKind::Cancelled,
-            ..Failure::input("the fit was cancelled: start it again".to_owned())
+            ..CallFailure::input("the fit was cancelled: start it again".to_owned())
         }),
         false => Ok(found),
     }
 }
 
 /// The value of an option by its name.
-fn chosen<T: ValueEnum>(option: &str, word: &str) -> Result<T, Failure> {
+fn chosen<T: ValueEnum>(option: &str, word: &str) -> Result<T, CallFailure> {
     T::from_str(word, false).map_err(|_| {
         let values = T::value_variants()
             .iter()
             .filter_map(ValueEnum::to_possible_value);
         let names: Vec<String> = values.map(|value| value.get_name().to_owned()).collect();
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
-        Failure::input(format!(
+        CallFailure::input(format!(
             "{option} \"{word}\" is unknown{}: use one of {}",
             nearest::question(nearest::name(word, &names)),
             names.join(", ")

@@ -15,7 +15,7 @@ mod identification;
 mod simulation;
 
 pub use bench_diagnosis::{BenchDiagnosis, DiagnoseOrder, diagnose_on_bench};
-pub use failure::{Failure, FailureKind};
+pub use failure::{CallFailure, FailureKind};
 pub use files::{ReadRecording, find_bench, find_profile, read_recording, require_one_specimen};
 pub use identification::{IdentifyOrder, identify};
 pub use simulation::{RecordError, plan, record, record_run, simulate};

@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use super::{Failure, FailureKind};
+use super::{CallFailure, FailureKind};
 use crate::cancel::{self, CancelFlag};
 use crate::cli::{CliError, virtual_bench};
 use crate::config::Bench;
@@ -36,7 +36,7 @@ pub fn record_run(
     profile: &Profile,
     seed: Option<u32>,
     flag: &CancelFlag,
-) -> Result<Recording, Failure> {
+) -> Result<Recording, CallFailure> {
     within_memory(profile)?;
     let mut bench = bench.clone();
     if let Some(seed) = seed {
@@ -47,7 +47,7 @@ pub fn record_run(
 }
 
 /// Steps the bench's model along the profile, at 1 kHz: no noise, no hydraulics, no limits.
-pub fn simulate(bench: &Bench, profile: &Profile, flag: &CancelFlag) -> Result<Recording, Failure> {
+pub fn simulate(bench: &Bench, profile: &Profile, flag: &CancelFlag) -> Result<Recording, CallFailure> {
     within_memory(profile)?;
     let plant = bench.model.plant().map_err(CliError::from)?;
     let mut recording = Recording {
@@ -86,7 +86,7 @@ pub fn plan(
     bench: &Bench,
     profile: &Profile,
     flag: &CancelFlag,
-) -> Result<impl serde::Serialize + use<>, Failure> {
+) -> Result<impl serde::Serialize + use<>, CallFailure> {
     let wanted = || !flag.is_cancelled();
     let planned: Result<Plan, PlanError> = planning::check_while(bench, profile, false, &wanted);
     planned.map_err(|error| match error {
@@ -97,11 +97,11 @@ pub fn plan(
 }
 
 /// Refuses a profile with more samples than a recording in memory may have.
-fn within_memory(profile: &Profile) -> Result<(), Failure> {
+fn within_memory(profile: &Profile) -> Result<(), CallFailure> {
     let samples = Player::new(profile, 0.0, f64::from(SAMPLE_RATE_HZ))?.total_ticks();
     match samples <= MOST_SAMPLES {
         true => Ok(()),
-        false => Err(Failure::input(format!(
+        false => Err(CallFailure::input(format!(
             "profile {} has {samples} samples, and at most {MOST_SAMPLES} are kept in memory: shorten it, or use `leafbench simulate`, \
              which writes to a file",
             profile.name
@@ -109,10 +109,10 @@ fn within_memory(profile: &Profile) -> Result<(), Failure> {
     }
 }
 
-fn cancelled() -> Failure {
-    Failure {
+fn cancelled() -> CallFailure {
+    CallFailure {
         kind: FailureKind::Cancelled,
-        ..Failure::input("the simulation was cancelled: start it again".to_owned())
+        ..CallFailure::input("the simulation was cancelled: start it again".to_owned())
     }
 }
 
