@@ -101,7 +101,8 @@ def test_ctrl_c_ends_a_long_computation(call):
     ended_s = time.monotonic() - began
     print(f"{ended_s:.2f} s from Ctrl-C to the end of the process")
     assert out.splitlines()[-1] == "interrupted", (out[-200:], err)
-    assert process.returncode == 0 and ended_s < 5
+    # The longest step of a fit, on a busy machine.
+    assert process.returncode == 0 and ended_s < 20
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
