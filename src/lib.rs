@@ -75,14 +75,15 @@
 //! |---|---|
 //! | 0 | units, regular_file, cancel, detector, nearest, ring |
 //! | 1 | recording, profile, protocol, calibration |
-//! | 2 | acceptance, model, link, truth |
+//! | 2 | acceptance, archive, model, link, truth |
 //! | 3 | effect, control, conformance |
 //! | 4 | identify, mockrig, twin |
 //! | 5 | config, diagnose, papers |
-//! | 6 | report |
-//! | 7 | daemon, blind |
-//! | 8 | cli |
-//! | 9 | library |
+//! | 6 | fleet |
+//! | 7 | report |
+//! | 8 | daemon, blind |
+//! | 9 | cli |
+//! | 10 | library |
 //!
 //! A sample goes through `link`, `protocol`, `control`, `twin`, `recording`, in this order. A command goes the other way, from
 //! `profile`.
@@ -92,6 +93,7 @@
 #![warn(missing_docs, unreachable_pub)]
 
 mod acceptance;
+mod archive;
 mod blind;
 mod calibration;
 mod cancel;
@@ -103,6 +105,7 @@ mod daemon;
 mod detector;
 mod diagnose;
 mod effect;
+mod fleet;
 mod identify;
 mod library;
 mod link;
@@ -123,7 +126,10 @@ mod units;
 pub use cancel::CancelFlag;
 pub use cli::main;
 pub use config::Bench;
-pub use diagnose::{Baseline, DiagnoseOptions, Diagnosis, Finding, Verdict, diagnose};
+pub use diagnose::{
+    Baseline, DiagnoseOptions, Diagnosis, EffectEstimate, Estimates, Finding, ParameterEstimate, Verdict,
+    diagnose, estimate,
+};
 pub use effect::codes as codes_of_physics;
 pub use library::{
     BenchDiagnosis, CallFailure, DiagnoseOrder, FailureKind, IdentifyOrder, ReadRecording, RecordError,

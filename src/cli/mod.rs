@@ -4,6 +4,7 @@
 //! `calibrate` are folders, because they have several steps. A new command is one file and one line in [`COMMANDS`]. What several commands use (errors,
 //! progress, Ctrl-C, the client of the daemon, the files of this computer, the virtual bench) is in `shared`.
 
+mod archive;
 mod audit;
 mod blind;
 mod calibrate;
@@ -14,10 +15,12 @@ mod demo;
 pub(crate) mod diagnose;
 mod doctor;
 mod export;
+mod fleet;
 mod hold;
 pub(crate) mod identify;
 mod import;
 mod jog;
+mod lab;
 mod man;
 mod mock_rig;
 mod new;
@@ -36,6 +39,7 @@ mod status;
 mod stop;
 mod tare;
 mod token;
+mod verify;
 mod watch;
 mod zero;
 
@@ -114,6 +118,8 @@ static COMMANDS: &[CommandEntry] = &[
     CommandEntry::of::<certificate::CertificateArgs>(),
     CommandEntry::of::<export::ExportArgs>(),
     CommandEntry::of::<import::ImportArgs>(),
+    CommandEntry::of::<archive::ArchiveArgs>(),
+    CommandEntry::of::<verify::VerifyArgs>(),
     CommandEntry::of::<new::NewArgs>(),
     CommandEntry::of::<plan::PlanArgs>(),
     CommandEntry::of::<simulate::SimulateArgs>(),
@@ -126,7 +132,9 @@ static COMMANDS: &[CommandEntry] = &[
     CommandEntry::of::<audit::AuditArgs>(),
     CommandEntry::of::<calibrate::CalibrateArgs>(),
     CommandEntry::of::<diagnose::DiagnoseArgs>(),
+    CommandEntry::of::<fleet::FleetArgs>(),
     CommandEntry::of::<blind::BlindArgs>(),
+    CommandEntry::of::<lab::LabArgs>(),
     CommandEntry::of::<demo::DemoArgs>(),
     CommandEntry::of::<completions::CompletionsArgs>(),
     CommandEntry::of::<man::ManArgs>(),

@@ -11,6 +11,7 @@
 //! | `fitting` | the baseline is fitted to the tracks, and what the instruments added is taken out |
 //! | `search` | which set of effects explains the data |
 //! | `judgement` | verdict, findings with their rivals, locations, errors, the improved model |
+//! | `estimates` | how much of every effect there is, named or not: for a pooling of many runs; after `fitting`, without a search |
 //! | `next_test` | the test that separates a finding from its rivals, the axes of the unknown, or shows what could not be tested |
 //! | `aggregates` | the same for tables of peak force and loop energy, without the rooms |
 //!
@@ -23,6 +24,7 @@ mod conditioning;
 pub(crate) mod course;
 pub(crate) mod diagnosis;
 mod error;
+mod estimates;
 mod fitting;
 mod judgement;
 mod next_test;
@@ -33,6 +35,7 @@ mod search;
 pub(crate) use course::Split;
 pub use diagnosis::{Diagnosis, Finding, Verdict};
 pub(crate) use error::{ConditionError, DiagnoseError};
+pub use estimates::{EffectEstimate, Estimates, ParameterEstimate};
 pub use fitting::Baseline;
 pub(crate) use judgement::{YARDSTICKS, left_out, nrmse_leftout};
 pub use options::DiagnoseOptions;
@@ -87,4 +90,23 @@ fn whole_diagnosis(
     let diagnosis = next_test::planned(&context, judged);
     progress(1.0, "done");
     Ok(diagnosis)
+}
+
+/// Estimates the baseline's parameters and the one-step amplitude of every effect from recordings of one specimen, without a search.
+///
+/// To pool many runs: every amplitude has its standard error, also where a diagnosis would name nothing. It takes about as long as the
+/// fit of the baseline. An error says which recording cannot be used and what to do.
+pub fn estimate(
+    recordings: &[Recording],
+    baseline: &Baseline,
+    options: &DiagnoseOptions,
+) -> Result<Estimates, DiagnoseError> {
+    if recordings.is_empty() {
+        return Err(DiagnoseError::NoRecording);
+    }
+    let mut setup = Setup::new(baseline)?;
+    let tracks = conditioning::tracks(recordings, options.points_of_each(recordings.len()))?;
+    let input = fitting::input(tracks, options)?;
+    let (data, run, fitted) = fitting::fitted_input(&mut setup, input, recordings, options)?;
+    estimates::estimates(&run, &mut setup, &data, &fitted).ok_or(DiagnoseError::OutOfDomain)
 }

@@ -322,7 +322,7 @@ pub(crate) fn correlation_time(residuals: &[f64], stretches: &[usize]) -> f64 {
 }
 
 /// Variance of the sum of a series: lags are weighted down to zero at sqrt(length). Different stretches are uncorrelated.
-fn long_run_variance(series: &[f64], stretches: &[usize]) -> f64 {
+pub(crate) fn long_run_variance(series: &[f64], stretches: &[usize]) -> f64 {
     let mut rest = series;
     let mut sum = 0.0;
     for &length in stretches {

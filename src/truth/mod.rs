@@ -7,7 +7,7 @@
 //! detection limits, see [`limit`]. `blind` compares the diagnosis with the truth.
 //!
 //! That formulation is one [`world`]. `foreign` has others, in which neither the friction nor the effects follow the formulas
-//! of the library, and `nuisance` has imperfect instruments.
+//! of the library, and `nuisance` has imperfect instruments. `lab` has many specimens on several benches over months.
 
 pub(crate) mod case;
 pub(crate) mod catalogue;
@@ -15,6 +15,9 @@ pub(crate) mod family;
 mod forces;
 mod foreign;
 pub(crate) mod hidden;
+mod lab;
+mod lab_run;
+mod lab_test;
 pub(crate) mod limit;
 pub(crate) mod motion;
 mod nuisance;
@@ -27,6 +30,8 @@ pub(crate) mod world;
 pub(crate) use case::{BaselineSettings, Case, Label};
 pub(crate) use family::Family;
 pub(crate) use hidden::Hidden;
+pub(crate) use lab::{Lab, LabRequest};
+pub(crate) use lab_test::LabTest;
 pub(crate) use motion::Programme;
 pub(crate) use specimen::{Form, TruthSpecimen};
 pub(crate) use world::World;

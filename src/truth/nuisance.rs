@@ -76,6 +76,14 @@ impl Nuisance {
         }
     }
 
+    /// One that a technician may overlook: noise, vibration or spikes.
+    pub(super) fn mild(random: &mut ChaCha8Rng) -> Nuisance {
+        Nuisance {
+            kind: one_of(random, &[FlickerNoise, CorrelatedNoise, Vibration, Spikes]),
+            size: between(random, -1.0, 1.0),
+        }
+    }
+
     /// Name for the label of the case.
     pub(super) fn name(self) -> &'static str {
         match self.kind {

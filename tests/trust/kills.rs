@@ -18,7 +18,8 @@ use crate::tests::support::{Process, program};
 /// Kills where `LEAFBENCH_KILLS` says nothing.
 const KILLS: usize = 30;
 
-fn kills() -> usize {
+/// How many kills there are.
+pub(super) fn kills() -> usize {
     std::env::var("LEAFBENCH_KILLS").map_or(KILLS, |n| n.parse().expect("a whole number"))
 }
 

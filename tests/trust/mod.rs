@@ -2,6 +2,7 @@
 //! survive anything.
 
 pub mod allocations;
+mod archive_kills;
 mod control_thread;
 mod flipped_bits;
 mod fuzz;

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::archive::ArchiveError;
 use crate::config::ConfigError;
 use crate::control::Refusal;
 use crate::daemon::DaemonError;
@@ -10,6 +11,8 @@ use crate::daemon::library::LibraryError;
 use crate::daemon::store::FindRunError;
 use crate::diagnose::DiagnoseError;
 use crate::diagnose::aggregates::AggregateError;
+use crate::fleet::FleetError;
+use crate::fleet::estimate::EstimateTableError;
 use crate::identify::IdentifyError;
 use crate::link::LinkError;
 use crate::mockrig::MockRigError;
@@ -95,6 +98,9 @@ pub(crate) enum CliError {
     /// A run cannot be exported.
     #[error(transparent)]
     Export(#[from] ExportError),
+    /// An archive cannot be written or read.
+    #[error(transparent)]
+    Archive(#[from] ArchiveError),
     /// Control refused an order, in virtual time.
     #[error("the rig refused")]
     Control(#[from] Refusal),
@@ -104,6 +110,12 @@ pub(crate) enum CliError {
     /// Tables that cannot be diagnosed.
     #[error(transparent)]
     Aggregates(AggregateError),
+    /// A table of estimates is unusable.
+    #[error(transparent)]
+    Estimates(#[from] EstimateTableError),
+    /// A table of estimates cannot be pooled.
+    #[error(transparent)]
+    Fleet(#[from] FleetError),
     /// A defect of leafbench itself.
     #[error("{0}: this is a defect of leafbench, please report it")]
     Internal(String),

@@ -33,7 +33,7 @@ pub(in crate::diagnose) use confounding::{
 };
 pub(in crate::diagnose) use lack_of_fit::{LACK_GAIN, LACK_POWER, LackOfFit, lack_of_fit, rest};
 pub(in crate::diagnose) use on_the_model::refit_rivals;
-pub(in crate::diagnose) use second_search::DoubtedSearch;
+pub(in crate::diagnose) use second_search::{DoubtedSearch, in_doubt};
 pub(in crate::diagnose) use simplest_form::simplify;
 
 use crate::diagnose::fitting::{Data, Node, RunSettings, Setup};

@@ -178,6 +178,20 @@ fn doubted_search(
     shares.are_errors_of_shape().then_some((search, freedom))
 }
 
+/// The data with one set's shape in doubt, at the scale at which the set is likeliest, and the set refitted; `None` if the model has no
+/// friction.
+pub(in crate::diagnose) fn in_doubt(
+    run: &RunSettings,
+    setup: &Setup,
+    data: &Data,
+    node: &Node,
+    doubt: Doubt,
+) -> Option<(Data, Node)> {
+    let whole = of_set(&run.context(setup, data), node, doubt)?;
+    let doubted = at_likeliest_scale(run, setup, data, &whole, std::slice::from_ref(node))?;
+    Some((doubted.data, doubted.chosen))
+}
+
 /// The discrepancy of the model in a set.
 fn of_set(context: &FitContext<'_>, node: &Node, doubt: Doubt) -> Option<Discrepancy> {
     let mut force_n = vec![0.0; context.data.len()];

@@ -1,0 +1,67 @@
+//! The table of cycles: one row for each counted cycle of the cycles CSV, with the same names.
+
+use super::ArchiveError;
+use super::parquet_file::{Form, ParquetFile, TableColumn, TableValue, needed, optional};
+use crate::recording::cycles::CycleSummary;
+
+/// Columns of the table.
+const COLUMNS: [TableColumn; 19] = [
+    needed("run_id", Form::Text, ""),
+    needed("cycle", Form::Whole, "1"),
+    needed("from_s", Form::Number, "s"),
+    needed("to_s", Form::Number, "s"),
+    needed("samples", Form::Whole, "1"),
+    needed("lost", Form::Whole, "1"),
+    needed("excluded", Form::Whole, "1"),
+    needed("complete", Form::Whole, "1"),
+    optional("displacement_peak_mm", Form::Number, "mm"),
+    optional("displacement_valley_mm", Form::Number, "mm"),
+    optional("displacement_amplitude_mm", Form::Number, "mm"),
+    optional("displacement_mean_mm", Form::Number, "mm"),
+    optional("force_peak_n", Form::Number, "N"),
+    optional("force_valley_n", Form::Number, "N"),
+    optional("force_amplitude_n", Form::Number, "N"),
+    optional("force_mean_n", Form::Number, "N"),
+    optional("loop_energy_j", Form::Number, "J"),
+    optional("secant_rate_n_per_mm", Form::Number, "N/mm"),
+    optional("twin_nrmse", Form::Number, "1"),
+];
+
+/// The cycles of several runs as the bytes of a Parquet file, and the number of its rows.
+pub(super) fn file<'a>(
+    runs: impl Iterator<Item = (&'a str, &'a [CycleSummary])>,
+) -> Result<(Vec<u8>, u64), ArchiveError> {
+    let mut file = ParquetFile::new(&COLUMNS, &[])?;
+    for (run_id, cycles) in runs {
+        for cycle in cycles {
+            file.row(&row(run_id, cycle))?;
+        }
+    }
+    file.finish()
+}
+
+fn row<'a>(run_id: &'a str, c: &CycleSummary) -> [TableValue<'a>; 19] {
+    let count = |number: u64| TableValue::Whole(number.cast_signed());
+    let number = |value: f64| TableValue::finite(Some(value));
+    [
+        TableValue::Text(run_id),
+        count(u64::from(c.cycle)),
+        number(c.from_s),
+        number(c.to_s),
+        count(c.samples),
+        count(c.lost),
+        count(c.excluded),
+        count(u64::from(c.complete)),
+        number(c.displacement_mm.peak),
+        number(c.displacement_mm.valley),
+        number(c.displacement_mm.amplitude()),
+        number(c.displacement_mm.mean()),
+        number(c.force_n.peak),
+        number(c.force_n.valley),
+        number(c.force_n.amplitude()),
+        number(c.force_n.mean()),
+        number(c.loop_energy_j),
+        TableValue::finite(c.secant_rate_n_per_mm),
+        TableValue::finite(c.twin_nrmse),
+    ]
+}

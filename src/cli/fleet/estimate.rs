@@ -1,0 +1,321 @@
+//! `leafbench fleet estimate`: the table of estimates of many runs, one row for each quantity of each run.
+//!
+//! The table is written again after every few runs, whole, so an interrupted command loses little. A run that is in the table is
+//! not estimated again; who it belongs to and its age are brought up to date.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use jiff::Timestamp;
+use rayon::prelude::*;
+
+use crate::cli::shared::local::model_names;
+use crate::cli::shared::progress::Progress;
+use crate::cli::{CliError, Done, Output};
+use crate::diagnose::{Baseline, DiagnoseOptions, Estimates, estimate};
+use crate::fleet::estimate::{EstimateRow, EstimateScale, read_estimates, write_estimates};
+use crate::model::{self, Model};
+use crate::recording::atomic_file;
+use crate::recording::run_file::{self, EXTENSION, RunFile, RunListing};
+use crate::recording::run_recording;
+
+/// Runs of each thread between two writings of the table.
+const RUNS_BETWEEN_WRITINGS: usize = 4;
+
+/// Write the table of estimates of many runs: the parameters of a model and how much there is of every effect, each with its
+/// standard error
+#[derive(Debug, Args)]
+#[command(
+    after_help = "The age of a specimen is the number of counted cycles in earlier runs of RUNS. Runs that are in the table already are\n\
+                  not estimated again, so the same command can be given after new runs, or after it was interrupted."
+)]
+pub(super) struct EstimateArgs {
+    /// Folder with run files (.leafrun)
+    #[arg(value_name = "RUNS")]
+    runs: PathBuf,
+    /// Table with the columns specimen, family and batch
+    #[arg(long, value_name = "CSV")]
+    specimens: PathBuf,
+    #[arg(
+        long,
+        value_name = "MODEL",
+        default_value = "equivalent",
+        help = format!("Model that is fitted to each run: {}", model_names())
+    )]
+    baseline: String,
+    /// Table to write, or to go on with
+    #[arg(long, value_name = "CSV", default_value = "estimates.csv")]
+    out: PathBuf,
+}
+
+/// A row of the table of specimens.
+#[derive(Debug, Clone, serde::Deserialize)]
+struct SpecimenRow {
+    specimen: String,
+    family: String,
+    #[serde(default)]
+    batch: String,
+}
+
+/// Who a run belongs to.
+#[derive(Debug, Clone)]
+struct RunPlace {
+    path: PathBuf,
+    run_id: String,
+    specimen: SpecimenRow,
+    bench: String,
+    operator: String,
+    started_utc: Timestamp,
+    age_cycles: u32,
+}
+
+#[derive(serde::Serialize)]
+struct EstimatedRuns {
+    table: PathBuf,
+    rows: usize,
+    estimated: usize,
+    present: usize,
+    /// Runs that cannot be used, with the reason.
+    refused: Vec<String>,
+}
+
+impl EstimateArgs {
+    pub(super) fn run(self, output: &Output) -> Result<Done, CliError> {
+        let model = model::find(&self.baseline)?;
+        let (runs, mut refused) = run_places(&self.runs, &specimens(&self.specimens)?)?;
+        let mut rows = self.present()?;
+        let there: BTreeSet<String> = rows.iter().map(|row| row.run_id.clone()).collect();
+        let (present, missing): (Vec<&RunPlace>, Vec<&RunPlace>) =
+            runs.iter().partition(|run| there.contains(&run.run_id));
+        let mut progress = Progress::new("fleet estimate", output.json);
+        let mut done = 0;
+        for some in missing.chunks(RUNS_BETWEEN_WRITINGS * rayon::current_num_threads()) {
+            let estimated: Vec<_> = some.par_iter().map(|run| rows_of_run(run, model)).collect();
+            for result in estimated {
+                match result {
+                    Ok(new) => rows.extend(new),
+                    Err(reason) => refused.push(reason),
+                }
+            }
+            write_table(&self.out, &mut rows, &runs)?;
+            done += some.len();
+            let step = format!("run {done} of {}", missing.len());
+            progress.show_share(done as f64 / missing.len() as f64, &step);
+        }
+        progress.finish();
+        if missing.is_empty() && !rows.is_empty() {
+            write_table(&self.out, &mut rows, &runs)?;
+        }
+        let result = EstimatedRuns {
+            rows: rows.len(),
+            estimated: missing.len(),
+            present: present.len(),
+            table: self.out,
+            refused,
+        };
+        output.result(&result, || text(&result))?;
+        Ok(Done::success_if(result.refused.is_empty()))
+    }
+
+    /// The rows of the table that is there; none without a table.
+    fn present(&self) -> Result<Vec<EstimateRow>, CliError> {
+        if !self.out.exists() {
+            return Ok(Vec::new());
+        }
+        let file = std::fs::File::open(&self.out).map_err(CliError::file(&self.out, "reading"))?;
+        read_estimates(&self.out.display().to_string(), file).map_err(|e| input(&e))
+    }
+}
+
+/// An error with its causes, as unusable input.
+fn input(error: &dyn std::error::Error) -> CliError {
+    CliError::Input(crate::daemon::chain(error))
+}
+
+fn text(result: &EstimatedRuns) -> String {
+    let first = format!(
+        "{}: {} rows; {} runs estimated, {} were there already",
+        result.table.display(),
+        result.rows,
+        result.estimated,
+        result.present
+    );
+    let refused = result.refused.iter();
+    std::iter::once(first)
+        .chain(refused.map(|reason| format!("LEFT OUT: {reason}")))
+        .collect::<Vec<_>>()
+        .join("\n")
+}
+
+/// The table of specimens by name.
+fn specimens(path: &Path) -> Result<BTreeMap<String, SpecimenRow>, CliError> {
+    let unusable = |e: csv::Error| {
+        CliError::Input(format!(
+            "{}: the table of specimens cannot be read ({e}): it needs the columns specimen,family,batch",
+            path.display()
+        ))
+    };
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_path(path)
+        .map_err(unusable)?;
+    let mut specimens = BTreeMap::new();
+    for row in reader.deserialize() {
+        let row: SpecimenRow = row.map_err(unusable)?;
+        if let Some(twice) = specimens.insert(row.specimen.clone(), row) {
+            return Err(CliError::Input(format!(
+                "{}: specimen {} has two rows: remove one of them",
+                path.display(),
+                twice.specimen
+            )));
+        }
+    }
+    Ok(specimens)
+}
+
+/// The runs of a folder, sorted by their start, with their ages; and those that cannot be used, with the reason.
+fn run_places(
+    folder: &Path,
+    specimens: &BTreeMap<String, SpecimenRow>,
+) -> Result<(Vec<RunPlace>, Vec<String>), CliError> {
+    let mut listings = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(CliError::file(folder, "listing"))? {
+        let path = entry.map_err(CliError::file(folder, "listing"))?.path();
+        if path.extension().is_some_and(|e| e == EXTENSION) {
+            listings.push(run_file::listing(path));
+        }
+    }
+    if listings.is_empty() {
+        return Err(CliError::Input(format!(
+            "{} has no run files: name the folder with the .leafrun files",
+            folder.display()
+        )));
+    }
+    listings.sort_by(|a, b| (&a.started_utc, &a.run_id).cmp(&(&b.started_utc, &b.run_id)));
+    let mut seen: BTreeMap<String, u32> = BTreeMap::new();
+    let (mut runs, mut refused) = (Vec::new(), Vec::new());
+    for listing in listings {
+        let seen = seen.entry(listing.specimen.clone()).or_default();
+        let age_cycles = *seen;
+        // A run that cannot be estimated has aged its specimen all the same.
+        *seen += listing.cycles_completed;
+        match run_place(&listing, age_cycles, specimens) {
+            Ok(run) => runs.push(run),
+            Err(reason) => refused.push(format!("{}: {reason}", listing.path.display())),
+        }
+    }
+    Ok((runs, refused))
+}
+
+fn run_place(
+    listing: &RunListing,
+    age_cycles: u32,
+    specimens: &BTreeMap<String, SpecimenRow>,
+) -> Result<RunPlace, String> {
+    if !listing.problem.is_empty() {
+        return Err(listing.problem.clone());
+    }
+    if !listing.is_closed() {
+        return Err("the run has no end: give the command again after it".to_owned());
+    }
+    let specimen = specimens.get(&listing.specimen).ok_or_else(|| {
+        format!(
+            "specimen \"{}\" is not in the table of specimens: add a row",
+            listing.specimen
+        )
+    })?;
+    let header = RunFile::open(&listing.path).map_err(|e| crate::daemon::chain(&e))?;
+    let header = header.header();
+    let bench: toml::Table = header.bench_toml.parse().unwrap_or_default();
+    let bench = bench.get("name").and_then(|name| name.as_str());
+    let started_utc = listing.started_utc.parse();
+    Ok(RunPlace {
+        path: listing.path.clone(),
+        run_id: listing.run_id.clone(),
+        specimen: specimen.clone(),
+        bench: bench.ok_or("its bench has no name")?.to_owned(),
+        operator: listing.operator.clone(),
+        started_utc: started_utc.map_err(|e: jiff::Error| format!("its start is no time ({e})"))?,
+        age_cycles,
+    })
+}
+
+/// Estimates one run; an error names it.
+fn rows_of_run(run: &RunPlace, model: &'static Model) -> Result<Vec<EstimateRow>, String> {
+    let named =
+        |error: &dyn std::error::Error| format!("run {}: {}", run.run_id, crate::daemon::chain(error));
+    let file = RunFile::open(&run.path).map_err(|e| named(&e))?;
+    let recording = run_recording::read(&run.run_id, &file);
+    // The runs share the cores.
+    let options = DiagnoseOptions {
+        threads: 1,
+        ..DiagnoseOptions::default()
+    };
+    let estimates = estimate(&[recording], &Baseline::of(model), &options).map_err(|e| named(&e))?;
+    Ok(rows(run, model, &estimates))
+}
+
+/// The rows of one run. Parameters without a standard error and effects that the run cannot test have none.
+fn rows(run: &RunPlace, model: &Model, estimates: &Estimates) -> Vec<EstimateRow> {
+    let row = |quantity: &str, unit: &str, estimate, std_error, scale| EstimateRow {
+        run_id: run.run_id.clone(),
+        specimen: run.specimen.specimen.clone(),
+        family: run.specimen.family.clone(),
+        batch: run.specimen.batch.clone(),
+        bench: run.bench.clone(),
+        operator: run.operator.clone(),
+        started_utc: run.started_utc,
+        age_cycles: f64::from(run.age_cycles),
+        quantity: quantity.to_owned(),
+        unit: if unit.is_empty() { "1" } else { unit }.to_owned(),
+        estimate,
+        std_error,
+        scale,
+    };
+    let parameters = estimates.baseline.iter().filter_map(|p| {
+        let scale = scale(model, &p.name);
+        let usable = scale == EstimateScale::Absolute || p.value > 0.0;
+        let std_error = p.std_error.filter(|s| usable && *s > 0.0)?;
+        Some(row(&p.name, &p.unit, p.value, std_error, scale))
+    });
+    let effects = estimates.effects.iter().filter(|e| e.testable).filter_map(|e| {
+        let std_error = e.std_error.filter(|s| s.is_finite() && *s > 0.0)?;
+        Some(row(
+            &e.code,
+            &e.unit,
+            e.amplitude,
+            std_error,
+            EstimateScale::Absolute,
+        ))
+    });
+    parameters.chain(effects).collect()
+}
+
+/// A parameter that cannot be negative is pooled as its logarithm, in every run alike.
+fn scale(model: &Model, parameter: &str) -> EstimateScale {
+    let mut parameters = model.parameters.iter();
+    match parameters.any(|p| p.name == parameter && p.bounds[0] >= 0.0) {
+        true => EstimateScale::Relative,
+        false => EstimateScale::Absolute,
+    }
+}
+
+/// Writes the table sorted by start, after it has taken over who the runs belong to.
+fn write_table(path: &Path, rows: &mut [EstimateRow], runs: &[RunPlace]) -> Result<(), CliError> {
+    let places: BTreeMap<&str, &RunPlace> = runs.iter().map(|run| (run.run_id.as_str(), run)).collect();
+    for row in rows.iter_mut() {
+        if let Some(run) = places.get(row.run_id.as_str()) {
+            row.specimen.clone_from(&run.specimen.specimen);
+            row.family.clone_from(&run.specimen.family);
+            row.batch.clone_from(&run.specimen.batch);
+            row.age_cycles = f64::from(run.age_cycles);
+        }
+    }
+    rows.sort_by(|a, b| (a.started_utc, &a.run_id).cmp(&(b.started_utc, &b.run_id)));
+    let failed = |e: std::io::Error| CliError::file(path, "writing")(e);
+    atomic_file::write(path, |file| {
+        write_estimates(file, rows).map_err(std::io::Error::from)
+    })
+    .map_err(failed)
+}

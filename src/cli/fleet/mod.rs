@@ -1,0 +1,41 @@
+//! `leafbench fleet`: what the runs of a whole laboratory say together. Each action is one file.
+
+mod diagnose;
+mod estimate;
+mod report;
+
+use clap::{Args, Subcommand};
+
+use super::{CliCommand, CliError, Done, Output};
+
+/// Compare benches, operators, families, batches and specimens over many runs
+#[derive(Debug, Args)]
+pub(super) struct FleetArgs {
+    #[command(subcommand)]
+    action: FleetAction,
+}
+
+#[derive(Debug, Subcommand)]
+enum FleetAction {
+    Diagnose(diagnose::FleetDiagnoseArgs),
+    Estimate(estimate::EstimateArgs),
+    Report(report::FleetReportArgs),
+}
+
+impl CliCommand for FleetArgs {
+    const NAME: &'static str = "fleet";
+    const EXAMPLES: &'static [&'static str] = &[
+        "leafbench fleet diagnose lab-archive",
+        "leafbench fleet report lab-archive --specimens specimens.csv --out fleet",
+        "leafbench fleet report examples/estimates.csv --out fleet --reference-bench B1",
+        "leafbench fleet estimate leafbench-data/runs --specimens specimens.csv",
+    ];
+
+    fn run(self, output: &Output) -> Result<Done, CliError> {
+        match self.action {
+            FleetAction::Diagnose(args) => args.run(output),
+            FleetAction::Estimate(args) => args.run(output),
+            FleetAction::Report(args) => args.run(output),
+        }
+    }
+}

@@ -1,0 +1,145 @@
+//! `leafbench fleet report`: what the estimates of many runs say together.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use crate::archive::{ArchiveReader, ArchiveStore};
+use crate::cli::shared::local;
+use crate::cli::{CliError, Done, Output};
+use crate::daemon::chain;
+use crate::fleet::estimate::read_estimates;
+use crate::fleet::findings::FleetFindings;
+use crate::fleet::members::{ArchivedEstimates, Members, archived_estimates};
+use crate::fleet::{FleetOptions, pool};
+use crate::model;
+use crate::recording::atomic_file;
+use crate::regular_file::{self, TABLE_MAX_BYTES};
+use crate::report::{fleet, fleet_tables};
+
+/// Pool the estimates of many runs: print what was found, and write a page with plots and tables
+#[derive(Debug, Args)]
+pub(super) struct FleetReportArgs {
+    /// Archive with diagnoses (a folder or s3://BUCKET/PREFIX), or a table of estimates (CSV), one row for each quantity of each run
+    #[arg(value_name = "ARCHIVE|TABLE")]
+    source: String,
+    /// Table with the columns specimen, family and batch of an archive's specimens [default: all are one family]
+    #[arg(long, value_name = "CSV")]
+    specimens: Option<PathBuf>,
+    /// Model of the diagnoses in an archive
+    #[arg(long, value_name = "MODEL", default_value = "equivalent")]
+    baseline: String,
+    /// Folder to write fleet.html, fleet.json and the tables to
+    #[arg(long, value_name = "FOLDER")]
+    out: PathBuf,
+    /// The bench that counts as right [default: each bench is compared with the others]
+    #[arg(long, value_name = "BENCH")]
+    reference_bench: Option<String>,
+    /// Count differences between operators as scatter from run to run
+    #[arg(long)]
+    ignore_operators: bool,
+    /// Replace the files if they are there already
+    #[arg(long)]
+    force: bool,
+}
+
+impl FleetReportArgs {
+    pub(super) fn run(self, output: &Output) -> Result<Done, CliError> {
+        let estimates = match Path::new(&self.source).is_file() {
+            true => self.of_table()?,
+            false => self.of_archive()?,
+        };
+        let options = FleetOptions {
+            reference_bench: self.reference_bench,
+            ignore_operators: self.ignore_operators,
+        };
+        let findings = pool(&estimates.rows, &options)?;
+        let shown = Path::new(&self.source).file_name();
+        let shown = shown.map_or(self.source.clone(), |name| name.to_string_lossy().into_owned());
+        let written = write(&findings, &shown, &self.out, self.force)?;
+        output.result(&findings, || {
+            let left_out = estimates.left_out.iter();
+            let left_out: String = left_out.map(|reason| format!("\nLEFT OUT: {reason}")).collect();
+            format!(
+                "{}\n\nwritten: {}{left_out}",
+                sentences(&findings),
+                written.display()
+            )
+        })?;
+        Ok(Done::Success)
+    }
+
+    fn of_table(&self) -> Result<ArchivedEstimates, CliError> {
+        let path = Path::new(&self.source);
+        let text = regular_file::read_text(path, TABLE_MAX_BYTES).map_err(CliError::file(path, "reading"))?;
+        Ok(ArchivedEstimates {
+            rows: read_estimates(&self.source, text.as_bytes())?,
+            left_out: Vec::new(),
+        })
+    }
+
+    fn of_archive(&self) -> Result<ArchivedEstimates, CliError> {
+        let model = model::find(&self.baseline)?;
+        let members = match &self.specimens {
+            None => None,
+            Some(path) => {
+                let text = regular_file::read_text(path, TABLE_MAX_BYTES)
+                    .map_err(CliError::file(path, "reading"))?;
+                let name = path.display().to_string();
+                Some(Members::read(&name, text.as_bytes()).map_err(|e| CliError::Input(chain(&e)))?)
+            }
+        };
+        let store = ArchiveStore::open_existing(&self.source)?;
+        let reader = ArchiveReader::open(&store)?;
+        let diagnosed = reader.diagnoses(model.name)?;
+        Ok(archived_estimates(&reader.runs()?, &diagnosed, members.as_ref()))
+    }
+}
+
+/// Writes page, JSON and tables; returns the page.
+fn write(findings: &FleetFindings, table: &str, folder: &Path, force: bool) -> Result<PathBuf, CliError> {
+    let json = serde_json::to_string_pretty(findings).map_err(|e| CliError::Internal(e.to_string()))?;
+    let page = fleet::page(findings, table);
+    let mut files = vec![("fleet.html", page), ("fleet.json", json)];
+    files.extend(fleet_tables::tables(findings));
+    let files: Vec<(PathBuf, String)> = files
+        .into_iter()
+        .map(|(name, text)| (folder.join(name), text))
+        .collect();
+    let paths: Vec<&PathBuf> = files.iter().map(|(path, _)| path).collect();
+    local::require_new(&paths, force)?;
+    std::fs::create_dir_all(folder).map_err(CliError::file(folder, "creating the folder"))?;
+    for (path, text) in &files {
+        atomic_file::write(path, |sink| sink.write_all(text.as_bytes()))
+            .map_err(CliError::file(path, "writing"))?;
+    }
+    Ok(files[0].0.clone())
+}
+
+/// The findings for people.
+fn sentences(findings: &FleetFindings) -> String {
+    let mut text = match findings.findings.is_empty() {
+        true => format!("Nothing was found ({} questions).\n", findings.questions),
+        false => format!(
+            "Found ({} questions; the chance that one finding or more is wrong is at most {:.0} %):\n",
+            findings.questions,
+            100.0 * findings.family_wise_error
+        ),
+    };
+    let found = findings.findings.iter().map(|f| &f.sentence);
+    let causes = findings.bench_causes.iter().map(|c| &c.sentence);
+    for sentence in found.chain(causes) {
+        text += &format!("- {sentence}\n");
+    }
+    for (title, sentences) in [
+        ("Worth a look, but not sure:", &findings.worth_a_look),
+        ("This table cannot tell:", &findings.cannot_tell),
+    ] {
+        if !sentences.is_empty() {
+            text += &format!("\n{title}\n");
+            sentences.iter().for_each(|s| text += &format!("- {s}\n"));
+        }
+    }
+    text.trim_end().to_owned()
+}

@@ -1,0 +1,220 @@
+//! The result of pooling, as it goes into `fleet.json`: for each quantity what was estimated, and over all quantities what was found.
+
+use serde::Serialize;
+
+use super::estimate::EstimateScale;
+
+/// The result of pooling a table of estimates.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct FleetFindings {
+    /// Rows of the table, and different specimens, families, benches and operators in it.
+    pub rows: usize,
+    pub specimens: usize,
+    pub families: usize,
+    pub benches: usize,
+    pub operators: usize,
+    /// Number of questions asked. The chance of one wrong finding or more over all of them is [`super::FAMILY_WISE_ERROR`].
+    pub questions: usize,
+    pub family_wise_error: f64,
+    /// What was found, in the order of the kinds, the surest first; empty if nothing was.
+    pub findings: Vec<FleetFinding>,
+    /// Specimens that deviate, but not by enough to be findings: one sentence each, the clearest first.
+    pub worth_a_look: Vec<String>,
+    /// For each bench whose forces or displacements deviate, the error of gain that fits.
+    pub bench_causes: Vec<BenchCause>,
+    /// What the table cannot tell, and what to do.
+    pub cannot_tell: Vec<String>,
+    /// Sorted by name.
+    pub quantities: Vec<QuantityFindings>,
+}
+
+/// Something that was found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct FleetFinding {
+    pub kind: QuestionKind,
+    pub quantity: String,
+    /// Bench, operator, specimen, family or `family / batch`; empty for a slope of all families.
+    pub subject: String,
+    /// p value after correction for all questions, 0 to the family-wise error.
+    pub adjusted_p: f64,
+    pub sentence: String,
+}
+
+/// Which error of gain explains how a bench deviates in several quantities.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct BenchCause {
+    pub bench: String,
+    /// The benches against whose mean it was judged.
+    pub against: Vec<String>,
+    /// The quantities that a gain would move.
+    pub quantities: Vec<String>,
+    pub error: BenchError,
+    /// The gain of the force that fits best; null if no quantity depends on it.
+    pub force_gain: Option<GainFit>,
+    /// The gain of the displacement that fits best; null if no quantity depends on it.
+    pub displacement_gain: Option<GainFit>,
+    pub sentence: String,
+}
+
+/// Errors of gain of a bench.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum BenchError {
+    ForceGain,
+    DisplacementGain,
+    /// Both fit: the recordings cannot tell.
+    Either,
+    /// Neither alone fits.
+    Neither,
+}
+
+/// An error of gain, fitted to the deviations of a bench.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub(crate) struct GainFit {
+    /// Fraction by which the bench reads high, with its 95 % interval.
+    pub error: f64,
+    pub low95: f64,
+    pub high95: f64,
+    /// p value of what the gain leaves; small if another error is at work.
+    pub misfit_p: f64,
+}
+
+/// Kinds of questions. Each kind has the same share of the family-wise error.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum QuestionKind {
+    /// Does a bench read differently from the others?
+    Bench,
+    /// Does an operator measure differently from the others?
+    Operator,
+    /// Is an effect present in a family or batch, or does a batch differ from its family?
+    Group,
+    /// Does a quantity change with cycles or years?
+    Age,
+    /// Does a specimen differ from its family?
+    Specimen,
+}
+
+/// What pooling says about one quantity. Values of a `relative` quantity are fractions (0.01 is 1 %), except levels.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct QuantityFindings {
+    pub quantity: String,
+    pub unit: String,
+    pub scale: EstimateScale,
+    /// How the quantity is read: a parameter, an effect of the specimens, or an effect of the instruments.
+    pub role: QuantityRole,
+    pub runs: usize,
+    /// Standard deviation between specimens of a family.
+    pub between_specimens: f64,
+    /// Standard deviation from run to run, beyond the standard errors of the estimates.
+    pub run_to_run: f64,
+    /// Mean of each family, and of each batch where a family has several.
+    pub groups: Vec<GroupLevel>,
+    pub benches: Vec<LevelEffect>,
+    pub operators: Vec<LevelEffect>,
+    pub slopes: Vec<AgeSlope>,
+    pub specimen_deviations: Vec<SpecimenDeviation>,
+}
+
+/// How a quantity is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum QuantityRole {
+    /// A parameter of the model: groups are compared with each other.
+    Parameter,
+    /// An effect of specimen, mounting or frame: groups are compared with 0, which means absent.
+    Effect,
+    /// An effect of load cell, LVDT or their channels: benches are compared with 0.
+    InstrumentEffect,
+}
+
+/// A pooled value with its 95 % interval. If a question was asked about it, the question is whether it is 0.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct PooledValue {
+    pub value: f64,
+    pub low95: f64,
+    pub high95: f64,
+    /// Degrees of freedom of the interval.
+    pub degrees: f64,
+    /// p value of the question alone; null if none was asked.
+    pub p: Option<f64>,
+    /// p value after correction for all questions.
+    pub adjusted_p: Option<f64>,
+    /// True if the question was answered with yes.
+    pub found: bool,
+}
+
+/// The mean of a family or batch.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct GroupLevel {
+    pub family: String,
+    /// Null for the whole family.
+    pub batch: Option<String>,
+    /// Benches on which it was tested.
+    pub benches: Vec<String>,
+    pub specimens: usize,
+    pub runs: usize,
+    /// Mean in the unit of the quantity, at the mean age of the runs of the group. For an effect on the benches where it was measured:
+    /// the question is whether the group or one of these benches has it. For a parameter at the mean of the benches.
+    pub level: PooledValue,
+    /// The mean of an effect if that bench is right for which it is least sure. The question is whether the group itself has the effect,
+    /// whichever bench is right (the largest p value counts: Berger 1982). Null for a parameter, and where one bench is all there is.
+    pub on_least_sure_bench: Option<PooledValue>,
+    /// Difference from the other batches of the family; null for a family, and for the second one of two batches.
+    pub from_other_batches: Option<PooledValue>,
+    /// Largest absolute ratio of estimate to standard error of a single specimen.
+    pub largest_single_z: f64,
+}
+
+/// The effect of a bench or an operator.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct LevelEffect {
+    pub name: String,
+    /// The benches or operators against whose mean it is given; empty for an effect of the instruments, which is given against 0.
+    pub against: Vec<String>,
+    pub effect: PooledValue,
+}
+
+/// A slope with age.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct AgeSlope {
+    pub per: AgeUnit,
+    /// Null for the slope that all families share.
+    pub family: Option<String>,
+    pub slope: PooledValue,
+}
+
+/// What age is counted in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub(crate) enum AgeUnit {
+    /// Load cycles of the specimen.
+    #[serde(rename = "1000 cycles")]
+    ThousandCycles,
+    /// Time since the first run of the quantity.
+    #[serde(rename = "year")]
+    Year,
+}
+
+impl AgeUnit {
+    /// The unit in words.
+    pub(crate) fn word(self) -> &'static str {
+        match self {
+            AgeUnit::ThousandCycles => "1000 cycles",
+            AgeUnit::Year => "year",
+        }
+    }
+}
+
+/// How far a specimen is from its family, or from its batch where the family has several.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct SpecimenDeviation {
+    pub specimen: String,
+    pub family: String,
+    pub batch: String,
+    pub benches: Vec<String>,
+    pub runs: usize,
+    /// Deviation, drawn towards 0 as far as its runs are few (best linear unbiased prediction); an outlier's is not drawn.
+    pub deviation: PooledValue,
+    /// Deviation over its standard error without this specimen in the fit.
+    pub deletion_t: f64,
+}

@@ -1,0 +1,203 @@
+//! Pooled diagnosis: what the estimates of many runs say together about specimens, families, batches, benches, operators and age.
+//!
+//! A table of [`estimate`] rows goes quantity by quantity through [`quantity_data`] (who belongs to whom), [`design`] (the columns),
+//! [`mixed_model`] (the fit), [`outliers`] (the fit that outliers do not spoil), [`levels`] and [`quantity`] (values and questions).
+//! Then [`questions`] corrects all p values together, [`bench_cause`] explains the benches, and [`sentences`] and [`cannot_tell`] say
+//! it in words. `docs/fleet.md` has the equations.
+
+mod bench_cause;
+mod cannot_tell;
+mod design;
+pub(crate) mod diagnosed;
+pub(crate) mod estimate;
+pub(crate) mod findings;
+mod levels;
+pub(crate) mod members;
+mod mixed_model;
+mod outliers;
+mod quantity;
+mod quantity_data;
+mod questions;
+mod sentences;
+#[cfg(test)]
+mod tests;
+mod wording;
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use estimate::EstimateRow;
+use findings::{FleetFindings, PooledValue, QuantityFindings, QuestionKind};
+use outliers::RobustFit;
+use quantity_data::QuantityData;
+use questions::FAMILY_WISE_ERROR;
+pub(crate) use questions::WORTH_A_LOOK;
+
+/// What pooling is told beside the table.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct FleetOptions {
+    /// The bench that counts as right; without one, each bench is compared with the mean of the others.
+    pub reference_bench: Option<String>,
+    /// Leaves differences between operators in the scatter from run to run.
+    pub ignore_operators: bool,
+}
+
+/// Why a table cannot be pooled.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum FleetError {
+    /// The table has no rows.
+    #[error("the table has no rows: add one row for each quantity of each run")]
+    Empty,
+    /// Rows that must agree do not.
+    #[error("{of} has {what} {} in run {} and {} in run {}: correct one of them", .values[0], .runs[0], .values[1], .runs[1])]
+    Contradiction {
+        /// Specimen or quantity, with its name.
+        of: String,
+        /// What differs.
+        what: &'static str,
+        /// The two values.
+        values: [String; 2],
+        /// The runs with them.
+        runs: [String; 2],
+    },
+    /// The reference bench is not in the table.
+    #[error("the reference bench {name} is not in the table, which has {known}: name one of them")]
+    UnknownBench {
+        /// The bench that was asked for.
+        name: String,
+        /// The benches of the table.
+        known: String,
+    },
+}
+
+/// Pools a table. The order of its rows does not matter.
+pub(crate) fn pool(rows: &[EstimateRow], options: &FleetOptions) -> Result<FleetFindings, FleetError> {
+    check(rows, options)?;
+    let reference = options.reference_bench.as_deref();
+    let mut rows_of: BTreeMap<&str, Vec<&EstimateRow>> = BTreeMap::new();
+    for row in rows {
+        rows_of.entry(&row.quantity).or_default().push(row);
+    }
+    let data: Vec<QuantityData> = rows_of.into_values().map(QuantityData::of).collect();
+    let mut fits = Vec::new();
+    let mut too_few: Vec<&str> = Vec::new();
+    for data in &data {
+        match RobustFit::of(data, !options.ignore_operators) {
+            Some(fit) => fits.push(fit),
+            None => too_few.push(&data.rows[0].quantity),
+        }
+    }
+    let mut quantities: Vec<QuantityFindings> = fits
+        .iter()
+        .map(|fit| quantity::quantity_findings(fit, reference))
+        .collect();
+    let questions = questions::answer(quantities.iter_mut().flat_map(asked).collect());
+    let count = |name: fn(&EstimateRow) -> &str| {
+        let names: BTreeSet<&str> = rows.iter().map(name).filter(|n| !n.is_empty()).collect();
+        names.len()
+    };
+    Ok(FleetFindings {
+        rows: rows.len(),
+        specimens: count(|row| &row.specimen),
+        families: count(|row| &row.family),
+        benches: count(|row| &row.bench),
+        operators: count(|row| &row.operator),
+        questions,
+        family_wise_error: FAMILY_WISE_ERROR,
+        findings: sentences::sentences(&quantities, reference),
+        worth_a_look: sentences::worth_a_look(&quantities),
+        bench_causes: bench_cause::bench_causes(&fits, &quantities, reference),
+        cannot_tell: cannot_tell::cannot_tell(&fits, &too_few),
+        quantities,
+    })
+}
+
+/// The values of a quantity that answer questions.
+fn asked(quantity: &mut QuantityFindings) -> Vec<(QuestionKind, &mut PooledValue)> {
+    let benches = quantity
+        .benches
+        .iter_mut()
+        .map(|b| (QuestionKind::Bench, &mut b.effect));
+    let operators = quantity.operators.iter_mut();
+    let operators = operators.map(|o| (QuestionKind::Operator, &mut o.effect));
+    let groups = quantity.groups.iter_mut().flat_map(|group| {
+        let values = std::iter::once(&mut group.level)
+            .chain(&mut group.on_least_sure_bench)
+            .chain(&mut group.from_other_batches);
+        values.map(|value| (QuestionKind::Group, value))
+    });
+    let slopes = quantity
+        .slopes
+        .iter_mut()
+        .map(|s| (QuestionKind::Age, &mut s.slope));
+    let specimens = quantity.specimen_deviations.iter_mut();
+    let specimens = specimens.map(|s| (QuestionKind::Specimen, &mut s.deviation));
+    benches
+        .chain(operators)
+        .chain(groups)
+        .chain(slopes)
+        .chain(specimens)
+        .collect()
+}
+
+fn check(rows: &[EstimateRow], options: &FleetOptions) -> Result<(), FleetError> {
+    if rows.is_empty() {
+        return Err(FleetError::Empty);
+    }
+    agree(
+        rows,
+        "specimen",
+        |r| &r.specimen,
+        "the family",
+        |r| r.family.clone(),
+    )?;
+    agree(
+        rows,
+        "specimen",
+        |r| &r.specimen,
+        "the batch",
+        |r| format!("\"{}\"", r.batch),
+    )?;
+    agree(rows, "quantity", |r| &r.quantity, "the unit", |r| r.unit.clone())?;
+    agree(
+        rows,
+        "quantity",
+        |r| &r.quantity,
+        "the scale",
+        |r| r.scale.word().to_owned(),
+    )?;
+    let benches: BTreeSet<&str> = rows.iter().map(|row| row.bench.as_str()).collect();
+    match options
+        .reference_bench
+        .as_deref()
+        .filter(|name| !benches.contains(name))
+    {
+        Some(name) => Err(FleetError::UnknownBench {
+            name: name.to_owned(),
+            known: benches.into_iter().collect::<Vec<_>>().join(", "),
+        }),
+        None => Ok(()),
+    }
+}
+
+/// Checks that all rows of one specimen or quantity have one value.
+fn agree(
+    rows: &[EstimateRow],
+    noun: &str,
+    name: fn(&EstimateRow) -> &str,
+    what: &'static str,
+    value: fn(&EstimateRow) -> String,
+) -> Result<(), FleetError> {
+    let mut first: BTreeMap<&str, &EstimateRow> = BTreeMap::new();
+    for row in rows {
+        let earlier = *first.entry(name(row)).or_insert(row);
+        if value(earlier) != value(row) {
+            return Err(FleetError::Contradiction {
+                of: format!("{noun} {}", name(row)),
+                what,
+                values: [value(earlier), value(row)],
+                runs: [earlier.run_id.clone(), row.run_id.clone()],
+            });
+        }
+    }
+    Ok(())
+}

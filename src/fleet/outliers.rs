@@ -1,0 +1,188 @@
+//! The fit that outlier specimens do not spoil: a specimen that does not belong to its family gets a mean of its own (mean-shift outlier
+//! model), so that it enlarges neither the scatter between specimens nor the interval of another one.
+//!
+//! The search starts from a set without doubtful specimens, judged by medians, so that two outliers cannot hide each other. It takes
+//! back those that the fit without them does not confirm, and sets aside others that it does. A heavy-tailed law for the specimens
+//! in place of this would hide the outliers that the report has to name.
+//!
+//! How specimens of a family scatter is not known to be normal, and a skewed law has specimens at five standard deviations that are no
+//! outliers. So the p value of an outlier is that of Laplace's law, whose tails fall as exponentials, where that is the larger one.
+
+use super::design::{Design, DesignChoice, DesignTerm};
+use super::mixed_model::{Contrast, MixedFit, SpecimenEffect};
+use super::quantity_data::QuantityData;
+use crate::identify::confidence::student_within;
+
+/// Robust z value from which a specimen is doubtful at first. It costs only fits: every doubt is tested.
+const DOUBTFUL: f64 = 3.0;
+/// Standard deviation of a normal law over its median absolute deviation.
+const SIGMA_OF_MEDIAN: f64 = 1.4826;
+/// Chance that a quantity without outliers has one set aside (Bonferroni over its specimens).
+const SET_ASIDE_AT: f64 = 0.05;
+/// At most one of so many specimens of a group is set aside: more are no outliers but another family.
+const ONE_IN: usize = 3;
+
+/// A fit with its outliers.
+pub(super) struct RobustFit<'d, 'r> {
+    pub design: Design<'d, 'r>,
+    pub fit: MixedFit,
+    pub choice: DesignChoice,
+}
+
+/// Two-sided p value of a t statistic.
+pub(super) fn p_value(contrast: &Contrast) -> f64 {
+    if contrast.std_error <= 0.0 {
+        return 1.0;
+    }
+    1.0 - student_within(contrast.degrees, (contrast.estimate / contrast.std_error).abs())
+}
+
+/// p value of a specimen's deviation from its family: of Student's t or of Laplace's law, whichever is larger. The second is that of
+/// an exponential law over the mean of as many others as there are degrees of freedom.
+pub(super) fn outlier_p(deletion: &Contrast) -> f64 {
+    if deletion.std_error <= 0.0 {
+        return 1.0;
+    }
+    let t = (deletion.estimate / deletion.std_error).abs();
+    let laplace = (1.0 + std::f64::consts::SQRT_2 * t / deletion.degrees).powf(-deletion.degrees);
+    p_value(deletion).max(laplace)
+}
+
+impl<'d, 'r> RobustFit<'d, 'r> {
+    /// Fits and sets outliers aside. `None` if there are too few rows.
+    pub(super) fn of(data: &'d QuantityData<'r>, operators: bool) -> Option<RobustFit<'d, 'r>> {
+        let choice = DesignChoice {
+            operators,
+            ..DesignChoice::default()
+        };
+        let plain = RobustFit::with(data, choice)?;
+        let doubtful = plain.doubtful();
+        // A design that the doubtful specimens leave too few rows is not better.
+        let mut here = match plain.with_outliers(doubtful) {
+            Some(fit) => fit,
+            None => plain,
+        };
+        let mut taken_back = Vec::new();
+        for _ in 0..2 * data.specimens.len() {
+            let (weak, mut next) = here.weak_and_confirmed();
+            taken_back.extend(&weak);
+            match here.strongest(&taken_back) {
+                _ if !weak.is_empty() => {}
+                Some(strongest) => next.push(strongest),
+                None => break,
+            };
+            let Some(fit) = here.with_outliers(next) else {
+                break;
+            };
+            here = fit;
+        }
+        Some(here)
+    }
+
+    /// Fits one design.
+    pub(super) fn with(data: &'d QuantityData<'r>, choice: DesignChoice) -> Option<RobustFit<'d, 'r>> {
+        let design = Design::of(data, &choice);
+        let fit = design.data.fit()?;
+        Some(RobustFit { design, fit, choice })
+    }
+
+    fn with_outliers(&self, mut outliers: Vec<usize>) -> Option<RobustFit<'d, 'r>> {
+        outliers.sort_unstable();
+        let choice = DesignChoice {
+            outliers,
+            ..self.choice.clone()
+        };
+        RobustFit::with(self.design.of, choice)
+    }
+
+    /// What is known about a specimen: about the outlier's own mean, or about its random effect.
+    pub(super) fn specimen(&self, specimen: usize) -> SpecimenEffect {
+        match self.own_mean(specimen) {
+            Some(own) => SpecimenEffect {
+                // The scatter of the family is no uncertainty of where this specimen is.
+                predicted: Contrast {
+                    std_error: (own.std_error.powi(2) - self.fit.variances.x).max(0.0).sqrt(),
+                    ..own
+                },
+                deletion: own,
+            },
+            None => self.fit.specimen(&self.design.data, specimen),
+        }
+    }
+
+    /// The mean-shift of a specimen that is set aside.
+    fn own_mean(&self, specimen: usize) -> Option<Contrast> {
+        self.design
+            .contrast(&self.fit, &[(DesignTerm::Outlier(specimen), 1.0)])
+    }
+
+    /// Specimens whose deviation from the median of their group is large against the median deviation of all.
+    fn doubtful(&self) -> Vec<usize> {
+        let specimens = &self.design.of.specimens;
+        let z = |s: usize| {
+            let deletion = self.specimen(s).deletion;
+            deletion.estimate / deletion.std_error
+        };
+        let mut z: Vec<f64> = (0..specimens.len()).map(z).collect();
+        for group in 0..self.design.of.groups.len() {
+            let members: Vec<usize> = self.members(group).collect();
+            let middle = median(members.iter().map(|s| z[*s]).collect());
+            members.iter().for_each(|s| z[*s] -= middle);
+        }
+        let scale = SIGMA_OF_MEDIAN * median(z.iter().map(|z| z.abs()).collect());
+        let mut doubtful: Vec<usize> = (0..z.len()).filter(|s| z[*s].abs() > DOUBTFUL * scale).collect();
+        doubtful.sort_by(|a, b| z[*b].abs().total_cmp(&z[*a].abs()));
+        let mut chosen: Vec<usize> = Vec::new();
+        for specimen in doubtful {
+            if self.has_room(specimen, &chosen) {
+                chosen.push(specimen);
+            }
+        }
+        chosen
+    }
+
+    fn members(&self, group: usize) -> impl Iterator<Item = usize> {
+        let specimens = self.design.of.specimens.iter().enumerate();
+        specimens.filter(move |(_, s)| s.group == group).map(|(i, _)| i)
+    }
+
+    /// True if another specimen of this one's group may be set aside.
+    fn has_room(&self, specimen: usize, outliers: &[usize]) -> bool {
+        let specimens = &self.design.of.specimens;
+        let group = specimens[specimen].group;
+        let aside = outliers.iter().filter(|s| specimens[**s].group == group).count();
+        (aside + 1) * ONE_IN <= self.members(group).count()
+    }
+
+    /// Largest p value of a specimen that is set aside.
+    fn level(&self) -> f64 {
+        SET_ASIDE_AT / self.design.of.specimens.len() as f64
+    }
+
+    /// The specimens set aside with too little reason for it, and the others. With fewer set aside the scatter only grows, so that all
+    /// weak ones can be taken back at once.
+    fn weak_and_confirmed(&self) -> (Vec<usize>, Vec<usize>) {
+        let p = |s: usize| self.own_mean(s).map_or(1.0, |own| outlier_p(&own));
+        self.choice.outliers.iter().partition(|s| p(**s) > self.level())
+    }
+
+    /// The specimen of the fit that has the most reason to be set aside, if that is enough.
+    fn strongest(&self, taken_back: &[usize]) -> Option<usize> {
+        let aside = &self.choice.outliers;
+        let all = (0..self.design.of.specimens.len())
+            .filter(|s| !aside.contains(s) && !taken_back.contains(s) && self.has_room(*s, aside));
+        let p = all.map(|s| (s, outlier_p(&self.specimen(s).deletion)));
+        let strongest = p.min_by(|a, b| a.1.total_cmp(&b.1))?;
+        (strongest.1 < self.level()).then_some(strongest.0)
+    }
+}
+
+/// The middle value; 0 without values.
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    match values.len() {
+        0 => 0.0,
+        n if n % 2 == 1 => values[n / 2],
+        n => 0.5 * (values[n / 2 - 1] + values[n / 2]),
+    }
+}

@@ -1,0 +1,269 @@
+//! What was found, as sentences for the technician.
+
+use super::estimate::EstimateScale;
+use super::findings::{
+    AgeSlope, FleetFinding, GroupLevel, LevelEffect, PooledValue, QuantityFindings, QuantityRole,
+    QuestionKind, SpecimenDeviation,
+};
+use super::questions::WORTH_A_LOOK;
+use super::wording::{counted, interval, named};
+
+/// All findings, in the order of their kinds, the surest first. `reference`: the bench that counts as right.
+pub(super) fn sentences(quantities: &[QuantityFindings], reference: Option<&str>) -> Vec<FleetFinding> {
+    let mut found: Vec<(f64, FleetFinding)> = Vec::new();
+    for quantity in quantities {
+        let mut add = |kind: QuestionKind, subject: &str, value: &PooledValue, sentence: String| {
+            if !value.found {
+                return;
+            }
+            let finding = FleetFinding {
+                kind,
+                quantity: quantity.quantity.clone(),
+                subject: subject.to_owned(),
+                adjusted_p: value.adjusted_p.unwrap_or(1.0),
+                sentence,
+            };
+            found.push((value.p.unwrap_or(1.0), finding));
+        };
+        for bench in &quantity.benches {
+            let text = of_bench(quantity, bench, reference);
+            add(QuestionKind::Bench, &bench.name, &bench.effect, text);
+        }
+        for operator in &quantity.operators {
+            let text = of_operator(quantity, operator);
+            add(QuestionKind::Operator, &operator.name, &operator.effect, text);
+        }
+        for group in &quantity.groups {
+            let subject = group_name(group);
+            match &group.on_least_sure_bench {
+                Some(sure) if sure.found => {
+                    add(QuestionKind::Group, &subject, sure, of_group(quantity, group))
+                }
+                // That the group or one of its benches has it follows from the finding about the bench.
+                _ if bench_is_found(quantity, group) => {}
+                _ => add(
+                    QuestionKind::Group,
+                    &subject,
+                    &group.level,
+                    of_group_or_bench(quantity, group),
+                ),
+            }
+            if let Some(difference) = &group.from_other_batches {
+                let text = of_batch(quantity, group, difference);
+                add(QuestionKind::Group, &subject, difference, text);
+            }
+        }
+        for slope in &quantity.slopes {
+            let subject = slope.family.as_deref().unwrap_or_default();
+            add(
+                QuestionKind::Age,
+                subject,
+                &slope.slope,
+                of_slope(quantity, slope),
+            );
+        }
+        for specimen in &quantity.specimen_deviations {
+            let text = of_specimen(quantity, specimen);
+            add(
+                QuestionKind::Specimen,
+                &specimen.specimen,
+                &specimen.deviation,
+                text,
+            );
+        }
+    }
+    found.sort_by(|(p, a), (q, b)| {
+        let names = |f: &FleetFinding| (f.subject.clone(), f.quantity.clone());
+        (a.kind.cmp(&b.kind))
+            .then(p.total_cmp(q))
+            .then_with(|| names(a).cmp(&names(b)))
+    });
+    found.into_iter().map(|(_, finding)| finding).collect()
+}
+
+/// Specimens that deviate, but not by enough to be findings, the clearest first.
+pub(super) fn worth_a_look(quantities: &[QuantityFindings]) -> Vec<String> {
+    let mut seen: Vec<(f64, String)> = Vec::new();
+    for quantity in quantities {
+        let doubtful = quantity
+            .specimen_deviations
+            .iter()
+            .filter(|s| s.deviation.p.is_some() && !s.deviation.found && s.deletion_t.abs() > WORTH_A_LOOK);
+        seen.extend(doubtful.map(|s| (s.deletion_t.abs(), of_specimen(quantity, s))));
+    }
+    seen.sort_by(|a, b| b.0.total_cmp(&a.0).then_with(|| a.1.cmp(&b.1)));
+    seen.into_iter().map(|(_, sentence)| sentence).collect()
+}
+
+/// The size of a difference, without its sign, with its interval.
+fn size(quantity: &QuantityFindings, value: &PooledValue) -> String {
+    let (value, low, high) = match value.value < 0.0 {
+        true => (-value.value, -value.high95, -value.low95),
+        false => (value.value, value.low95, value.high95),
+    };
+    interval(value, low, high, quantity.scale, &quantity.unit)
+}
+
+fn of_bench(quantity: &QuantityFindings, bench: &LevelEffect, reference: Option<&str>) -> String {
+    let (name, effect) = (&bench.name, &bench.effect);
+    if bench.against.is_empty() {
+        let value = interval(
+            effect.value,
+            effect.low95,
+            effect.high95,
+            quantity.scale,
+            &quantity.unit,
+        );
+        return format!("Bench {name} has {}: {value}.", quantity.quantity);
+    }
+    let direction = if effect.value > 0.0 { "higher" } else { "lower" };
+    let compared = named(&bench.against);
+    let benches = if bench.against.len() == 1 {
+        "bench"
+    } else {
+        "the mean of benches"
+    };
+    let unknown = match bench.against[..] {
+        [ref only] if reference != Some(only) => {
+            " Which of the two is wrong needs a third bench or a reference."
+        }
+        _ => "",
+    };
+    format!(
+        "Bench {name} reads {} {direction} than {benches} {compared} by {}.{unknown}",
+        quantity.quantity,
+        size(quantity, effect)
+    )
+}
+
+fn of_operator(quantity: &QuantityFindings, operator: &LevelEffect) -> String {
+    let direction = if operator.effect.value > 0.0 {
+        "higher"
+    } else {
+        "lower"
+    };
+    format!(
+        "Operator {} measures {} {direction} than {} by {}.",
+        operator.name,
+        quantity.quantity,
+        named(&operator.against),
+        size(quantity, &operator.effect)
+    )
+}
+
+/// `family` or `family / batch`.
+fn group_name(group: &GroupLevel) -> String {
+    match &group.batch {
+        Some(batch) if batch.is_empty() => format!("{} / no batch", group.family),
+        Some(batch) => format!("{} / {batch}", group.family),
+        None => group.family.clone(),
+    }
+}
+
+/// The group in a sentence.
+fn group_words(group: &GroupLevel) -> String {
+    match &group.batch {
+        Some(batch) if batch.is_empty() => {
+            format!("The specimens without a batch of family {}", group.family)
+        }
+        Some(batch) => format!("Batch {batch} of family {}", group.family),
+        None => format!("Family {}", group.family),
+    }
+}
+
+/// True if a bench of the group deviates in the quantity.
+fn bench_is_found(quantity: &QuantityFindings, group: &GroupLevel) -> bool {
+    let mut found = quantity.benches.iter().filter(|b| b.effect.found);
+    found.any(|b| group.benches.contains(&b.name))
+}
+
+fn of_group(quantity: &QuantityFindings, group: &GroupLevel) -> String {
+    let has = format!("{} has {}", group_words(group), quantity.quantity);
+    format!("{has}: {}.", group_evidence(quantity, group))
+}
+
+fn of_group_or_bench(quantity: &QuantityFindings, group: &GroupLevel) -> String {
+    let benches = if group.benches.len() == 1 {
+        "bench"
+    } else {
+        "one of the benches"
+    };
+    format!(
+        "{} or {benches} {} has {}: {}. To tell which, test some of its specimens on another bench, too.",
+        group_words(group),
+        named(&group.benches),
+        quantity.quantity,
+        group_evidence(quantity, group)
+    )
+}
+
+fn group_evidence(quantity: &QuantityFindings, group: &GroupLevel) -> String {
+    let level = &group.level;
+    let value = interval(
+        level.value,
+        level.low95,
+        level.high95,
+        quantity.scale,
+        &quantity.unit,
+    );
+    format!(
+        "{value} (mean of {}, {}; the clearest single specimen is {:.1} standard errors from 0)",
+        counted(group.specimens, "specimen"),
+        counted(group.runs, "run"),
+        group.largest_single_z.abs()
+    )
+}
+
+fn of_batch(quantity: &QuantityFindings, group: &GroupLevel, difference: &PooledValue) -> String {
+    let direction = if difference.value > 0.0 { "higher" } else { "lower" };
+    format!(
+        "{} has a {direction} {} than the other batches of its family by {}.",
+        group_words(group),
+        quantity.quantity,
+        size(quantity, difference)
+    )
+}
+
+fn of_slope(quantity: &QuantityFindings, slope: &AgeSlope) -> String {
+    let direction = if slope.slope.value > 0.0 { "grows" } else { "falls" };
+    let where_seen = match &slope.family {
+        Some(family) => format!("Family {family}:"),
+        None => "All families together:".to_owned(),
+    };
+    format!(
+        "{where_seen} {} {direction} per {} by {}.",
+        quantity.quantity,
+        slope.per.word(),
+        size(quantity, &slope.slope)
+    )
+}
+
+fn of_specimen(quantity: &QuantityFindings, specimen: &SpecimenDeviation) -> String {
+    let direction = if specimen.deviation.value > 0.0 {
+        "above"
+    } else {
+        "below"
+    };
+    let family = match specimen.batch.as_str() {
+        "" => format!("family {}", specimen.family),
+        batch => format!("batch {batch} of family {}", specimen.family),
+    };
+    let share = match (quantity.role, quantity.scale) {
+        (QuantityRole::Effect, EstimateScale::Absolute) => "amplitude of ",
+        _ => "",
+    };
+    format!(
+        "Specimen {} has {share}{} {direction} the mean of {family} by {} ({:.1} standard errors of a specimen; {} on {} {}).",
+        specimen.specimen,
+        quantity.quantity,
+        size(quantity, &specimen.deviation),
+        specimen.deletion_t.abs(),
+        counted(specimen.runs, "run"),
+        if specimen.benches.len() == 1 {
+            "bench"
+        } else {
+            "benches"
+        },
+        named(&specimen.benches)
+    )
+}
