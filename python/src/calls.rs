@@ -17,6 +17,26 @@ pub(crate) fn read(py: Python<'_>, path: PathBuf) -> PyResult<(Columns, Option<S
     Ok((Columns(Arc::new(read.recording)), read.specimen, read.notes))
 }
 
+/// The runs of an archive, as JSON.
+#[pyfunction]
+pub(crate) fn archived_runs(py: Python<'_>, place: String) -> PyResult<String> {
+    until_done(py, |_| json(&leafbench::archived_runs(&place)?))
+}
+
+/// Runs of an archive: the columns and the specimen of each.
+#[pyfunction]
+pub(crate) fn read_archived(
+    py: Python<'_>,
+    place: String,
+    run_ids: Vec<String>,
+) -> PyResult<Vec<(Columns, Option<String>)>> {
+    let read = until_done(py, |_| leafbench::read_archived(&place, &run_ids))?;
+    let runs = read.into_iter();
+    Ok(runs
+        .map(|run| (Columns(Arc::new(run.recording)), run.specimen))
+        .collect())
+}
+
 /// Steps the bench's model along a profile, or with `rig` runs it on the mock rig.
 #[pyfunction]
 pub(crate) fn simulate(

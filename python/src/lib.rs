@@ -21,7 +21,8 @@ mod work;
 mod _leafbench {
     #[pymodule_export]
     use super::calls::{
-        bench_toml, diagnose, identify, models, physics, plan, read, require_one_specimen, simulate,
+        archived_runs, bench_toml, diagnose, identify, models, physics, plan, read, read_archived,
+        require_one_specimen, simulate,
     };
     #[pymodule_export]
     use super::columns::{Column, Columns};

@@ -96,6 +96,8 @@ CALLS = {
     leafbench.simulate: (["profile"], ["bench", "rig", "seed"]),
     leafbench.plan: (["profile"], ["bench"]),
     leafbench.identify: (["recordings", "model"], ["specimen", "method", "fix", "free", "begin", "seed", "progress"]),
+    leafbench.archived_runs: (["place"], []),
+    leafbench.read_archive: (["place", "runs"], []),
     leafbench.bench_toml: ([], ["bench"]),
 }
 

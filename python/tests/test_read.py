@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -76,3 +78,42 @@ def test_a_wrong_path_is_an_os_error(tmp_path):
 def test_a_file_that_is_no_run_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"a\.leafrun"):
         leafbench.read(written(tmp_path, "no database", "a.leafrun"))
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory):
+    """An archive of one run, made by the program. CI says where the program is."""
+    program = os.environ.get("LEAFBENCH_PROGRAM")
+    if program is None:
+        pytest.skip("LEAFBENCH_PROGRAM does not name the program leafbench, which makes an archive")
+    place = tmp_path_factory.mktemp("archive") / "lab"
+    subprocess.run([program, "archive", place, REPOSITORY / "tests/recordings/version-1.leafrun"], check=True)
+    return place
+
+
+def test_a_run_of_an_archive_has_the_numbers_of_its_file(archive):
+    (run,) = leafbench.archived_runs(archive)
+    of_file = leafbench.read(REPOSITORY / "tests/recordings/version-1.leafrun")
+    assert run.specimen == of_file.specimen and run.started_utc
+    for given in (run, run.run_id, [run], iter([run.run_id])):
+        (recording,) = leafbench.read_archive(archive, given)
+        assert recording.name == run.run_id and recording.specimen == run.specimen
+        for column in ("time_s", "displacement_mm", "force_n"):
+            assert np.array_equal(recording[column], of_file[column])
+    with pytest.raises(InputError, match="did you mean"):
+        leafbench.read_archive(archive, run.run_id[:-1] + "~")
+    sample = next(archive.rglob("samples/**/*.parquet"))
+    sample.write_bytes(sample.read_bytes()[:-1] + b"x")
+    with pytest.raises(InputError, match="not what was written"):
+        leafbench.read_archive(archive, run)
+
+
+def test_what_is_no_archive_is_refused(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        leafbench.archived_runs(tmp_path / "absent")
+    with pytest.raises(InputError, match="is not an archive"):
+        leafbench.read_archive(tmp_path, "a")
+    with pytest.raises(InputError, match="read_archive reads an archive"):
+        leafbench.read(tmp_path)
+    with pytest.raises(ArgumentTypeError, match="runs is a int"):
+        leafbench.read_archive(tmp_path, 7)

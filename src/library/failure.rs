@@ -3,6 +3,7 @@
 use std::io;
 use std::path::Path;
 
+use crate::archive::ArchiveError;
 use crate::cli::CliError;
 use crate::config::ConfigError;
 use crate::daemon::chain;
@@ -120,6 +121,27 @@ impl From<RunFileError> for CallFailure {
     }
 }
 
+impl From<ArchiveError> for CallFailure {
+    fn from(error: ArchiveError) -> CallFailure {
+        let failure = CallFailure::input(chain(&error));
+        match error {
+            ArchiveError::NoArchive { place } => failure.of_file(Path::new(&place), None),
+            ArchiveError::Store { place, .. } => CallFailure {
+                kind: FailureKind::File { os_error: EIO },
+                ..failure
+            }
+            .at(&place, None, None),
+            ArchiveError::Read { path, source } => failure.of_file(&path, Some(&source)),
+            ArchiveError::RunFile(error) => error.into(),
+            ArchiveError::Parquet { .. } => CallFailure {
+                kind: FailureKind::Defect,
+                ..failure
+            },
+            _ => failure,
+        }
+    }
+}
+
 impl From<ConfigError> for CallFailure {
     fn from(error: ConfigError) -> CallFailure {
         let failure = CallFailure::input(chain(&error));
@@ -194,6 +216,7 @@ impl From<CliError> for CallFailure {
     fn from(error: CliError) -> CallFailure {
         let failure = CallFailure::input(chain(&error));
         match error {
+            CliError::Archive(error) => error.into(),
             CliError::Csv(error) => error.into(),
             CliError::RunFile(error) => error.into(),
             CliError::Config(error) => error.into(),

@@ -9,6 +9,7 @@ Units are in the names: ``force_n`` is in N, ``displacement_mm`` in mm, ``time_s
 72.0
 """
 
+from ._archive import ArchivedRun, archived_runs, read_archive
 from ._arguments import CONFIGS
 from ._calls import bench_toml, benches, diagnose, identify, models, physics, plan, profiles, simulate
 from ._diagnosis import (
@@ -43,6 +44,7 @@ from ._results import FitError, FittedParameter, Identification, Margin, Plan
 __all__ = [
     "CONFIGS",
     "Alternative",
+    "ArchivedRun",
     "ArgumentTypeError",
     "AttachedEffect",
     "Candidate",
@@ -74,6 +76,7 @@ __all__ = [
     "Value",
     "Yardstick",
     "__version__",
+    "archived_runs",
     "bench_toml",
     "benches",
     "diagnose",
@@ -83,5 +86,6 @@ __all__ = [
     "plan",
     "profiles",
     "read",
+    "read_archive",
     "simulate",
 ]

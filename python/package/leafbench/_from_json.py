@@ -20,6 +20,11 @@ def from_json(kind: type[T], text: str, **more: object) -> T:
     return made
 
 
+def objects(kind: type[T], given: list[dict[str, Any]]) -> tuple[T, ...]:
+    """Objects of the dataclass `kind`."""
+    return tuple(_object(kind, item) for item in given)
+
+
 @cache
 def _hints(kind: type) -> dict[str, Any]:
     hints = get_type_hints(kind)

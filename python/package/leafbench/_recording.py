@@ -266,7 +266,6 @@ def read(path: str | os.PathLike[str]) -> Recording:
     """
     given = _arguments.path("path", path)
     if Path(given).is_dir():
-        # An archive is a folder: it will be read here.
-        raise InputError(f"{given} is a folder: give a run file (.leafrun) or a CSV")
+        raise InputError(f"{given} is a folder: give a run file (.leafrun) or a CSV; leafbench.read_archive reads an archive")
     columns, specimen, notes = _read(given)
     return Recording._of(columns, specimen, tuple(notes))
