@@ -73,7 +73,7 @@
 //!
 //! | rank | modules |
 //! |---|---|
-//! | 0 | units, regular_file, detector, nearest, ring |
+//! | 0 | units, regular_file, cancel, detector, nearest, ring |
 //! | 1 | recording, profile, protocol, calibration |
 //! | 2 | acceptance, archive, model, link, truth |
 //! | 3 | effect, control, conformance |
@@ -96,6 +96,7 @@ mod acceptance;
 mod archive;
 mod blind;
 mod calibration;
+mod cancel;
 mod cli;
 mod config;
 mod conformance;
@@ -122,16 +123,24 @@ mod truth;
 mod twin;
 mod units;
 
+pub use archive::ArchivedRun;
+pub use cancel::CancelFlag;
 pub use cli::main;
 pub use config::Bench;
 pub use diagnose::{
     Baseline, DiagnoseOptions, Diagnosis, EffectEstimate, Estimates, Finding, ParameterEstimate, Verdict,
     diagnose, estimate,
 };
-pub use library::{RecordError, record};
-pub use model::{BuildError, Model, Parameter, Plant, find as find_model};
+pub use effect::codes as codes_of_physics;
+pub use library::{
+    BenchDiagnosis, CallFailure, DiagnoseOrder, FailureKind, IdentifyOrder, ReadRecording, RecordError,
+    archived_runs, diagnose_on_bench, find_bench, find_profile, identify, plan, read_archived,
+    read_recording, record, record_run, require_one_specimen, simulate,
+};
+pub use model::{BuildError, Model, Parameter, Plant, all as models, find as find_model};
 pub use profile::Profile;
-pub use recording::{Recording, csv::read_file as read_csv};
+pub use recording::{Recording, RecordingError, csv::read_file as read_csv};
+pub use units::Mode;
 
 #[cfg(feature = "benchmarks")]
 #[doc(hidden)]

@@ -15,7 +15,7 @@ fn diagnosed(recordings: &[Recording], case: &Case) -> Diagnosis {
     let options = DiagnoseOptions {
         points: POINTS,
         threads: 0,
-        limits: None,
+        ..DiagnoseOptions::default()
     };
     diagnose(recordings, &baseline(&case.baseline), &options, &mut |_, _| {}).expect("valid recordings")
 }

@@ -75,7 +75,8 @@ fn copy(from: &Path, to: &Path) {
         if NOT_COPIED.iter().any(|left_out| *left_out == name) {
             continue;
         }
-        match entry.file_type().expect("known").is_dir() {
+        // A link becomes what it leads to.
+        match path.is_dir() {
             true => copy(&path, &to.join(name)),
             false => drop(std::fs::copy(&path, to.join(name)).expect("copied")),
         }

@@ -27,7 +27,8 @@ use crate::recording::run_file::RunFileError;
 pub(crate) use add::{AddOptions, Added, add};
 pub(crate) use diagnoses::{DiagnosedRun, DiagnosisRow, Estimated, add_diagnoses};
 pub(crate) use place::ArchiveStore;
-pub(crate) use read::{ArchiveReader, ArchivedRun};
+pub(crate) use read::ArchiveReader;
+pub use read::ArchivedRun;
 pub(crate) use verify::{Verified, verify};
 
 /// Version of the tables and of the manifest. A reader refuses a newer one.

@@ -13,11 +13,15 @@ use crate::recording::Recording;
 use crate::units::Mode;
 
 /// What the table of runs says about one run.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct ArchivedRun {
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct ArchivedRun {
+    /// Id of the run.
     pub run_id: String,
+    /// Name or serial number of the specimen.
     pub specimen: String,
+    /// Name of the bench.
     pub bench: String,
+    /// Name of the operator; empty if none was given.
     pub operator: String,
     /// RFC 3339; empty if the run file had no time that could be read.
     pub started_utc: String,

@@ -15,7 +15,7 @@ use crate::identify::curve::Initial;
 use crate::identify::target_table::read_targets;
 use crate::identify::targets::{Aggregate, LoopTarget, TargetProblem};
 use crate::identify::{
-    CurveProblem, Fit, FitControl, FitEnding, FitOptions, IdentifyError, Method, Residuals,
+    CurveProblem, Fit, FitControl, FitEnding, FitOptions, FitProgress, Method, Residuals,
     differential_evolution, fit, least_squares, nelder_mead,
 };
 use crate::model::{self, Model};
@@ -24,45 +24,45 @@ use crate::regular_file::{self, TABLE_MAX_BYTES};
 
 /// Fit a model's parameters to recordings, or to a table of peak forces and loop energies
 #[derive(Debug, Args)]
-pub(super) struct IdentifyArgs {
+pub(crate) struct IdentifyArgs {
     /// Recordings of one specimen, fitted together: CSV with time_s, displacement_mm, force_n
     #[arg(value_name = "RECORDING.csv", num_args = 0..)]
-    recordings: Vec<PathBuf>,
+    pub recordings: Vec<PathBuf>,
     /// Fit to this table (CSV) of peak forces in N and loop energies in J instead
     #[arg(long, value_name = "FILE", conflicts_with = "recordings")]
-    targets: Option<PathBuf>,
+    pub targets: Option<PathBuf>,
     #[arg(
         long,
         value_name = "MODEL",
         help = format!("Model to fit: {} [default: from the specimen file]", model_names())
     )]
-    model: Option<String>,
+    pub model: Option<String>,
     /// Specimen file to start from: model, values, geometry
     #[arg(long, value_name = "FILE")]
-    specimen: Option<PathBuf>,
+    pub specimen: Option<PathBuf>,
     /// How to search
     #[arg(long, value_enum, default_value_t = SearchMethod::LeastSquares)]
-    method: SearchMethod,
+    pub method: SearchMethod,
     /// Hold a parameter at a value, in the parameter's unit; may be given again
     #[arg(long, value_name = "NAME=VALUE", value_parser = held_value)]
-    fix: Vec<(String, f64)>,
+    pub fix: Vec<(String, f64)>,
     /// Fit only these parameters, separated by commas
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
-    free: Vec<String>,
+    pub free: Vec<String>,
     /// State of the spring at a recording's first sample
     #[arg(long, value_enum, default_value_t = RecordingStart::Unknown)]
-    begin: RecordingStart,
+    pub begin: RecordingStart,
     /// Seed of the random draws
     #[arg(long, default_value_t = 1)]
-    seed: u64,
+    pub seed: u64,
     /// Write the result as a specimen file
     #[arg(long, value_name = "FILE")]
-    out: Option<PathBuf>,
+    pub out: Option<PathBuf>,
 }
 
 /// Methods of `identify`, with the settings that each has by default.
 #[derive(Debug, Clone, Copy, ValueEnum)]
-enum SearchMethod {
+pub(crate) enum SearchMethod {
     /// Levenberg-Marquardt: fast, from the start values to the nearest minimum
     LeastSquares,
     /// Simplex without derivatives, from the start values
@@ -73,7 +73,7 @@ enum SearchMethod {
 
 /// What is known of the spring before a recording begins.
 #[derive(Debug, Clone, Copy, ValueEnum)]
-enum RecordingStart {
+pub(crate) enum RecordingStart {
     /// Not loaded before
     Rest,
     /// In a steady cycle
@@ -98,11 +98,40 @@ impl CliCommand for IdentifyArgs {
     ];
 
     fn run(self, output: &Output) -> Result<Done, CliError> {
+        let read = self.recordings.iter().map(|path| csv::read_file(path));
+        let recordings = read.collect::<Result<Vec<_>, _>>()?;
+        let stop = ctrl_c_flag();
+        let mut progress = Progress::new("identify", output.json);
+        // Ctrl-C ends the fit with the best values so far.
+        let found = self.identified(recordings, &mut |p| {
+            progress.show_share(p.share, "fitting");
+            match stop.load(Ordering::Relaxed) {
+                true => FitControl::Stop,
+                false => FitControl::Continue,
+            }
+        });
+        progress.finish();
+        let (identified, specimen) = found?;
+        if let Some(path) = &self.out {
+            std::fs::write(path, specimen).map_err(CliError::file(path, "writing"))?;
+        }
+        output.result(&identified, || text(&identified, self.out.as_deref()))?;
+        Ok(Done::success_if(identified.converged))
+    }
+}
+
+impl IdentifyArgs {
+    /// Fits to `recordings`, or to the table of `--targets`. Also returns the text of a specimen file with the values found.
+    pub(crate) fn identified(
+        &self,
+        recordings: Vec<Recording>,
+        watch: &mut dyn FnMut(FitProgress) -> FitControl,
+    ) -> Result<(Identified, String), CliError> {
         let mut specimen = self.start_specimen()?;
         let model = model::find(&specimen.model.name)?;
         let mut start = specimen.model.values()?;
         let fixed = self.fixed(model, &mut start)?;
-        let problem = self.problem(model, &specimen.model.structure)?;
+        let problem = self.problem(model, &specimen.model.structure, recordings)?;
         let options = FitOptions {
             method: self.method.with_default_settings(),
             start: Some(start),
@@ -110,23 +139,16 @@ impl CliCommand for IdentifyArgs {
             seed: self.seed,
             ..FitOptions::default()
         };
-        let fitted = fit_with_progress(problem.residuals(), &options, output)?;
+        let fitted = fit(problem.residuals(), &options, watch)?;
         let errors = problem.errors(&fitted.values)?;
+        let identified = Identified::new(model.name, &fitted, errors);
         for (p, value) in fitted.parameters.iter().zip(&fitted.values) {
             specimen.model.parameters.insert(p.name.to_owned(), *value);
         }
-        if let Some(path) = &self.out {
-            let text = toml::to_string(&specimen).map_err(|e| CliError::Internal(e.to_string()))?;
-            std::fs::write(path, text).map_err(CliError::file(path, "writing"))?;
-        }
-        output.result(&json(&specimen.model.name, &fitted, &errors), || {
-            text(&fitted, &errors, self.out.as_deref())
-        })?;
-        Ok(Done::success_if(fitted.ending == FitEnding::Converged))
+        let text = toml::to_string(&specimen).map_err(|e| CliError::Internal(e.to_string()))?;
+        Ok((identified, text))
     }
-}
 
-impl IdentifyArgs {
     /// What the fit starts from: the specimen file, or the start values of the model that is named.
     fn start_specimen(&self) -> Result<Specimen, CliError> {
         if let Some(path) = &self.specimen {
@@ -187,20 +209,20 @@ impl IdentifyArgs {
         Ok(fixed)
     }
 
-    fn problem<'a>(&self, model: &'static Model, structure: &'a toml::Table) -> Result<FitTo<'a>, CliError> {
+    fn problem<'a>(
+        &self,
+        model: &'static Model,
+        structure: &'a toml::Table,
+        recordings: Vec<Recording>,
+    ) -> Result<FitTo<'a>, CliError> {
         if let Some(path) = &self.targets {
             return table_problem(path, model, structure);
         }
-        if self.recordings.is_empty() {
+        if recordings.is_empty() {
             return Err(CliError::Input(
                 "nothing to fit to: give recordings (CSV) or --targets FILE".to_owned(),
             ));
         }
-        let recordings = self
-            .recordings
-            .iter()
-            .map(|path| csv::read_file(path))
-            .collect::<Result<Vec<_>, _>>()?;
         let problem = CurveProblem::of_model(model, structure, &recordings, self.begin.initial())?;
         Ok(FitTo::Recordings(problem, recordings))
     }
@@ -237,8 +259,8 @@ enum FitTo<'a> {
 }
 
 /// How far the fitted model is from what was measured.
-#[derive(Debug, PartialEq, serde::Serialize)]
-struct FitError {
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub(crate) struct FitError {
     /// The recording by its name, or the row of the table.
     of: String,
     /// Root mean square of the difference over the samples that were compared; of a table, the difference of the peak force.
@@ -329,26 +351,6 @@ fn table_problem<'a>(
     Ok(FitTo::Table(problem, targets))
 }
 
-/// Fits with a progress bar; Ctrl-C ends the fit with the best values so far.
-fn fit_with_progress(
-    problem: &dyn Residuals,
-    options: &FitOptions,
-    output: &Output,
-) -> Result<Fit, IdentifyError> {
-    let stop = ctrl_c_flag();
-    let mut progress = Progress::new("identify", output.json);
-    let fitted = fit(problem, options, &mut |p| {
-        progress.show_share(p.share, "fitting");
-        if stop.load(Ordering::Relaxed) {
-            FitControl::Stop
-        } else {
-            FitControl::Continue
-        }
-    });
-    progress.finish();
-    fitted
-}
-
 /// The error on a recording or a row as the terminal shows it.
 fn error_line(error: &FitError) -> String {
     let (of, n, percent) = (&error.of, error.error_n, error.error_percent);
@@ -362,30 +364,30 @@ fn error_line(error: &FitError) -> String {
     }
 }
 
-fn text(fit: &Fit, errors: &[FitError], out: Option<&Path>) -> String {
+fn text(found: &Identified, out: Option<&Path>) -> String {
     let mut text = String::new();
-    for (i, p) in fit.parameters.iter().enumerate() {
-        let note = match (fit.free[i], fit.ci95[i]) {
+    for p in &found.parameters {
+        let note = match (p.free, p.ci95) {
             (false, _) => "held".to_owned(),
             (true, Some([low, high])) => format!("95 %: {low:.6} to {high:.6}"),
             (true, None) => "no interval".to_owned(),
         };
-        let _ = writeln!(text, "{:28} {:>14.6} {:6} {note}", p.name, fit.values[i], p.unit);
+        let _ = writeln!(text, "{:28} {:>14.6} {:6} {note}", p.name, p.value, p.unit);
     }
-    let how = match fit.ending {
-        FitEnding::Converged => "converged",
-        FitEnding::Exhausted => "not converged: the limit of iterations is reached",
-        FitEnding::Stopped => "stopped: the best values so far",
+    let how = match (found.converged, found.stopped) {
+        (true, _) => "converged",
+        (false, true) => "stopped: the best values so far",
+        (false, false) => "not converged: the limit of iterations is reached",
     };
     let _ = writeln!(
         text,
         "{how}, {} evaluations, cost {:.6e}",
-        fit.evaluations, fit.cost
+        found.evaluations, found.cost
     );
-    for error in errors {
+    for error in &found.errors {
         let _ = writeln!(text, "{}", error_line(error));
     }
-    for warning in &fit.warnings {
+    for warning in &found.warnings {
         let _ = writeln!(text, "warning: {warning}");
     }
     if let Some(path) = out {
@@ -394,16 +396,61 @@ fn text(fit: &Fit, errors: &[FitError], out: Option<&Path>) -> String {
     text
 }
 
-fn json(model: &str, fit: &Fit, errors: &[FitError]) -> serde_json::Value {
-    let parameters: Vec<_> = (0..fit.parameters.len())
-        .map(|i| {
-            serde_json::json!({ "name": fit.parameters[i].name, "unit": fit.parameters[i].unit, "value": fit.values[i],
-                                "free": fit.free[i], "ci95": fit.ci95[i] })
-        })
-        .collect();
-    let warnings: Vec<String> = fit.warnings.iter().map(ToString::to_string).collect();
-    serde_json::json!({ "model": model, "parameters": parameters, "cost": fit.cost, "errors": errors, "evaluations": fit.evaluations,
-                        "converged": fit.converged(), "stopped": fit.ending == FitEnding::Stopped, "warnings": warnings })
+/// The result of the command: what `--json` prints.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub(crate) struct Identified {
+    /// Name of the model.
+    model: &'static str,
+    /// All parameters, those that were held too.
+    parameters: Vec<IdentifiedParameter>,
+    /// Cost at these values.
+    cost: f64,
+    /// How far the model is from each recording or row.
+    errors: Vec<FitError>,
+    /// Evaluations of the problem, those for the intervals included.
+    evaluations: usize,
+    /// The search met its tolerances.
+    converged: bool,
+    /// It was stopped before its end.
+    stopped: bool,
+    /// Reasons to doubt the result, one sentence each.
+    warnings: Vec<String>,
+}
+
+/// One parameter of [`Identified`].
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+struct IdentifiedParameter {
+    /// Name with its unit at the end.
+    name: &'static str,
+    /// Unit for people; empty for a pure number.
+    unit: &'static str,
+    value: f64,
+    /// False where it was held.
+    free: bool,
+    /// 95 % interval; `None` where held, at a bound or not identifiable.
+    ci95: Option<[f64; 2]>,
+}
+
+impl Identified {
+    fn new(model: &'static str, fit: &Fit, errors: Vec<FitError>) -> Identified {
+        let parameter = |i: usize| IdentifiedParameter {
+            name: fit.parameters[i].name,
+            unit: fit.parameters[i].unit,
+            value: fit.values[i],
+            free: fit.free[i],
+            ci95: fit.ci95[i],
+        };
+        Identified {
+            model,
+            parameters: (0..fit.parameters.len()).map(parameter).collect(),
+            cost: fit.cost,
+            errors,
+            evaluations: fit.evaluations,
+            converged: fit.converged(),
+            stopped: fit.ending == FitEnding::Stopped,
+            warnings: fit.warnings.iter().map(ToString::to_string).collect(),
+        }
+    }
 }
 
 #[cfg(test)]

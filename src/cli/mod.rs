@@ -17,7 +17,7 @@ mod doctor;
 mod export;
 mod fleet;
 mod hold;
-mod identify;
+pub(crate) mod identify;
 mod import;
 mod jog;
 mod lab;
@@ -48,7 +48,10 @@ use std::process::ExitCode;
 
 use clap::{ArgMatches, Args};
 
+pub(crate) use diagnose::inputs as diagnose_inputs;
+pub(crate) use diagnose::steps as bench_diagnosis;
 pub(crate) use shared::error::CliError;
+pub(crate) use shared::local;
 pub(crate) use shared::virtual_bench;
 
 /// A command of leafbench: a struct with one field for each argument. The struct's doc comment is the command's sentence in the

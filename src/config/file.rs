@@ -165,7 +165,7 @@ impl Bench {
     }
 
     /// The bench as one complete file that includes the specimen. Reading it gives the same bench again.
-    pub(crate) fn to_toml(&self) -> String {
+    pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("a bench has tables, strings and numbers only")
     }
 }

@@ -18,6 +18,7 @@ use sha2::{Digest, Sha256};
 use crate::effect::law::ForceLaw;
 use crate::effect::{self, Effect, EffectError};
 use crate::model::{self, BuildError, Plant};
+use crate::nearest;
 use crate::profile::ProfileLimits;
 
 /// Why a bench or specimen file cannot be used.
@@ -61,6 +62,11 @@ pub struct Bench {
 }
 
 impl Bench {
+    /// Name or serial number of the spring on the rig.
+    pub fn specimen_name(&self) -> &str {
+        &self.specimen.name
+    }
+
     /// The bench with one more effect in the specimen of its mock rig. Twin and diagnosis do not have it.
     #[must_use]
     pub fn with_concealed_effect(mut self, code: &str, parameters: &[(&str, f64)]) -> Bench {
@@ -353,23 +359,17 @@ impl EffectConfig {
     /// The effect with the value of each of its parameters.
     fn resolved(&self) -> Result<(&'static Effect, Vec<f64>), EffectError> {
         let found = effect::find(&self.code)?;
-        let known = || {
-            found
-                .parameters
-                .iter()
-                .map(|p| p.name)
-                .collect::<Vec<_>>()
-                .join(", ")
-        };
-        if let Some(name) = self
+        let names: Vec<&str> = found.parameters.iter().map(|p| p.name).collect();
+        let unknown = self
             .parameters
             .keys()
-            .find(|name| found.parameters.iter().all(|p| p.name != name.as_str()))
-        {
+            .find(|name| !names.contains(&name.as_str()));
+        if let Some(name) = unknown {
             return Err(EffectError::Value(BuildError::UnknownParameter {
                 model: found.code,
                 name: name.clone(),
-                known: known(),
+                meant: nearest::name(name, &names).map(str::to_owned),
+                known: names.join(", "),
             }));
         }
         let value = |p: &model::Parameter| self.parameters.get(p.name).copied().unwrap_or(p.start);

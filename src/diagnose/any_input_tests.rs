@@ -122,7 +122,7 @@ fn run(number: u64) -> bool {
     let options = DiagnoseOptions {
         points: 20 + whole(&mut random, 150),
         threads: 1,
-        limits: None,
+        ..DiagnoseOptions::default()
     };
     let baseline = Baseline::of(crate::model::find("equivalent").expect("listed"));
     if number.is_multiple_of(DIAGNOSED) {

@@ -19,6 +19,9 @@ pub enum DiagnoseError {
         "the baseline gives no finite force for these recordings: check sign and zero of the displacement"
     )]
     OutOfDomain,
+    /// [`DiagnoseOptions::cancel`](super::DiagnoseOptions) was set.
+    #[error("the diagnosis was cancelled: start it again")]
+    Cancelled,
     /// The operating system refused the worker threads.
     #[error("the worker threads could not be started ({0}): close other programs and try again")]
     Threads(String),

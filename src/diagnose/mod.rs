@@ -34,12 +34,13 @@ mod search;
 
 pub(crate) use course::Split;
 pub use diagnosis::{Diagnosis, Finding, Verdict};
-pub(crate) use error::DiagnoseError;
+pub(crate) use error::{ConditionError, DiagnoseError};
 pub use estimates::{EffectEstimate, Estimates, ParameterEstimate};
 pub use fitting::Baseline;
 pub(crate) use judgement::{YARDSTICKS, left_out, nrmse_leftout};
 pub use options::DiagnoseOptions;
 
+use crate::cancel;
 use crate::recording::Recording;
 use fitting::Setup;
 use judgement::Known;
@@ -51,10 +52,21 @@ pub fn diagnose(
     options: &DiagnoseOptions,
     progress: &mut dyn FnMut(f64, &str),
 ) -> Result<Diagnosis, DiagnoseError> {
+    cancel::caught(|| whole_diagnosis(recordings, baseline, options, progress))
+        .unwrap_or(Err(DiagnoseError::Cancelled))
+}
+
+fn whole_diagnosis(
+    recordings: &[Recording],
+    baseline: &Baseline,
+    options: &DiagnoseOptions,
+    progress: &mut dyn FnMut(f64, &str),
+) -> Result<Diagnosis, DiagnoseError> {
     if recordings.is_empty() {
         return Err(DiagnoseError::NoRecording);
     }
     let mut setup = Setup::new(baseline)?;
+    setup.cancel = options.cancel.clone();
     progress(0.0, "conditioning the recordings");
     let tracks = conditioning::tracks(recordings, options.points_of_each(recordings.len()))?;
     let input = fitting::input(tracks, options)?;

@@ -1,5 +1,6 @@
 //! What may be set for a diagnosis.
 
+use crate::cancel::CancelFlag;
 use crate::profile::ProfileLimits;
 
 /// Points of all recordings together, and the fewest of one: many recordings are thinned further, so that the time of a diagnosis
@@ -14,11 +15,21 @@ pub struct DiagnoseOptions {
     pub points: usize,
     /// Number of worker threads; 0 for one per core. The result does not depend on it.
     pub threads: usize,
+    /// Ends the diagnosis early, with an error.
+    pub cancel: CancelFlag,
     /// Limits of the bench for the next test. `None`: the test is no faster than the recordings.
     pub(crate) limits: Option<ProfileLimits>,
 }
 
 impl DiagnoseOptions {
+    /// The same with the limits of a bench for the next test.
+    pub(crate) fn within(self, limits: ProfileLimits) -> DiagnoseOptions {
+        DiagnoseOptions {
+            limits: Some(limits),
+            ..self
+        }
+    }
+
     /// Number of points that each of so many recordings is thinned to.
     pub(super) fn points_of_each(&self, recordings: usize) -> usize {
         self.points
@@ -31,6 +42,7 @@ impl Default for DiagnoseOptions {
         DiagnoseOptions {
             points: 3000,
             threads: 0,
+            cancel: CancelFlag::default(),
             limits: None,
         }
     }

@@ -5,6 +5,7 @@
 //! `docs/formats.md`.
 
 use crate::model::{BuildError, Knows, Motion, Parameter, Plant, as_kind};
+use crate::nearest;
 
 pub(crate) mod backlash;
 pub(crate) mod channel_delay;
@@ -202,8 +203,13 @@ pub(crate) static FORMS: &[Effect] = &[friction_form::FORM];
 /// Errors of attaching effects.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum EffectError {
-    #[error("no effect has the code \"{code}\": use one of {known}")]
-    UnknownCode { code: String, known: String },
+    #[error("no effect has the code \"{code}\"{}: use one of {known}", nearest::question(meant.as_deref()))]
+    UnknownCode {
+        code: String,
+        /// The code that is probably meant.
+        meant: Option<String>,
+        known: String,
+    },
     #[error("effect {code} takes {wanted} values, {given} were given: enter one value for each of {names}")]
     Count {
         code: &'static str,
@@ -219,6 +225,11 @@ pub enum EffectError {
     Value(#[from] BuildError),
 }
 
+/// Codes of physics that a model may lack (docs/formats.md), sorted.
+pub fn codes() -> Vec<&'static str> {
+    EFFECTS.iter().map(|effect| effect.code).collect()
+}
+
 /// The effect or form with this code.
 pub(crate) fn find(code: &str) -> Result<&'static Effect, EffectError> {
     EFFECTS
@@ -227,7 +238,8 @@ pub(crate) fn find(code: &str) -> Result<&'static Effect, EffectError> {
         .find(|e| e.code == code)
         .ok_or_else(|| EffectError::UnknownCode {
             code: code.to_owned(),
-            known: EFFECTS.iter().map(|e| e.code).collect::<Vec<_>>().join(", "),
+            meant: nearest::name(code, &codes()).map(str::to_owned),
+            known: codes().join(", "),
         })
 }
 

@@ -4,6 +4,8 @@
 
 use std::any::Any;
 
+use crate::nearest;
+
 pub(crate) mod equivalent;
 pub(crate) mod finite_segment;
 pub(crate) mod five_link;
@@ -90,20 +92,24 @@ impl Parameter {
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum BuildError {
     /// There is no model of this name.
-    #[error("no model is called \"{name}\": use one of {known}")]
+    #[error("no model is called \"{name}\"{}: use one of {known}", nearest::question(meant.as_deref()))]
     UnknownModel {
         /// The name that was asked for.
         name: String,
+        /// The name that is probably meant.
+        meant: Option<String>,
         /// Names and descriptions of all models.
         known: String,
     },
     /// The model has no parameter of this name.
-    #[error("model {model} has no parameter \"{name}\": use one of {known}")]
+    #[error("model {model} has no parameter \"{name}\"{}: use one of {known}", nearest::question(meant.as_deref()))]
     UnknownParameter {
         /// Name of the model.
         model: &'static str,
         /// The name that was asked for.
         name: String,
+        /// The name that is probably meant.
+        meant: Option<String>,
         /// Names of the model's parameters.
         known: String,
     },
@@ -170,6 +176,11 @@ pub(crate) static MODELS: &[Model] = &[
     two_sided::MODEL,
 ];
 
+/// All models, sorted by name.
+pub fn all() -> &'static [Model] {
+    MODELS
+}
+
 /// The model called `name`.
 pub fn find(name: &str) -> Result<&'static Model, BuildError> {
     MODELS
@@ -177,6 +188,7 @@ pub fn find(name: &str) -> Result<&'static Model, BuildError> {
         .find(|m| m.name == name)
         .ok_or_else(|| BuildError::UnknownModel {
             name: name.to_owned(),
+            meant: nearest::name(name, &MODELS.iter().map(|m| m.name).collect::<Vec<_>>()).map(str::to_owned),
             known: MODELS
                 .iter()
                 .map(|m| format!("\"{}\": {}", m.name, m.what))
@@ -193,19 +205,14 @@ impl Model {
 
     /// Index of a parameter by name.
     pub(crate) fn parameter_index(&self, name: &str) -> Result<usize, BuildError> {
-        self.parameters
-            .iter()
-            .position(|p| p.name == name)
-            .ok_or_else(|| BuildError::UnknownParameter {
-                model: self.name,
-                name: name.to_owned(),
-                known: self
-                    .parameters
-                    .iter()
-                    .map(|p| p.name)
-                    .collect::<Vec<_>>()
-                    .join(", "),
-            })
+        let names: Vec<&str> = self.parameters.iter().map(|p| p.name).collect();
+        let index = names.iter().position(|known| *known == name);
+        index.ok_or_else(|| BuildError::UnknownParameter {
+            model: self.name,
+            name: name.to_owned(),
+            meant: nearest::name(name, &names).map(str::to_owned),
+            known: names.join(", "),
+        })
     }
 
     /// Builds after checking that every value is finite and within bounds.

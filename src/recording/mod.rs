@@ -3,6 +3,7 @@
 
 pub(crate) mod atomic_file;
 mod channel;
+mod check;
 pub(crate) mod columns;
 pub(crate) mod csv;
 mod cycle_follower;
@@ -25,6 +26,7 @@ pub(crate) mod xml;
 use crate::units::Command;
 
 pub(crate) use channel::{ChannelScale, SensorIdentity};
+pub use check::RecordingError;
 pub(crate) use punctuality::RunPunctuality;
 pub(crate) use stream_event::{StreamEvent, StreamFinding};
 

@@ -478,7 +478,7 @@ mod tests {
         let options = DiagnoseOptions {
             points: 400,
             threads: 1,
-            limits: None,
+            ..DiagnoseOptions::default()
         };
         let mut recordings = case.recordings[..2].to_vec();
         lose_a_tenth(&mut recordings[0]);

@@ -14,9 +14,9 @@ use crate::report::diagnosis::InputFile;
 const CYCLES_CSV: &str = ".cycles.csv";
 
 /// A recording, and the specimen that its run file or data package names.
-struct GivenRecording {
-    recording: Recording,
-    file: InputFile,
+pub(crate) struct GivenRecording {
+    pub recording: Recording,
+    pub file: InputFile,
 }
 
 /// A file as the report names it.
@@ -81,19 +81,21 @@ pub(super) fn read(
             table.display()
         ));
     }
+    let mut note = |text: String| output.note(&text);
     let given = words
         .into_iter()
         .map(|word| match GivenInput::of(word) {
             GivenInput::Csv(path) => of_csv(&path),
-            GivenInput::RunFile(path) => of_run(&path, &path.display().to_string(), output),
+            GivenInput::RunFile(path) => of_run(&path, &path.display().to_string(), &mut note),
             GivenInput::RunId(id) => {
                 let run = local::find_finished_run(data_folder, &id)?;
-                of_run(&run.path, &run.run_id, output)
+                of_run(&run.path, &run.run_id, &mut note)
             }
         })
         .collect::<Result<Vec<_>, _>>()?;
     if !mixed {
-        one_specimen(&given)?;
+        let named = given.iter();
+        one_specimen(named.map(|g| (g.recording.name.as_str(), g.file.specimen.as_deref())))?;
     }
     Ok(given
         .into_iter()
@@ -101,7 +103,8 @@ pub(super) fn read(
         .unzip())
 }
 
-fn of_csv(path: &Path) -> Result<GivenRecording, CliError> {
+/// Reads a CSV, and the specimen in the data package beside it.
+pub(crate) fn of_csv(path: &Path) -> Result<GivenRecording, CliError> {
     Ok(GivenRecording {
         recording: csv::read_file(path)?,
         file: input_csv(path)?,
@@ -116,14 +119,19 @@ fn specimen_of_package(csv: &Path) -> Option<String> {
     Some(specimen.to_owned())
 }
 
-fn of_run(path: &Path, name: &str, output: &Output) -> Result<GivenRecording, CliError> {
+/// Reads a run file. `note` gets what is not whole about it.
+pub(crate) fn of_run(
+    path: &Path,
+    name: &str,
+    note: &mut dyn FnMut(String),
+) -> Result<GivenRecording, CliError> {
     let run = RunFile::open(path)?;
     let missing = run.survey().incomplete();
     if !missing.is_empty() {
-        output.note(&format!("{name} is not whole: {missing}"));
+        note(format!("{name} is not whole: {missing}"));
     }
     if run.outcome().is_none() {
-        output.note(&format!(
+        note(format!(
             "{name} has no end: it is still going, or its daemon was killed; what it has so far is taken"
         ));
     }
@@ -145,10 +153,10 @@ fn of_run(path: &Path, name: &str, output: &Output) -> Result<GivenRecording, Cl
 }
 
 /// Refuses recordings that name different specimens. Those that name none may be of any.
-fn one_specimen(given: &[GivenRecording]) -> Result<(), CliError> {
-    let mut named = given
-        .iter()
-        .filter_map(|g| Some((g.recording.name.as_str(), g.file.specimen.as_deref()?)));
+pub(crate) fn one_specimen<'a>(
+    given: impl Iterator<Item = (&'a str, Option<&'a str>)>,
+) -> Result<(), CliError> {
+    let mut named = given.filter_map(|(name, specimen)| Some((name, specimen?)));
     let Some((first, specimen)) = named.next() else {
         return Ok(());
     };

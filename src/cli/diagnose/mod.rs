@@ -1,11 +1,12 @@
 //! `leafbench diagnose`: of recordings, of tables (`targets`), or of recordings and the tests that follow (`run_next`).
 
 mod files;
-mod inputs;
+pub(crate) mod inputs;
 mod job;
 mod leave_out;
 mod proof;
 mod run_next;
+pub(crate) mod steps;
 mod targets;
 
 use std::path::{Path, PathBuf};
@@ -19,12 +20,12 @@ use super::shared::progress::Progress;
 use super::{CliCommand, CliError, Done, Output};
 use crate::config::{Bench, EffectConfig, ModelConfig};
 use crate::diagnose::diagnosis::{Diagnosis, ImprovedModel, Note};
-use crate::diagnose::{Baseline, DiagnoseOptions, Verdict, diagnose};
+use crate::diagnose::{Baseline, DiagnoseOptions, Verdict};
 use crate::effect;
-use crate::model;
 use crate::recording::Recording;
 use crate::report::diagnosis::{Context, InputFile};
 use run_next::VirtualRig;
+use steps::{baseline_for, diagnosed, in_mm_and_n};
 
 pub(super) use files::{IMPROVED, REPORT};
 pub(super) use run_next::Ended;
@@ -211,18 +212,7 @@ impl CliCommand for DiagnoseArgs {
 impl DiagnoseArgs {
     /// What the diagnosis starts from: the bench's model or that of `--baseline`; its known physics or that of `--known`.
     fn baseline(&self, config: &ModelConfig) -> Result<Baseline, CliError> {
-        let mut baseline = match &self.baseline {
-            Some(name) if *name != config.name => Baseline::of(model::find(name)?),
-            _ => baseline_of(config)?,
-        };
-        baseline.known = match &self.known {
-            Some(codes) => {
-                let codes = codes.iter().map(|code| code.trim().to_owned());
-                Some(codes.filter(|code| !code.is_empty()).collect())
-            }
-            None => known_of_bench(&baseline, config),
-        };
-        Ok(baseline)
+        baseline_for(config, self.baseline.as_deref(), self.known.as_deref())
     }
 }
 
@@ -234,8 +224,7 @@ pub(super) fn until_settled(
     folder: &Path,
     output: &Output,
 ) -> Result<Ended, CliError> {
-    let mut baseline = baseline_of(&bench.model)?;
-    baseline.known = known_of_bench(&baseline, &bench.model);
+    let baseline = baseline_for(&bench.model, None, None)?;
     let job = DiagnoseJob {
         bench,
         baseline: &baseline,
@@ -256,29 +245,6 @@ pub(super) fn until_settled(
 /// Day and time of now, UTC: the report itself reads no clock.
 fn now_utc() -> String {
     jiff::Timestamp::now().strftime("%Y-%m-%d %H:%M").to_string()
-}
-
-/// A bench's model with its structure and its values; which physics is known is left open.
-fn baseline_of(config: &ModelConfig) -> Result<Baseline, CliError> {
-    Ok(Baseline {
-        structure: config.structure.clone(),
-        start: Some(config.values()?),
-        ..Baseline::of(model::find(&config.name)?)
-    })
-}
-
-/// The baseline model's own physics with what the bench config adds to it; none where it adds nothing.
-fn known_of_bench(baseline: &Baseline, config: &ModelConfig) -> Option<Vec<String>> {
-    let effects = config.effects.iter().map(|e| e.code.clone());
-    let added: Vec<String> = config.known.iter().cloned().chain(effects).collect();
-    if added.is_empty() {
-        return None;
-    }
-    let own = baseline.model.physics.iter().map(|code| (*code).to_owned());
-    let mut codes: Vec<String> = own.chain(added).collect();
-    codes.sort_unstable();
-    codes.dedup();
-    Some(codes)
 }
 
 /// What stays the same when recordings are added.
@@ -307,10 +273,7 @@ impl DiagnoseJob<'_> {
         left_out: &[Recording],
         round_folder: Option<&Path>,
     ) -> Result<Diagnosis, CliError> {
-        let courses = leave_out::courses(left_out)?;
-        let mut diagnosis = self.diagnose_with_progress(recordings)?;
-        diagnosis.left_out = leave_out::errors(&diagnosis, self.bench, &courses);
-        let improved = proof::prove(&mut diagnosis, self.bench, recordings, (left_out, &courses));
+        let (diagnosis, improved) = self.diagnose_with_progress(recordings, left_out)?;
         let context = Context {
             bench_specimen: &self.bench.specimen.name,
             baseline: self.baseline.model.name,
@@ -326,61 +289,24 @@ impl DiagnoseJob<'_> {
         Ok(diagnosis)
     }
 
-    fn diagnose_with_progress(&self, recordings: &[Recording]) -> Result<Diagnosis, CliError> {
+    fn diagnose_with_progress(
+        &self,
+        recordings: &[Recording],
+        left_out: &[Recording],
+    ) -> Result<(Diagnosis, Option<String>), CliError> {
         let mut bar = Progress::new("diagnose", self.output.json);
         let mut lines = self.of_daemon.then(job::ProgressLines::default);
-        let options = DiagnoseOptions {
-            limits: Some(self.bench.profile_limits()),
-            ..DiagnoseOptions::default()
-        };
-        let diagnosis = diagnose(recordings, self.baseline, &options, &mut |share, step| {
+        let options = DiagnoseOptions::default().within(self.bench.profile_limits());
+        let given = (recordings, left_out);
+        let found = diagnosed(self.bench, self.baseline, &options, given, &mut |share, step| {
             bar.show_share(share, step);
             if let Some(lines) = &mut lines {
                 lines.show(share, step);
             }
         });
         bar.finish();
-        Ok(diagnosis?)
+        found
     }
-}
-
-/// Range of the secant rates of springs in N/mm; a rate a thousandfold outside it comes from a wrong unit.
-const SPRINGS_N_PER_MM: [f64; 2] = [0.2, 10_000.0];
-/// Ranges that a test exceeds in the right units: displacement in mm, and force in N.
-const LEAST_RANGE: [f64; 2] = [0.2, 20.0];
-
-/// Refuses columns whose values are metres or kilonewtons under a header that says mm and N.
-fn in_mm_and_n(recording: &Recording) -> Result<(), CliError> {
-    let range = |values: &[f64]| {
-        let (low, high) = values
-            .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
-                (l.min(*v), h.max(*v))
-            });
-        high - low
-    };
-    let (mm, n) = (range(&recording.displacement_mm), range(&recording.force_n));
-    let (column, values, unit, wanted) = match n / mm {
-        rate if rate > SPRINGS_N_PER_MM[1] && mm < LEAST_RANGE[0] && n > LEAST_RANGE[1] => {
-            ("displacement_mm", &recording.displacement_mm, "metres", "mm")
-        }
-        rate if rate < SPRINGS_N_PER_MM[0] && n < LEAST_RANGE[1] && mm > LEAST_RANGE[0] => {
-            ("force_n", &recording.force_n, "kilonewtons", "N")
-        }
-        _ => return Ok(()),
-    };
-    let most = values
-        .iter()
-        .enumerate()
-        .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
-    let (index, value) = most.map_or((0, f64::NAN), |(i, v)| (i, *v));
-    // The header is row 1.
-    Err(CliError::Input(format!(
-        "{}, row {}, column {column}: the values look like {unit}: the largest is {value}, and no spring's force moves by {n:.3} N \
-         over {mm:.3} mm: convert the column to {wanted}",
-        recording.name,
-        index + 2
-    )))
 }
 
 /// The bench with the improved model in its specimen and its twin, so that twin, simulator and mock rig run it.
@@ -482,7 +408,7 @@ mod tests {
     fn a_round_gets_every_file_of_its_diagnosis() {
         let folder = tempfile::tempdir().expect("a folder");
         let bench = Bench::shipped().expect("built in");
-        let baseline = Baseline::of(model::find("equivalent").expect("listed"));
+        let baseline = Baseline::of(crate::model::find("equivalent").expect("listed"));
         let job = DiagnoseJob {
             bench: &bench,
             baseline: &baseline,

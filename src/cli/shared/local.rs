@@ -111,7 +111,7 @@ fn shipped_profiles() -> Vec<String> {
 }
 
 /// Names of the TOML files of a folder without their extension, sorted; none where the folder cannot be read.
-fn toml_names(folder: &Path) -> Vec<String> {
+pub(crate) fn toml_names(folder: &Path) -> Vec<String> {
     let Ok(files) = std::fs::read_dir(folder) else {
         return Vec::new();
     };

@@ -4,6 +4,6 @@ pub(super) mod client;
 pub(super) mod ctrl_c;
 pub(super) mod error;
 pub(super) mod journal;
-pub(super) mod local;
+pub(crate) mod local;
 pub(super) mod progress;
 pub(crate) mod virtual_bench;

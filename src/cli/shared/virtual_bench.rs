@@ -6,6 +6,7 @@ use std::path::Path;
 use super::error::CliError;
 use super::local;
 use super::progress::Progress;
+use crate::cancel::CancelFlag;
 use crate::config::Bench;
 use crate::control::run::RunOrder;
 use crate::control::{Phase, Rig};
@@ -168,15 +169,19 @@ pub(crate) fn record_run(
     })
 }
 
-/// Plays one profile on the bench's mock rig and keeps the run in memory, without a twin.
-pub(crate) fn record_in_memory(bench: &Bench, profile: &Profile) -> Result<Memory, CliError> {
+/// Plays one profile on the bench's mock rig and keeps the run in memory, without a twin. `flag` ends it by unwinding.
+pub(crate) fn record_in_memory(
+    bench: &Bench,
+    profile: &Profile,
+    flag: &CancelFlag,
+) -> Result<Memory, CliError> {
     let mut memory = Memory::default();
     let order = RunOrder {
         header: header_of(bench, profile, String::new())?,
         profile: profile.clone(),
         first_cycle: 1,
     };
-    let outcome = VirtualBench::new(bench, None)?.play(order, &mut memory, |_| {})?;
+    let outcome = VirtualBench::new(bench, None)?.play(order, &mut memory, |_| flag.unwind_if_cancelled())?;
     match outcome.ending {
         Ending::Completed => Ok(memory),
         _ => Err(CliError::Input(format!(

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::surrogate::Surrogate;
+use crate::cancel::CancelFlag;
 use crate::diagnose::error::BaselineError;
 use crate::effect::law::ForceLaw;
 use crate::effect::{self, EFFECTS, Effect, FORMS, Stage};
@@ -72,6 +73,8 @@ pub(in crate::diagnose) struct Setup {
     pub surrogate: Option<Surrogate>,
     /// A law that was read off the recordings, around the model.
     pub law: Option<ForceLaw>,
+    /// Ends every fit.
+    pub cancel: CancelFlag,
     /// Steps of the model so far, over all fits.
     steps: Arc<AtomicU64>,
 }
@@ -125,6 +128,7 @@ impl Setup {
             candidates,
             surrogate: None,
             law: None,
+            cancel: CancelFlag::default(),
             steps: Arc::default(),
         })
     }
@@ -134,7 +138,9 @@ impl Setup {
         self.steps.load(Ordering::Relaxed)
     }
 
+    /// Called after every run of the model, so it is also where a cancelled diagnosis ends.
     pub(super) fn count_steps(&self, steps: usize) {
+        self.cancel.unwind_if_cancelled();
         self.steps.fetch_add(steps as u64, Ordering::Relaxed);
     }
 }

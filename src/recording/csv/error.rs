@@ -126,3 +126,34 @@ pub enum CsvError {
         limit: usize,
     },
 }
+
+impl CsvError {
+    /// Name of the file, row, and column if the error is in one. Where the file cannot be read at all, the row is 1.
+    pub(crate) fn place(&self) -> (&str, u64, Option<&str>) {
+        match self {
+            CsvError::Io { name, .. } | CsvError::Empty { name } | CsvError::Separator { name, .. } => {
+                (name, 1, None)
+            }
+            CsvError::NoRows { name } => (name, 2, None),
+            CsvError::MissingColumn { name, column, .. } | CsvError::WrongUnit { name, column, .. } => {
+                (name, 1, Some(column))
+            }
+            CsvError::DuplicateColumn { name, column } => (name, 1, Some(column)),
+            CsvError::NotText { name, row }
+            | CsvError::Ragged { name, row, .. }
+            | CsvError::LineTooLong { name, row, .. }
+            | CsvError::TooManyRows { name, row, .. } => (name, *row, None),
+            CsvError::EmptyCell { name, row, column }
+            | CsvError::DecimalComma {
+                name, row, column, ..
+            }
+            | CsvError::NotANumber {
+                name, row, column, ..
+            }
+            | CsvError::NotFinite {
+                name, row, column, ..
+            } => (name, *row, Some(column)),
+            CsvError::TimeNotRising { name, row, .. } => (name, *row, Some("time_s")),
+        }
+    }
+}
