@@ -123,7 +123,7 @@ mod truth;
 mod twin;
 mod units;
 
-pub use archive::ArchivedRun;
+pub use archive::{ArchivedRun, DiagnosedRun, DiagnosisRow, Estimated};
 pub use cancel::CancelFlag;
 pub use cli::main;
 pub use config::Bench;
@@ -134,8 +134,9 @@ pub use diagnose::{
 pub use effect::codes as codes_of_physics;
 pub use library::{
     BenchDiagnosis, CallFailure, DiagnoseOrder, FailureKind, IdentifyOrder, ReadRecording, RecordError,
-    archived_runs, diagnose_on_bench, find_bench, find_profile, identify, plan, read_archived,
-    read_recording, record, record_run, require_one_specimen, simulate,
+    archived_runs, diagnose_archived, diagnose_on_bench, find_bench, find_profile, identify, plan,
+    read_archived, read_recording, record, record_run, require_one_specimen, simulate, store_diagnoses,
+    undiagnosed_runs,
 };
 pub use model::{BuildError, Model, Parameter, Plant, all as models, find as find_model};
 pub use profile::Profile;

@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use leafbench::{CallFailure, DiagnoseOptions, DiagnoseOrder, FailureKind, IdentifyOrder, Recording};
+use leafbench::{
+    CallFailure, DiagnoseOptions, DiagnoseOrder, DiagnosedRun, FailureKind, IdentifyOrder, Recording,
+};
 use pyo3::prelude::*;
 
 use crate::columns::Columns;
@@ -35,6 +37,46 @@ pub(crate) fn read_archived(
     Ok(runs
         .map(|run| (Columns(Arc::new(run.recording)), run.specimen))
         .collect())
+}
+
+/// Ids of the runs that have no diagnosis with this model yet.
+#[pyfunction]
+pub(crate) fn undiagnosed_runs(py: Python<'_>, place: String, baseline: String) -> PyResult<Vec<String>> {
+    until_done(py, |_| leafbench::undiagnosed_runs(&place, &baseline))
+}
+
+/// Diagnoses one run of an archive on this thread: the row for its table of diagnoses, as JSON.
+#[pyfunction]
+pub(crate) fn diagnose_archived(
+    py: Python<'_>,
+    place: String,
+    run_id: String,
+    baseline: String,
+    estimates_only: bool,
+) -> PyResult<String> {
+    until_done(py, |_| {
+        json(&leafbench::diagnose_archived(
+            &place,
+            &run_id,
+            &baseline,
+            estimates_only,
+        )?)
+    })
+}
+
+/// Puts diagnoses, each as JSON, into the archive; returns how many are new.
+#[pyfunction]
+pub(crate) fn store_diagnoses(py: Python<'_>, place: String, diagnosed: Vec<String>) -> PyResult<usize> {
+    until_done(py, |_| {
+        let diagnosed: Result<Vec<DiagnosedRun>, _> =
+            diagnosed.iter().map(|text| serde_json::from_str(text)).collect();
+        let diagnosed = diagnosed.map_err(|error| {
+            CallFailure::input(format!(
+                "a diagnosis is no diagnosis of a run ({error}): give what diagnose_archived returned"
+            ))
+        })?;
+        leafbench::store_diagnoses(&place, &diagnosed)
+    })
 }
 
 /// Steps the bench's model along a profile, or with `rig` runs it on the mock rig.

@@ -21,8 +21,8 @@ mod work;
 mod _leafbench {
     #[pymodule_export]
     use super::calls::{
-        archived_runs, bench_toml, diagnose, identify, models, physics, plan, read, read_archived,
-        require_one_specimen, simulate,
+        archived_runs, bench_toml, diagnose, diagnose_archived, identify, models, physics, plan, read,
+        read_archived, require_one_specimen, simulate, store_diagnoses, undiagnosed_runs,
     };
     #[pymodule_export]
     use super::columns::{Column, Columns};

@@ -1,6 +1,8 @@
 //! The table of diagnoses: what the recording of a run says about each parameter of a model and each effect that the model may lack.
 //! One file for each run and model, written once.
 
+use std::time::Duration;
+
 use super::lock::WriterLock;
 use super::manifest::{Manifest, ManifestEntry};
 use super::parquet_file::{Form, ParquetFile, TableColumn, TableValue, needed, optional};
@@ -30,12 +32,17 @@ const COLUMNS: [TableColumn; 18] = [
     optional("ci95_high", Form::Number, ""),
 ];
 
+/// A commit waits so long for another writer: commits of diagnoses are short, those of runs take seconds.
+const PATIENCE: Duration = Duration::from_secs(60);
+
 /// The diagnosis of one run with one model.
 #[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
-pub(crate) struct DiagnosedRun {
+pub struct DiagnosedRun {
+    /// Id of the run.
     pub run_id: String,
     /// The model that the diagnosis began with.
     pub model: String,
+    /// Version of leafbench that diagnosed it.
     pub program_version: String,
     /// `adequate`, `explained` ... as in diagnosis.json; `failed` if the recording could not be diagnosed.
     pub verdict: String,
@@ -47,7 +54,7 @@ pub(crate) struct DiagnosedRun {
 
 /// One quantity of a diagnosis.
 #[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
-pub(crate) struct DiagnosisRow {
+pub struct DiagnosisRow {
     /// `parameter` of the model, or `effect`.
     pub kind: String,
     /// Name of the parameter, or code of the effect.
@@ -58,6 +65,7 @@ pub(crate) struct DiagnosisRow {
     pub scale: String,
     /// Estimate and standard error, which need not be there if the recording cannot tell.
     pub estimate: Option<f64>,
+    /// Standard error, in the unit of the estimate.
     pub std_error: Option<f64>,
     /// False if the model imitates the effect in this recording.
     pub testable: bool,
@@ -67,18 +75,21 @@ pub(crate) struct DiagnosisRow {
 
 /// A named effect.
 #[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
-pub(crate) struct Estimated {
+pub struct Estimated {
+    /// From 0 to 0.99.
     pub confidence: f64,
     /// Its leading parameter with its 95 % interval.
     pub parameter: String,
+    /// Its value, in the unit at the end of its name.
     pub value: f64,
+    /// The interval; `None` where the recording gives none.
     pub ci95: Option<[f64; 2]>,
 }
 
 /// Puts diagnoses into the archive. Those that are there already are left as they are, so it may be called again after an interruption.
 /// Returns how many are new.
 pub(crate) fn add_diagnoses(store: &ArchiveStore, diagnosed: &[DiagnosedRun]) -> Result<usize, ArchiveError> {
-    let lock = WriterLock::take(store, false)?;
+    let lock = WriterLock::take_within(store, PATIENCE)?;
     let mut manifest = Manifest::read(store)?.ok_or_else(|| ArchiveError::NoArchive {
         place: store.name().to_owned(),
     })?;

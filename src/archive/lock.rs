@@ -1,12 +1,17 @@
 //! One writer at a time: an object that only one command can create. A command that was killed leaves it; the next one on the same
 //! computer sees that its process is gone.
 
+use std::time::{Duration, Instant};
+
 use serde::{Deserialize, Serialize};
 
 use super::{ArchiveError, ArchiveStore};
 
 /// The object that a writer holds.
 const LOCK: &str = "_archive/writer.json";
+
+/// Pause between two looks at the lock of another command.
+const PAUSE: Duration = Duration::from_millis(200);
 
 /// Who writes.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -61,6 +66,24 @@ impl<'a> WriterLock<'a> {
         Err(ArchiveError::TakenOver {
             place: store.name().to_owned(),
         })
+    }
+
+    /// Takes the lock, and waits so long for another command that has it.
+    pub(super) fn take_within(
+        store: &'a ArchiveStore,
+        patience: Duration,
+    ) -> Result<WriterLock<'a>, ArchiveError> {
+        let until = Instant::now() + patience;
+        loop {
+            match WriterLock::take(store, false) {
+                Err(ArchiveError::Locked { .. } | ArchiveError::TakenOver { .. })
+                    if Instant::now() < until =>
+                {
+                    std::thread::sleep(PAUSE);
+                }
+                taken => return taken,
+            }
+        }
     }
 
     /// An error if another command has taken the archive over. Called before each commit.

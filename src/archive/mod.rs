@@ -25,7 +25,8 @@ use std::path::PathBuf;
 use crate::recording::run_file::RunFileError;
 
 pub(crate) use add::{AddOptions, Added, add};
-pub(crate) use diagnoses::{DiagnosedRun, DiagnosisRow, Estimated, add_diagnoses};
+pub(crate) use diagnoses::add_diagnoses;
+pub use diagnoses::{DiagnosedRun, DiagnosisRow, Estimated};
 pub(crate) use place::ArchiveStore;
 pub(crate) use read::ArchiveReader;
 pub use read::ArchivedRun;

@@ -1,7 +1,9 @@
-//! Runs of an archive: the list, and runs as recordings.
+//! Runs of an archive: the list, runs as recordings, and their diagnoses.
 
 use super::{CallFailure, ReadRecording};
-use crate::archive::{ArchiveReader, ArchiveStore, ArchivedRun};
+use crate::archive::{ArchiveReader, ArchiveStore, ArchivedRun, DiagnosedRun, add_diagnoses};
+use crate::fleet::diagnosed::{Depth, diagnose_run};
+use crate::model::{self, Model};
 use crate::nearest;
 
 /// All runs of an archive, by start and then by id. `place` is a folder or `s3://BUCKET/PREFIX` (docs/archive.md).
@@ -26,6 +28,40 @@ pub fn read_archived(place: &str, run_ids: &[String]) -> Result<Vec<ReadRecordin
         })
     });
     recordings.collect()
+}
+
+/// Ids of the runs of an archive that have no diagnosis with this model yet, by start and then by id.
+pub fn undiagnosed_runs(place: &str, baseline: &str) -> Result<Vec<String>, CallFailure> {
+    let store = ArchiveStore::open_existing(place)?;
+    Ok(ArchiveReader::open(&store)?.undiagnosed(model_of(baseline)?.name)?)
+}
+
+/// Diagnoses one run of an archive, as `leafbench fleet diagnose` does: with one thread, and the same bits wherever it runs. The archive
+/// is only read. `estimates_only`: without the search for missing effects in this run alone.
+pub fn diagnose_archived(
+    place: &str,
+    run_id: &str,
+    baseline: &str,
+    estimates_only: bool,
+) -> Result<DiagnosedRun, CallFailure> {
+    let model = model_of(baseline)?;
+    let store = ArchiveStore::open_existing(place)?;
+    let recording = ArchiveReader::open(&store)?.recording(run_id)?;
+    let depth = match estimates_only {
+        true => Depth::Estimates,
+        false => Depth::Diagnosis,
+    };
+    Ok(diagnose_run(recording, model, depth))
+}
+
+/// Puts diagnoses into the archive and returns how many are new. Those that are there already stay as they are.
+pub fn store_diagnoses(place: &str, diagnosed: &[DiagnosedRun]) -> Result<usize, CallFailure> {
+    let store = ArchiveStore::open_existing(place)?;
+    Ok(add_diagnoses(&store, diagnosed)?)
+}
+
+fn model_of(name: &str) -> Result<&'static Model, CallFailure> {
+    model::find(name).map_err(|error| CallFailure::input(error.to_string()))
 }
 
 fn unknown_run(place: &str, run_id: &str, runs: &[ArchivedRun]) -> CallFailure {
