@@ -197,7 +197,7 @@ impl SyntheticLab {
     fn specimen(&self, number: usize, random: &mut ChaCha8Rng) -> SyntheticSpecimen {
         let (family, benches) = (number % self.families, self.force_gain.len());
         let place = number / self.families;
-        let batch = if place % 4 == 0 { "m1" } else { "m2" };
+        let batch = if place.is_multiple_of(4) { "m1" } else { "m2" };
         let home = family % benches;
         let mut own = QUANTITIES.map(|law| law.4 * skewed(random));
         own[0] += self
