@@ -75,8 +75,9 @@ pub(super) struct SpecimenEffect {
 
 /// Steps of the search for the variances; a smooth function of two variables needs about ten.
 const MOST_STEPS: usize = 100;
-/// The search ends when the log-likelihood grows by less.
-const ENOUGH: f64 = 1e-10;
+/// The search ends when the variances change by a smaller share: the steps get shorter by orders of magnitude, so that the next one would
+/// be lost in the rounding.
+const ENOUGH: f64 = 1e-6;
 /// Share of information below which it counts as none: rounding leaves no more.
 const ALIASED: f64 = 1e-9;
 
@@ -97,9 +98,9 @@ impl MixedData {
                 .find(|(_, there)| there.log >= here.log);
             // No step is better within the rounding: this is the maximum.
             let Some((next, there)) = better else { break };
-            let (gain, moved) = (there.log - here.log, (next - at).abs().max());
+            let moved = (next - at).abs().max();
             (at, here) = (next, there);
-            if gain < ENOUGH && moved <= 1e-6 * at.max() {
+            if moved <= ENOUGH * at.max() {
                 break;
             }
         }

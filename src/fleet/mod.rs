@@ -48,16 +48,14 @@ pub(crate) enum FleetError {
     #[error("the table has no rows: add one row for each quantity of each run")]
     Empty,
     /// Rows that must agree do not.
-    #[error("{of} has {what} {} in run {} and {} in run {}: correct one of them", .values[0], .runs[0], .values[1], .runs[1])]
+    #[error("{of} has {what} {}: correct one of them", .said.join(" and "))]
     Contradiction {
         /// Specimen or quantity, with its name.
         of: String,
-        /// What differs.
+        /// What should agree, such as "the unit".
         what: &'static str,
-        /// The two values.
-        values: [String; 2],
-        /// The runs with them.
-        runs: [String; 2],
+        /// The two values, each with its run.
+        said: [String; 2],
     },
     /// The reference bench is not in the table.
     #[error("the reference bench {name} is not in the table, which has {known}: name one of them")]
@@ -194,8 +192,7 @@ fn agree(
             return Err(FleetError::Contradiction {
                 of: format!("{noun} {}", name(row)),
                 what,
-                values: [value(earlier), value(row)],
-                runs: [earlier.run_id.clone(), row.run_id.clone()],
+                said: [earlier, row].map(|row| format!("{} in run {}", value(row), row.run_id)),
             });
         }
     }

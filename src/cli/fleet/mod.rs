@@ -26,8 +26,8 @@ impl CliCommand for FleetArgs {
     const NAME: &'static str = "fleet";
     const EXAMPLES: &'static [&'static str] = &[
         "leafbench fleet diagnose lab-archive",
-        "leafbench fleet report lab-archive --specimens specimens.csv --out fleet",
-        "leafbench fleet report examples/estimates.csv --out fleet --reference-bench B1",
+        "leafbench fleet report lab-archive --specimens specimens.csv --out fleet-report",
+        "leafbench fleet report examples/estimates.csv --out fleet-report --reference-bench B1",
         "leafbench fleet estimate leafbench-data/runs --specimens specimens.csv",
     ];
 

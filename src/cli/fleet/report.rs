@@ -143,3 +143,47 @@ fn sentences(findings: &FleetFindings) -> String {
     }
     text.trim_end().to_owned()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn findings() -> FleetFindings {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/estimates.csv");
+        let text = std::fs::read_to_string(&file).expect("shipped");
+        let rows = read_estimates("estimates.csv", text.as_bytes()).expect("a table");
+        pool(&rows, &FleetOptions::default()).expect("pooled")
+    }
+
+    #[test]
+    fn the_shipped_example_has_what_its_page_says() {
+        let said = sentences(&findings());
+        for part in [
+            "- Bench B2 reads rate_n_per_mm higher than the mean of benches B1 and B3 by 1.",
+            "- Bench B3 has channel_delay: 1.5",
+            "friction_ratio grows per 1000 cycles by 0.2",
+            "- Specimen S010 has rate_n_per_mm above",
+            "- Bench B2: an error of its force fits",
+        ] {
+            assert!(said.contains(part), "{part}: {said}");
+        }
+    }
+
+    #[test]
+    fn all_files_are_written_once_and_replaced_by_force_only() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let out = folder.path().join("report");
+        let findings = findings();
+        let page = write(&findings, "estimates.csv", &out, false).expect("written");
+        assert!(page.is_file());
+        assert_eq!(std::fs::read_dir(&out).expect("listed").count(), 7);
+        let json: serde_json::Value =
+            serde_json::from_str(&std::fs::read_to_string(out.join("fleet.json")).expect("written"))
+                .expect("JSON");
+        assert_eq!(json["benches"], 3);
+        assert_eq!(json["bench_causes"][0]["error"], "force_gain");
+        let refused = write(&findings, "estimates.csv", &out, false).expect_err("there already");
+        assert!(refused.to_string().contains("is there already"));
+        write(&findings, "estimates.csv", &out, true).expect("replaced");
+    }
+}
