@@ -490,6 +490,7 @@ fn physics_knows_no_clock_no_tokio_no_files() {
         "identify",
         "papers",
         "diagnose",
+        "fleet",
         "truth",
     ];
     let forbidden = [

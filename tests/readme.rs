@@ -34,13 +34,14 @@ const DAEMON: &str = "leafbench daemon --bench bench-configs/benches/mock.toml";
 /// The program as cargo runs it.
 const CARGO_RUN: &str = "cargo run --release -- ";
 /// Not part of a fresh clone.
-const NOT_COPIED: [&str; 6] = [
+const NOT_COPIED: [&str; 7] = [
     "target",
     ".git",
     "leafbench-data",
     "leafbench-demo",
     "loops",
     "diagnosis",
+    "fleet-report",
 ];
 
 /// The commands of a document: lines that are indented by four columns or more and begin with a program.

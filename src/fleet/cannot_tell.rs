@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use super::design::DesignTerm;
 use super::outliers::RobustFit;
 use super::quantity::FEWEST_SPECIMENS;
+use super::quantity_data::PooledSpecimen;
 use super::wording::named;
 
 /// One sentence for each thing that cannot be told, with the quantities for which it holds. `too_few`: quantities without a fit.
@@ -15,6 +16,7 @@ pub(super) fn cannot_tell(fits: &[RobustFit], too_few: &[&str]) -> Vec<String> {
             benches(robust),
             confounded(robust),
             small_groups(robust),
+            alone_in_batch(robust),
             not_asked(robust),
         ];
         for reason in reasons.into_iter().flatten() {
@@ -109,6 +111,24 @@ fn small_groups(robust: &RobustFit) -> Vec<String> {
             "a specimen that differs cannot be told in family {}, which has fewer than {FEWEST_SPECIMENS} specimens that can be compared: \
              test more of them",
             named(&families)
+        )],
+    }
+}
+
+/// Specimens that are the only one of their batch.
+fn alone_in_batch(robust: &RobustFit) -> Vec<String> {
+    let data = robust.design.of;
+    let same_batch = |a: &PooledSpecimen, b: &PooledSpecimen| a.group == b.group && a.batch == b.batch;
+    let is_alone = |s: &&PooledSpecimen| {
+        let beside = data.specimens.iter().filter(|o| same_batch(o, s)).count();
+        beside == 1 && data.groups[s.group].batches.len() > 1
+    };
+    let alone: Vec<&str> = data.specimens.iter().filter(is_alone).map(|s| s.name).collect();
+    match alone.is_empty() {
+        true => Vec::new(),
+        false => vec![format!(
+            "a difference of {} from its family is one of its batch, of which there is no other specimen: test another one of the batch",
+            named(&alone)
         )],
     }
 }

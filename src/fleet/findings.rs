@@ -18,6 +18,8 @@ pub(crate) struct FleetFindings {
     pub family_wise_error: f64,
     /// What was found, in the order of the kinds, the surest first; empty if nothing was.
     pub findings: Vec<FleetFinding>,
+    /// Specimens that deviate, but not by enough to be findings: one sentence each, the clearest first.
+    pub worth_a_look: Vec<String>,
     /// For each bench whose forces or displacements deviate, the error of gain that fits.
     pub bench_causes: Vec<BenchCause>,
     /// What the table cannot tell, and what to do.

@@ -68,15 +68,20 @@ pub(super) fn level_effects(
     let mut left = levels.to_vec();
     let mut effects = Vec::new();
     while left.len() > 2 {
-        let p = |level: usize| {
-            let contrast = robust.level_against(factor, level, &without(&left, level))?;
-            Some((level, p_value(&contrast)))
+        let judged = |level: &usize| {
+            let contrast = robust.level_against(factor, *level, &without(&left, *level))?;
+            Some((
+                *level,
+                p_value(&contrast),
+                (contrast.estimate / contrast.std_error).abs(),
+            ))
         };
-        let least = left
+        // Two p values that are 0 to the rounding are told by their t.
+        let clearest = left
             .iter()
-            .filter_map(|l| p(*l))
-            .min_by(|a, b| a.1.total_cmp(&b.1));
-        let Some((level, _)) = least.filter(|(_, p)| p * (left.len() as f64) < TAKEN_OUT_AT) else {
+            .filter_map(judged)
+            .min_by(|a, b| (a.1.total_cmp(&b.1)).then(b.2.total_cmp(&a.2)));
+        let Some((level, ..)) = clearest.filter(|(_, p, _)| p * (left.len() as f64) < TAKEN_OUT_AT) else {
             break;
         };
         left = without(&left, level);

@@ -68,15 +68,17 @@ pub(super) struct SpecimenEffect {
     /// Best linear unbiased prediction of u, and its standard error.
     pub predicted: Contrast,
     /// Mean deviation of the specimen from its expectation, as if its rows did not enter the fixed effects. Its standard error
-    /// includes the scatter tau between specimens: it is the residual by which an outlier is judged.
+    /// includes the scatter tau between specimens: it is the residual by which an outlier is judged. 0 with an infinite standard error
+    /// where the fixed effects take it up.
     pub deletion: Contrast,
 }
 
 /// Steps of the search for the variances; a smooth function of two variables needs about ten.
 const MOST_STEPS: usize = 100;
-/// The search ends when the log-likelihood grows by less.
-const ENOUGH: f64 = 1e-10;
-/// Share of information below which a variance cannot be told from the other one.
+/// The search ends when the variances change by a smaller share: the steps get shorter by orders of magnitude, so that the next one would
+/// be lost in the rounding.
+const ENOUGH: f64 = 1e-6;
+/// Share of information below which it counts as none: rounding leaves no more.
 const ALIASED: f64 = 1e-9;
 
 impl MixedData {
@@ -96,9 +98,9 @@ impl MixedData {
                 .find(|(_, there)| there.log >= here.log);
             // No step is better within the rounding: this is the maximum.
             let Some((next, there)) = better else { break };
-            let (gain, moved) = (there.log - here.log, (next - at).abs().max());
+            let moved = (next - at).abs().max();
             (at, here) = (next, there);
-            if gain < ENOUGH && moved <= 1e-6 * at.max() {
+            if moved <= ENOUGH * at.max() {
                 break;
             }
         }
@@ -138,6 +140,9 @@ impl MixedData {
             let weights = block.known_variance.iter().map(|known| 1.0 / (at.y + known));
             sums.add(at.x, &weights.collect::<Vec<f64>>(), block);
         }
+        sums.products
+            .iter_mut()
+            .for_each(DMatrix::fill_upper_triangle_with_lower_triangle);
         sums
     }
 }
@@ -243,10 +248,7 @@ impl Sums {
                 mr: -k,
             },
         ];
-        let sums = BlockSums::of(d, block);
-        for (product, terms) in self.products.iter_mut().zip(&terms) {
-            sums.add_to(product, terms, &block.columns);
-        }
+        BlockSums::of(d, block).add_to(&mut self.products, &terms, &block.columns);
     }
 }
 
@@ -254,7 +256,7 @@ impl Sums {
 #[derive(Clone, Copy)]
 struct BlockTerms {
     /// Power of d in the sum over rows; 0 for no such sum.
-    row: i32,
+    row: usize,
     /// Of m m'.
     mm: f64,
     /// Of m q' + q m'.
@@ -301,22 +303,19 @@ impl BlockSums {
         BlockSums { squares, sums }
     }
 
-    /// Adds what `terms` say to the product over all columns.
-    fn add_to(&self, product: &mut DMatrix<f64>, terms: &BlockTerms, columns: &[usize]) {
+    /// Adds the terms of each product to its lower triangle.
+    fn add_to(&self, products: &mut [DMatrix<f64>; 6], terms: &[BlockTerms; 6], columns: &[usize]) {
         let [m, q, r] = &self.sums;
         for (j, &column) in columns.iter().enumerate() {
             for (i, &row) in columns.iter().enumerate().skip(j) {
-                let over_rows = match terms.row {
-                    0 => 0.0,
-                    n => self.squares[n as usize - 1][(i, j)],
-                };
-                let value = over_rows
-                    + terms.mm * m[i] * m[j]
-                    + terms.mq * (m[i] * q[j] + q[i] * m[j])
-                    + terms.mr * (m[i] * r[j] + r[i] * m[j] + q[i] * q[j]);
-                product[(row, column)] += value;
-                if i != j {
-                    product[(column, row)] += value;
+                let [d1, d2, d3] = self.squares.each_ref().map(|square| square[(i, j)]);
+                let over_rows = [0.0, d1, d2, d3];
+                let mm = m[i] * m[j];
+                let mq = m[i] * q[j] + q[i] * m[j];
+                let mr = m[i] * r[j] + r[i] * m[j] + q[i] * q[j];
+                for (product, terms) in products.iter_mut().zip(terms) {
+                    product[(row, column)] +=
+                        over_rows[terms.row] + terms.mm * mm + terms.mq * mq + terms.mr * mr;
                 }
             }
         }
@@ -462,7 +461,10 @@ impl MixedFit {
         }
         let g = 1.0 / (1.0 + tau2 * w);
         let taken = g * g * m.dot(&(&self.covariance * &m));
-        let free = (w * g - taken).max(f64::MIN_POSITIVE);
+        // Where the columns take up all that the rows say, as for the only specimen of a batch, nothing is left to judge it by.
+        let free = Some(w * g - taken)
+            .filter(|free| *free > ALIASED * w * g)
+            .unwrap_or(0.0);
         let slope = Vector2::new(1.0, w2 / (w * w));
         // What the estimate of tau^2 adds (Prasad & Rao 1990); it matters where tau is estimated as 0.
         let of_variances = 2.0 * g.powi(3) * w * self.variance_covariance[(0, 0)];
@@ -474,10 +476,136 @@ impl MixedFit {
                 degrees,
             },
             deletion: Contrast {
-                estimate: g * residual / free,
+                estimate: if free > 0.0 { g * residual / free } else { 0.0 },
                 std_error: free.sqrt().recip(),
                 degrees,
             },
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::StandardNormal;
+
+    /// Specimens with `runs` runs each, an intercept and a column that runs from 0 to 1 over the runs of a specimen.
+    fn data(specimens: usize, runs: usize, tau: f64, known_variance: impl Fn(usize) -> f64) -> MixedData {
+        let mut random = ChaCha8Rng::seed_from_u64(5);
+        let mut normal = || -> f64 { random.sample(StandardNormal) };
+        let mut y = Vec::new();
+        for _ in 0..specimens {
+            let own = tau * normal();
+            y.extend((0..runs).map(|_| 10.0 + own + normal()));
+        }
+        MixedData {
+            rows: (0..y.len())
+                .map(|i| vec![(0, 1.0), (1, (i % runs) as f64 / runs as f64)])
+                .collect(),
+            known_variance: (0..y.len()).map(known_variance).collect(),
+            blocks: (0..specimens).map(|s| s * runs..(s + 1) * runs).collect(),
+            width: 2,
+            y,
+        }
+    }
+
+    /// The restricted log-likelihood with full matrices.
+    fn direct(data: &MixedData, at: &Variances) -> f64 {
+        let n = data.y.len();
+        let mut v = DMatrix::<f64>::zeros(n, n);
+        for block in &data.blocks {
+            for i in block.clone() {
+                for j in block.clone() {
+                    v[(i, j)] = at.x;
+                }
+                v[(i, i)] += at.y + data.known_variance[i];
+            }
+        }
+        let mut x = DMatrix::<f64>::zeros(n, data.width);
+        for (i, row) in data.rows.iter().enumerate() {
+            row.iter().for_each(|&(c, value)| x[(i, c)] = value);
+        }
+        let y = DVector::from_column_slice(&data.y);
+        let inverse = v.clone().try_inverse().expect("regular");
+        let normal = x.transpose() * &inverse * &x;
+        let effects = normal.clone().try_inverse().expect("regular") * x.transpose() * &inverse * &y;
+        let residual = &y - &x * effects;
+        let quadratic = residual.dot(&(&inverse * &residual));
+        -0.5 * (v.determinant().ln() + normal.determinant().ln() + quadratic)
+    }
+
+    #[test]
+    fn sums_over_blocks_give_the_likelihood_of_full_matrices_and_its_score() {
+        let data = data(5, 4, 1.0, |i| 0.1 + 0.05 * (i % 3) as f64);
+        let blocks = data.dense();
+        let log = |at: Variances| Likelihood::of(data.sums(&blocks, &at)).expect("regular").log;
+        let at = Variances::new(0.7, 0.9);
+        assert!((log(at) - direct(&data, &at)).abs() < 1e-9);
+        let here = Likelihood::of(data.sums(&blocks, &at)).expect("regular");
+        for i in 0..2 {
+            let mut step = Variances::zeros();
+            step[i] = 1e-5;
+            let slope = (log(at + step) - log(at - step)) / 2e-5;
+            // The difference quotient is exact to the square of the step and the rounding over the step.
+            assert!((slope - here.score[i]).abs() < 1e-6, "{slope} {}", here.score[i]);
+        }
+    }
+
+    #[test]
+    fn a_balanced_table_gives_the_variances_of_the_analysis_of_variance() {
+        let (specimens, runs) = (12, 6);
+        let mut data = data(specimens, runs, 2.0, |_| 1e-9);
+        // Without the second column.
+        data.rows.iter_mut().for_each(|row| row.truncate(1));
+        data.width = 1;
+        let fit = data.fit().expect("a fit");
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+        let means: Vec<f64> = data.blocks.iter().map(|b| mean(&data.y[b.clone()])).collect();
+        let all = mean(&data.y);
+        let between =
+            means.iter().map(|m| (m - all).powi(2)).sum::<f64>() * runs as f64 / (specimens - 1) as f64;
+        let within = (data.blocks.iter().zip(&means))
+            .flat_map(|(b, m)| data.y[b.clone()].iter().map(move |y| (y - m).powi(2)))
+            .sum::<f64>()
+            / (specimens * (runs - 1)) as f64;
+        assert!(
+            (fit.variances.y - within).abs() < 1e-5 * within,
+            "{:?}",
+            fit.variances
+        );
+        let tau2 = (between - within) / runs as f64;
+        assert!(
+            (fit.variances.x - tau2).abs() < 1e-5 * tau2,
+            "{:?}",
+            fit.variances
+        );
+        let mean = fit.contrast(&[(0, 1.0)]);
+        assert!((mean.std_error - (between / (specimens * runs) as f64).sqrt()).abs() < 1e-6);
+        assert!((mean.degrees - (specimens - 1) as f64).abs() < 0.01, "{mean:?}");
+    }
+
+    #[test]
+    fn the_deletion_residual_is_that_of_a_fit_without_the_specimen() {
+        let all = data(6, 4, 1.0, |i| 0.2 + 0.1 * (i % 2) as f64);
+        let fit = all.fit().expect("a fit");
+        let judged = fit.specimen(&all, 2).deletion;
+        // The same variances, but a column of its own for specimen 2.
+        let mut shifted = all.clone();
+        shifted.width = 3;
+        all.blocks[2].clone().for_each(|i| shifted.rows[i].push((2, 1.0)));
+        let own = Likelihood::of(shifted.sums(&shifted.dense(), &fit.variances)).expect("regular");
+        assert!((own.effects[2] - judged.estimate).abs() < 1e-9);
+        assert!((own.covariance[(2, 2)].sqrt() - judged.std_error).abs() < 1e-9);
+    }
+
+    #[test]
+    fn too_few_rows_give_no_fit() {
+        let mut few = data(1, 2, 1.0, |_| 1.0);
+        assert!(few.fit().is_none());
+        few.width = 1;
+        few.rows.iter_mut().for_each(|row| row.truncate(1));
+        assert!(few.fit().is_some_and(|fit| fit.variances.x == 0.0));
     }
 }

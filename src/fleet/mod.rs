@@ -28,6 +28,7 @@ use findings::{FleetFindings, PooledValue, QuantityFindings, QuestionKind};
 use outliers::RobustFit;
 use quantity_data::QuantityData;
 use questions::FAMILY_WISE_ERROR;
+pub(crate) use questions::WORTH_A_LOOK;
 
 /// What pooling is told beside the table.
 #[derive(Debug, Clone, Default)]
@@ -45,16 +46,14 @@ pub(crate) enum FleetError {
     #[error("the table has no rows: add one row for each quantity of each run")]
     Empty,
     /// Rows that must agree do not.
-    #[error("{of} has {what} {} in run {} and {} in run {}: correct one of them", .values[0], .runs[0], .values[1], .runs[1])]
+    #[error("{of} has {what} {}: correct one of them", .said.join(" and "))]
     Contradiction {
         /// Specimen or quantity, with its name.
         of: String,
         /// What differs.
         what: &'static str,
-        /// The two values.
-        values: [String; 2],
-        /// The runs with them.
-        runs: [String; 2],
+        /// The two values, each with its run.
+        said: [String; 2],
     },
     /// The reference bench is not in the table.
     #[error("the reference bench {name} is not in the table, which has {known}: name one of them")]
@@ -101,6 +100,7 @@ pub(crate) fn pool(rows: &[EstimateRow], options: &FleetOptions) -> Result<Fleet
         questions,
         family_wise_error: FAMILY_WISE_ERROR,
         findings: sentences::sentences(&quantities, reference),
+        worth_a_look: sentences::worth_a_look(&quantities),
         bench_causes: bench_cause::bench_causes(&fits, &quantities, reference),
         cannot_tell: cannot_tell::cannot_tell(&fits, &too_few),
         quantities,
@@ -190,8 +190,7 @@ fn agree(
             return Err(FleetError::Contradiction {
                 of: format!("{noun} {}", name(row)),
                 what,
-                values: [value(earlier), value(row)],
-                runs: [earlier.run_id.clone(), row.run_id.clone()],
+                said: [earlier, row].map(|row| format!("{} in run {}", value(row), row.run_id)),
             });
         }
     }

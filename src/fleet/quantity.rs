@@ -287,7 +287,7 @@ fn specimen_deviation(robust: &RobustFit, specimen: usize, asked: bool) -> Speci
     let own = &data.specimens[specimen];
     let effect = robust.specimen(specimen);
     let in_group = data.specimens.iter().filter(|s| s.group == own.group).count();
-    let asked = asked && in_group >= FEWEST_SPECIMENS;
+    let asked = asked && in_group >= FEWEST_SPECIMENS && effect.deletion.std_error.is_finite();
     let mut benches: Vec<usize> = data.benches.of_row[own.rows.clone()].to_vec();
     benches.sort_unstable();
     benches.dedup();

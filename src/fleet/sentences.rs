@@ -5,6 +5,7 @@ use super::findings::{
     AgeSlope, FleetFinding, GroupLevel, LevelEffect, PooledValue, QuantityFindings, QuantityRole,
     QuestionKind, SpecimenDeviation,
 };
+use super::questions::WORTH_A_LOOK;
 use super::wording::{counted, interval, named};
 
 /// All findings, in the order of their kinds, the surest first. `reference`: the bench that counts as right.
@@ -78,6 +79,20 @@ pub(super) fn sentences(quantities: &[QuantityFindings], reference: Option<&str>
             .then_with(|| names(a).cmp(&names(b)))
     });
     found.into_iter().map(|(_, finding)| finding).collect()
+}
+
+/// Specimens that deviate, but not by enough to be findings, the clearest first.
+pub(super) fn worth_a_look(quantities: &[QuantityFindings]) -> Vec<String> {
+    let mut seen: Vec<(f64, String)> = Vec::new();
+    for quantity in quantities {
+        let doubtful = quantity
+            .specimen_deviations
+            .iter()
+            .filter(|s| s.deviation.p.is_some() && !s.deviation.found && s.deletion_t.abs() > WORTH_A_LOOK);
+        seen.extend(doubtful.map(|s| (s.deletion_t.abs(), of_specimen(quantity, s))));
+    }
+    seen.sort_by(|a, b| b.0.total_cmp(&a.0).then_with(|| a.1.cmp(&b.1)));
+    seen.into_iter().map(|(_, sentence)| sentence).collect()
 }
 
 /// The size of a difference, without its sign, with its interval.

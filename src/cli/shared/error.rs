@@ -10,6 +10,8 @@ use crate::daemon::library::LibraryError;
 use crate::daemon::store::FindRunError;
 use crate::diagnose::DiagnoseError;
 use crate::diagnose::aggregates::AggregateError;
+use crate::fleet::FleetError;
+use crate::fleet::estimate::EstimateTableError;
 use crate::identify::IdentifyError;
 use crate::link::LinkError;
 use crate::mockrig::MockRigError;
@@ -104,6 +106,12 @@ pub(crate) enum CliError {
     /// Tables that cannot be diagnosed.
     #[error(transparent)]
     Aggregates(AggregateError),
+    /// A table of estimates is unusable.
+    #[error(transparent)]
+    Estimates(#[from] EstimateTableError),
+    /// A table of estimates cannot be pooled.
+    #[error(transparent)]
+    Fleet(#[from] FleetError),
     /// A defect of leafbench itself.
     #[error("{0}: this is a defect of leafbench, please report it")]
     Internal(String),

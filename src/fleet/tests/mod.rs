@@ -242,6 +242,22 @@ fn what_cannot_be_told_is_said() {
 }
 
 #[test]
+fn the_only_specimen_of_a_batch_is_not_judged() {
+    let lab = SyntheticLab {
+        specimens: 16,
+        runs: 96,
+        ..SyntheticLab::default()
+    };
+    let found = pooled(&lab.table(7));
+    assert_eq!(found.findings, []);
+    let rate = quantity(&found, "rate_n_per_mm");
+    let mut alone = rate.specimen_deviations.iter().filter(|s| s.batch == "m1");
+    assert!(alone.all(|s| s.deviation.p.is_none() && s.deletion_t == 0.0));
+    let said = found.cannot_tell.join("\n");
+    assert!(said.contains("S000, S001, S002 and S003"), "{said}");
+}
+
+#[test]
 fn with_a_reference_each_bench_is_compared_with_it_alone() {
     let lab = SyntheticLab::with_everything();
     let options = FleetOptions {
@@ -271,4 +287,35 @@ fn rows_that_contradict_each_other_are_refused() {
         "specimen S000 has the family F1 in run r00000 and F9 in run r00001: correct one of them"
     );
     assert!(pool(&[], &FleetOptions::default()).is_err());
+}
+
+#[test]
+fn small_and_odd_tables_give_no_value_that_is_no_number() {
+    use rand::{RngExt, SeedableRng};
+    let lab = SyntheticLab::with_everything();
+    let all = lab.table(9);
+    for seed in 0..60 {
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+        let count = random.random_range(1..60);
+        let mut rows: Vec<EstimateRow> = (0..count)
+            .map(|_| all[random.random_range(0..all.len())].clone())
+            .collect();
+        for row in &mut rows {
+            match seed % 4 {
+                0 => row.estimate = 1.0,
+                1 => row.std_error *= 1e6,
+                2 => row.std_error *= 1e-9,
+                _ => row.operator.clear(),
+            }
+        }
+        let found = pooled(&rows);
+        for quantity in &found.quantities {
+            for (_, value) in asked(&mut quantity.clone()) {
+                let p = value.p.unwrap_or(0.0);
+                assert!((0.0..=1.0).contains(&p), "seed {seed}: {value:?}");
+                let numbers = [value.value, value.low95, value.high95];
+                assert!(numbers.iter().all(|v| !v.is_nan()), "seed {seed}: {value:?}");
+            }
+        }
+    }
 }

@@ -134,7 +134,7 @@ impl SyntheticLab {
             force_gain: vec![0.0, 0.01, 0.0],
             delay_ms: vec![0.0, 0.0, 1.5],
             batch_compliance: 0.16,
-            outliers: vec![(7, 0.14), (25, -0.13)],
+            outliers: vec![(7, 0.18), (25, -0.17)],
             friction_growth: 0.002,
             ..SyntheticLab::default()
         }
@@ -197,7 +197,7 @@ impl SyntheticLab {
     fn specimen(&self, number: usize, random: &mut ChaCha8Rng) -> SyntheticSpecimen {
         let (family, benches) = (number % self.families, self.force_gain.len());
         let place = number / self.families;
-        let batch = if place % 4 == 0 { "m1" } else { "m2" };
+        let batch = if place.is_multiple_of(4) { "m1" } else { "m2" };
         let home = family % benches;
         let mut own = QUANTITIES.map(|law| law.4 * skewed(random));
         own[0] += self

@@ -1,0 +1,303 @@
+//! The page of `leafbench fleet report`: what was found as sentences, and for each kind of question one plot a quantity, with the table
+//! behind it.
+
+use maud::{Markup, PreEscaped, html};
+
+use super::fleet_tables::{BENCHES, GROUPS, OPERATORS, SLOPES, SPECIMENS};
+use super::html::{document, legend};
+use super::interval_plot::{DOUBTFUL, FOUND, IntervalPlot, IntervalRow, NOT_FOUND};
+use super::svg::Ink;
+use crate::fleet::WORTH_A_LOOK;
+use crate::fleet::estimate::EstimateScale;
+use crate::fleet::findings::{
+    AgeUnit, FleetFindings, GroupLevel, PooledValue, QuantityFindings, QuantityRole, SpecimenDeviation,
+};
+
+/// Most rows of a plot: those that deviate most. The table has all of them.
+const MOST_ROWS: usize = 40;
+
+/// The page as HTML text. `table` is the name of the table of estimates.
+pub(crate) fn page(findings: &FleetFindings, table: &str) -> String {
+    let quantities = &findings.quantities;
+    let body = html! {
+        h1 { "Fleet report" }
+        p { (lead(findings, table)) }
+        (found(findings))
+        (list("Worth a look", "These specimens deviate, but not by enough to be sure.", &findings.worth_a_look))
+        (list("What this table cannot tell", "", &findings.cannot_tell))
+        (legend(&[("found", FOUND), ("worth a look", DOUBTFUL), ("not different, as far as these runs can tell", NOT_FOUND)],
+            "Lines are 95 % intervals of one value alone; what counts as found is corrected for all questions."))
+        (section("Does a bench read differently?", BENCHES, quantities, bench_plot))
+        (section("Does an operator measure differently?", OPERATORS, quantities, operator_plot))
+        (section("What do families and batches have?", GROUPS, quantities, group_plot))
+        (section("Does it change with cycles?", SLOPES, quantities, |q| slope_plot(q, AgeUnit::ThousandCycles)))
+        (section("Does it change with time?", SLOPES, quantities, |q| slope_plot(q, AgeUnit::Year)))
+        (section("Does a specimen differ from its family?", SPECIMENS, quantities, specimen_plot))
+    };
+    document("Fleet report", include_str!("loops.css"), &body)
+}
+
+fn lead(findings: &FleetFindings, table: &str) -> String {
+    format!(
+        "{table}: {} estimates of {} specimens in {} families, from {} benches and {} named operators. {} questions were asked; the chance \
+         that one finding or more is wrong is at most {:.0} %.",
+        findings.rows,
+        findings.specimens,
+        findings.families,
+        findings.benches,
+        findings.operators,
+        findings.questions,
+        100.0 * findings.family_wise_error
+    )
+}
+
+fn found(findings: &FleetFindings) -> Markup {
+    let causes = findings.bench_causes.iter().map(|c| c.sentence.as_str());
+    let sentences: Vec<&str> = (findings.findings.iter().map(|f| f.sentence.as_str()))
+        .chain(causes)
+        .collect();
+    html! {
+        h2 { "Findings" }
+        @if sentences.is_empty() { p { "Nothing was found." } }
+        ul { @for sentence in sentences { li { (sentence) } } }
+    }
+}
+
+/// A list under its heading; nothing if it is empty.
+fn list(title: &str, lead: &str, sentences: &[String]) -> Markup {
+    html! {
+        @if !sentences.is_empty() {
+            h2 { (title) }
+            @if !lead.is_empty() { p { (lead) } }
+            ul { @for sentence in sentences { li { (sentence) } } }
+        }
+    }
+}
+
+/// The plots of one question side by side; nothing if no quantity has one.
+fn section(
+    question: &str,
+    table: &str,
+    quantities: &[QuantityFindings],
+    plot: impl Fn(&QuantityFindings) -> Option<IntervalPlot>,
+) -> Markup {
+    let plots: Vec<IntervalPlot> = quantities.iter().filter_map(plot).collect();
+    html! {
+        @if !plots.is_empty() {
+            h2 { (question) }
+            p { "The figures are in " a href=(table) { (table) } "." }
+            div.pair {
+                @for plot in &plots { div { (PreEscaped(plot.render())) } }
+            }
+        }
+    }
+}
+
+/// Factor from a difference to what the plot shows, and its unit.
+fn difference_scale(quantity: &QuantityFindings) -> (f64, &str) {
+    match quantity.scale {
+        EstimateScale::Relative => (100.0, "%"),
+        EstimateScale::Absolute => (1.0, &quantity.unit),
+    }
+}
+
+fn row(name: &str, value: &PooledValue, factor: f64) -> IntervalRow {
+    IntervalRow {
+        name: name.to_owned(),
+        value: factor * value.value,
+        low: factor * value.low95,
+        high: factor * value.high95,
+        ink: if value.found { FOUND } else { NOT_FOUND },
+    }
+}
+
+/// A plot about 0 of rows in the unit of a difference; `None` without rows.
+fn differences(quantity: &QuantityFindings, what: &str, rows: Vec<IntervalRow>) -> Option<IntervalPlot> {
+    let (_, unit) = difference_scale(quantity);
+    (!rows.is_empty()).then(|| IntervalPlot {
+        x_label: format!("{} {what} in {unit}", quantity.quantity),
+        rows,
+        zero: true,
+    })
+}
+
+fn bench_plot(quantity: &QuantityFindings) -> Option<IntervalPlot> {
+    let (factor, _) = difference_scale(quantity);
+    let rows = quantity.benches.iter().map(|b| row(&b.name, &b.effect, factor));
+    let what = match quantity.role {
+        QuantityRole::InstrumentEffect => "on each bench",
+        _ => "against the other benches",
+    };
+    differences(quantity, what, rows.collect())
+}
+
+fn operator_plot(quantity: &QuantityFindings) -> Option<IntervalPlot> {
+    let (factor, _) = difference_scale(quantity);
+    let rows = quantity.operators.iter().map(|o| row(&o.name, &o.effect, factor));
+    differences(quantity, "against the other operators", rows.collect())
+}
+
+fn group_plot(quantity: &QuantityFindings) -> Option<IntervalPlot> {
+    let name = |group: &GroupLevel| match &group.batch {
+        Some(batch) if batch.is_empty() => format!("{} / no batch", group.family),
+        Some(batch) => format!("{} / {batch}", group.family),
+        None => group.family.clone(),
+    };
+    let is_found = |group: &GroupLevel| {
+        group.level.found || group.from_other_batches.as_ref().is_some_and(|value| value.found)
+    };
+    let rows = quantity.groups.iter().map(|group| IntervalRow {
+        ink: if is_found(group) { FOUND } else { NOT_FOUND },
+        ..row(&name(group), &group.level, 1.0)
+    });
+    (quantity.role != QuantityRole::InstrumentEffect).then(|| IntervalPlot {
+        x_label: format!("{} in {}", quantity.quantity, quantity.unit),
+        rows: rows.take(MOST_ROWS).collect(),
+        zero: quantity.role == QuantityRole::Effect,
+    })
+}
+
+fn slope_plot(quantity: &QuantityFindings, per: AgeUnit) -> Option<IntervalPlot> {
+    let (factor, _) = difference_scale(quantity);
+    let slopes = quantity.slopes.iter().filter(|s| s.per == per);
+    let rows = slopes.map(|s| row(s.family.as_deref().unwrap_or("all families"), &s.slope, factor));
+    let rows = rows.take(MOST_ROWS).collect();
+    differences(quantity, &format!("per {}", per.word()), rows)
+}
+
+fn specimen_plot(quantity: &QuantityFindings) -> Option<IntervalPlot> {
+    let (factor, _) = difference_scale(quantity);
+    let asked = |s: &&SpecimenDeviation| s.deviation.p.is_some();
+    let mut specimens: Vec<&SpecimenDeviation> = quantity.specimen_deviations.iter().filter(asked).collect();
+    specimens.sort_by(|a, b| b.deletion_t.abs().total_cmp(&a.deletion_t.abs()));
+    let what = match specimens.len() > MOST_ROWS {
+        true => format!("against the family, the {MOST_ROWS} clearest,"),
+        false => "against the family".to_owned(),
+    };
+    specimens.truncate(MOST_ROWS);
+    specimens.sort_by(|a, b| a.deviation.value.total_cmp(&b.deviation.value));
+    let ink = |s: &SpecimenDeviation| -> Ink {
+        match (s.deviation.found, s.deletion_t.abs() > WORTH_A_LOOK) {
+            (true, _) => FOUND,
+            (false, true) => DOUBTFUL,
+            (false, false) => NOT_FOUND,
+        }
+    };
+    let rows = specimens.into_iter().map(|s| IntervalRow {
+        ink: ink(s),
+        ..row(&s.specimen, &s.deviation, factor)
+    });
+    differences(quantity, &what, rows.collect())
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::fleet::findings::{AgeSlope, FleetFinding, LevelEffect, QuestionKind};
+
+    fn value(value: f64, found: bool) -> PooledValue {
+        PooledValue {
+            value,
+            low95: value - 0.002,
+            high95: value + 0.002,
+            degrees: 20.0,
+            p: Some(0.001),
+            adjusted_p: Some(0.01),
+            found,
+        }
+    }
+
+    /// Findings about one quantity, with a name that needs escaping.
+    pub(in crate::report) fn findings() -> FleetFindings {
+        let bench = LevelEffect {
+            name: "B, \"2\"".to_owned(),
+            against: vec!["B1".to_owned(), "B3".to_owned()],
+            effect: value(0.01, true),
+        };
+        let group = GroupLevel {
+            family: "F1".to_owned(),
+            batch: None,
+            benches: vec!["B1".to_owned()],
+            specimens: 2,
+            runs: 4,
+            level: value(80.0, false),
+            on_least_sure_bench: None,
+            from_other_batches: None,
+            largest_single_z: 2.0,
+        };
+        let specimen = SpecimenDeviation {
+            specimen: "S<1>".to_owned(),
+            family: "F1".to_owned(),
+            batch: String::new(),
+            benches: vec!["B1".to_owned()],
+            runs: 2,
+            deviation: value(-0.03, false),
+            deletion_t: -5.0,
+        };
+        let quantity = QuantityFindings {
+            quantity: "rate_n_per_mm".to_owned(),
+            unit: "N/mm".to_owned(),
+            scale: EstimateScale::Relative,
+            role: QuantityRole::Parameter,
+            runs: 4,
+            between_specimens: 0.01,
+            run_to_run: 0.003,
+            groups: vec![group],
+            benches: vec![bench],
+            operators: Vec::new(),
+            slopes: vec![AgeSlope {
+                per: AgeUnit::ThousandCycles,
+                family: None,
+                slope: value(0.0, false),
+            }],
+            specimen_deviations: vec![specimen],
+        };
+        FleetFindings {
+            rows: 4,
+            specimens: 2,
+            families: 1,
+            benches: 3,
+            operators: 0,
+            questions: 3,
+            family_wise_error: 0.05,
+            findings: vec![FleetFinding {
+                kind: QuestionKind::Bench,
+                quantity: "rate_n_per_mm".to_owned(),
+                subject: "B2".to_owned(),
+                adjusted_p: 0.01,
+                sentence: "Bench <B2> reads higher.".to_owned(),
+            }],
+            worth_a_look: vec!["Specimen S<1> differs.".to_owned()],
+            bench_causes: Vec::new(),
+            cannot_tell: Vec::new(),
+            quantities: vec![quantity],
+        }
+    }
+
+    #[test]
+    fn a_page_says_what_was_found_and_has_a_plot_for_each_question() {
+        let page = page(&findings(), "estimates.csv");
+        assert!(page.contains("Bench &lt;B2&gt; reads higher.") && page.contains("S&lt;1&gt;"));
+        assert!(page.contains("at most 5 %") && page.contains("href=\"specimens.csv\""));
+        // Benches, families, cycles and specimens; no operators and no years.
+        assert_eq!(page.matches("<svg").count(), 4);
+        assert!(!page.contains("operator measure") && !page.contains("cannot tell"));
+        assert!(!page.contains("<script") && !page.contains("src="));
+    }
+
+    #[test]
+    fn a_page_without_findings_says_so() {
+        let mut nothing = findings();
+        nothing.findings.clear();
+        assert!(page(&nothing, "estimates.csv").contains("Nothing was found."));
+    }
+
+    #[test]
+    fn the_colour_says_what_was_found() {
+        let quantity = &findings().quantities[0];
+        let inks = |plot: Option<IntervalPlot>| plot.expect("a plot").rows[0].ink;
+        assert_eq!(inks(bench_plot(quantity)), FOUND);
+        assert_eq!(inks(specimen_plot(quantity)), DOUBTFUL);
+        assert_eq!(inks(group_plot(quantity)), NOT_FOUND);
+    }
+}
