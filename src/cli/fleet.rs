@@ -1,4 +1,6 @@
-//! `leafbench fleet`: what a table of estimates of many runs says together.
+//! `leafbench fleet`: what a table of estimates of many runs says together; `estimate` writes the table.
+
+mod estimate;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -23,6 +25,7 @@ pub(super) struct FleetArgs {
 
 #[derive(Debug, Subcommand)]
 enum FleetAction {
+    Estimate(estimate::EstimateArgs),
     /// Pool a table of estimates: print what was found, and write a page with plots and tables
     Report(FleetReportArgs),
 }
@@ -50,13 +53,16 @@ struct FleetReportArgs {
 impl CliCommand for FleetArgs {
     const NAME: &'static str = "fleet";
     const EXAMPLES: &'static [&'static str] = &[
+        "leafbench fleet estimate leafbench-data/runs --specimens specimens.csv --out estimates.csv",
         "leafbench fleet report examples/estimates.csv --out fleet-report",
         "leafbench fleet report examples/estimates.csv --out fleet-report --reference-bench B1",
     ];
 
     fn run(self, output: &Output) -> Result<Done, CliError> {
-        let FleetAction::Report(report) = self.action;
-        report.run(output)
+        match self.action {
+            FleetAction::Estimate(estimate) => estimate.run(output),
+            FleetAction::Report(report) => report.run(output),
+        }
     }
 }
 

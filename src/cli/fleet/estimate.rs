@@ -124,13 +124,8 @@ impl EstimateArgs {
             return Ok(Vec::new());
         }
         let file = std::fs::File::open(&self.out).map_err(CliError::file(&self.out, "reading"))?;
-        read_estimates(&self.out.display().to_string(), file).map_err(|e| input(&e))
+        Ok(read_estimates(&self.out.display().to_string(), file)?)
     }
-}
-
-/// An error with its causes, as unusable input.
-fn input(error: &dyn std::error::Error) -> CliError {
-    CliError::Input(crate::daemon::chain(error))
 }
 
 fn text(result: &EstimatedRuns) -> String {
@@ -258,7 +253,7 @@ fn rows_of_run(run: &RunPlace, model: &'static Model) -> Result<Vec<EstimateRow>
 
 /// The rows of one run. Parameters without a standard error and effects that the run cannot test have none.
 fn rows(run: &RunPlace, model: &Model, estimates: &Estimates) -> Vec<EstimateRow> {
-    let row = |quantity: &str, unit: &str, estimate, std_error, scale| EstimateRow {
+    let row = |quantity: &str, unit: &str, estimate, [std_error, form_error]: [f64; 2], scale| EstimateRow {
         run_id: run.run_id.clone(),
         specimen: run.specimen.specimen.clone(),
         family: run.specimen.family.clone(),
@@ -271,13 +266,14 @@ fn rows(run: &RunPlace, model: &Model, estimates: &Estimates) -> Vec<EstimateRow
         unit: if unit.is_empty() { "1" } else { unit }.to_owned(),
         estimate,
         std_error,
+        form_error,
         scale,
     };
     let parameters = estimates.baseline.iter().filter_map(|p| {
         let scale = scale(model, &p.name);
         let usable = scale == EstimateScale::Absolute || p.value > 0.0;
         let std_error = p.std_error.filter(|s| usable && *s > 0.0)?;
-        Some(row(&p.name, &p.unit, p.value, std_error, scale))
+        Some(row(&p.name, &p.unit, p.value, [std_error, 0.0], scale))
     });
     let effects = estimates.effects.iter().filter(|e| e.testable).filter_map(|e| {
         let std_error = e.std_error.filter(|s| s.is_finite() && *s > 0.0)?;
@@ -285,7 +281,7 @@ fn rows(run: &RunPlace, model: &Model, estimates: &Estimates) -> Vec<EstimateRow
             &e.code,
             &e.unit,
             e.amplitude,
-            std_error,
+            [std_error, 0.0],
             EstimateScale::Absolute,
         ))
     });
