@@ -21,6 +21,7 @@ mod diagnosis_jobs;
 mod discovered_law;
 mod documents;
 mod end_to_end;
+mod estimates;
 mod faults;
 mod foreign_truth;
 mod full_disk;

@@ -50,8 +50,9 @@ pub(super) struct LabArgs {
     nothing: bool,
 }
 
+/// Where a lab was written.
 #[derive(serde::Serialize)]
-struct WrittenLab {
+pub(super) struct WrittenLab {
     runs: usize,
     folder: PathBuf,
     specimens: PathBuf,
@@ -70,24 +71,29 @@ impl CliCommand for LabArgs {
             runs: self.runs as usize,
             nothing: self.nothing,
         });
-        let folder = self.out.join("runs");
-        let (specimens, truth) = (self.out.join("specimens.csv"), self.out.join("lab-truth.json"));
-        require_new(&[&folder, &specimens, &truth], false)?;
-        std::fs::create_dir_all(&folder).map_err(CliError::file(&folder, "creating the folder"))?;
-        let text = serde_json::to_string_pretty(&lab).map_err(|e| CliError::Internal(e.to_string()))?;
-        std::fs::write(&truth, text).map_err(CliError::file(&truth, "writing"))?;
-        std::fs::write(&specimens, specimen_table(&lab)).map_err(CliError::file(&specimens, "writing"))?;
-        write_runs(&lab, &folder, output)?;
-        let written = WrittenLab {
-            runs: lab.runs.len(),
-            truth_sha256: sha256_of(&truth).map_err(CliError::file(&truth, "reading"))?,
-            folder,
-            specimens,
-            truth,
-        };
+        let written = write(&lab, &self.out, output)?;
         output.result(&written, || text_of(&written))?;
         Ok(Done::Success)
     }
+}
+
+/// Writes truth, table of specimens and run files.
+pub(super) fn write(lab: &Lab, out: &Path, output: &Output) -> Result<WrittenLab, CliError> {
+    let folder = out.join("runs");
+    let (specimens, truth) = (out.join("specimens.csv"), out.join("lab-truth.json"));
+    require_new(&[&folder, &specimens, &truth], false)?;
+    std::fs::create_dir_all(&folder).map_err(CliError::file(&folder, "creating the folder"))?;
+    let text = serde_json::to_string_pretty(lab).map_err(|e| CliError::Internal(e.to_string()))?;
+    std::fs::write(&truth, text).map_err(CliError::file(&truth, "writing"))?;
+    std::fs::write(&specimens, specimen_table(lab)).map_err(CliError::file(&specimens, "writing"))?;
+    write_runs(lab, &folder, output)?;
+    Ok(WrittenLab {
+        runs: lab.runs.len(),
+        truth_sha256: sha256_of(&truth).map_err(CliError::file(&truth, "reading"))?,
+        folder,
+        specimens,
+        truth,
+    })
 }
 
 fn text_of(written: &WrittenLab) -> String {

@@ -34,6 +34,9 @@ pub(crate) struct EstimateRow {
     pub estimate: f64,
     /// Standard error of the estimate within its run, in its unit, above 0.
     pub std_error: f64,
+    /// The part of `std_error` that the runs of a family share, because the model is wrong in the same way in all of them; 0 if it is
+    /// not known.
+    pub form_error: f64,
     pub scale: EstimateScale,
 }
 
@@ -80,6 +83,8 @@ pub(crate) const ESTIMATE_COLUMNS: [&str; 13] = [
 ];
 /// Columns whose cells may be empty.
 const MAY_BE_EMPTY: [&str; 2] = ["batch", "operator"];
+/// Column that may be missing; it is written last.
+const FORM_ERROR: &str = "form_error";
 
 /// Why a table of estimates cannot be used. Rows are lines of the file; the header is row 1.
 #[derive(Debug, thiserror::Error)]
@@ -125,16 +130,18 @@ pub(crate) fn read_estimates(file: &str, from: impl Read) -> Result<Vec<Estimate
     };
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(from);
     let headers = reader.headers().map_err(csv_error)?.clone();
+    let place_of = |column: &str| {
+        let mut headers = headers.iter();
+        headers.position(|h| h.trim_start_matches('\u{feff}') == column)
+    };
     let mut places = [0; ESTIMATE_COLUMNS.len()];
     for (place, column) in places.iter_mut().zip(ESTIMATE_COLUMNS) {
-        let found = headers
-            .iter()
-            .position(|h| h.trim_start_matches('\u{feff}') == column);
-        *place = found.ok_or_else(|| EstimateTableError::Column {
+        *place = place_of(column).ok_or_else(|| EstimateTableError::Column {
             file: file.to_owned(),
             column,
         })?;
     }
+    let form_error = place_of(FORM_ERROR);
     let mut rows: Vec<EstimateRow> = Vec::new();
     let mut seen = BTreeSet::new();
     for record in reader.records() {
@@ -144,6 +151,7 @@ pub(crate) fn read_estimates(file: &str, from: impl Read) -> Result<Vec<Estimate
             row: record.position().map_or(0, csv::Position::line),
             record: &record,
             places: &places,
+            form_error,
         };
         let row = cells.estimate_row()?;
         if !seen.insert((row.run_id.clone(), row.quantity.clone())) {
@@ -162,13 +170,9 @@ pub(crate) fn read_estimates(file: &str, from: impl Read) -> Result<Vec<Estimate
 }
 
 /// Writes a table that [`read_estimates`] reads to the same bits.
-#[cfg_attr(
-    not(test),
-    allow(dead_code, reason = "what fills the table from an archive of runs writes it")
-)]
 pub(crate) fn write_estimates(to: impl Write, rows: &[EstimateRow]) -> csv::Result<()> {
     let mut writer = csv::Writer::from_writer(to);
-    writer.write_record(ESTIMATE_COLUMNS)?;
+    writer.write_record(ESTIMATE_COLUMNS.iter().chain([&FORM_ERROR]))?;
     for row in rows {
         writer.write_record([
             &row.run_id,
@@ -184,6 +188,7 @@ pub(crate) fn write_estimates(to: impl Write, rows: &[EstimateRow]) -> csv::Resu
             &row.estimate.to_string(),
             &row.std_error.to_string(),
             row.scale.word(),
+            &row.form_error.to_string(),
         ])?;
     }
     writer.flush()?;
@@ -196,6 +201,8 @@ struct RowCells<'r> {
     row: u64,
     record: &'r csv::StringRecord,
     places: &'r [usize; ESTIMATE_COLUMNS.len()],
+    /// Place of the column that may be missing.
+    form_error: Option<usize>,
 }
 
 impl RowCells<'_> {
@@ -233,6 +240,19 @@ impl RowCells<'_> {
             .ok_or_else(|| self.refused(column, format!("\"{text}\" is not {rule}: correct it")))
     }
 
+    /// 0 without the column, and in an empty cell.
+    fn form_error(&self, std_error: f64) -> Result<f64, EstimateTableError> {
+        let cell = self.form_error.and_then(|place| self.record.get(place));
+        let Some(text) = cell.filter(|text| !text.is_empty()) else {
+            return Ok(0.0);
+        };
+        let number = text.parse::<f64>().ok();
+        number.filter(|e| (0.0..=std_error).contains(e)).ok_or_else(|| {
+            let problem = format!("\"{text}\" is not a number from 0 to std_error: correct it");
+            self.refused(FORM_ERROR, problem)
+        })
+    }
+
     fn started(&self) -> Result<Timestamp, EstimateTableError> {
         let text = self.text("started_utc")?;
         let midnight = |date: Date| date.to_zoned(TimeZone::UTC).ok().map(|z| z.timestamp());
@@ -259,6 +279,7 @@ impl RowCells<'_> {
             }
             EstimateScale::Absolute => self.number("estimate", "a finite number", |_| true)?,
         };
+        let std_error = self.number("std_error", "a number above 0", |n| n > 0.0)?;
         Ok(EstimateRow {
             run_id: self.text("run_id")?.to_owned(),
             specimen: self.text("specimen")?.to_owned(),
@@ -271,7 +292,8 @@ impl RowCells<'_> {
             quantity: self.text("quantity")?.to_owned(),
             unit: self.text("unit")?.to_owned(),
             estimate,
-            std_error: self.number("std_error", "a number above 0", |n| n > 0.0)?,
+            std_error,
+            form_error: self.form_error(std_error)?,
             scale,
         })
     }
@@ -294,6 +316,7 @@ mod tests {
         assert_eq!(rows[0].estimate, 80.25);
         rows[0].estimate = 0.1 + 0.2;
         rows[0].batch = "melt, \"7\"".to_owned();
+        rows[0].form_error = 0.07;
         let mut text = Vec::new();
         write_estimates(&mut text, &rows).expect("written");
         assert_eq!(read_estimates("t.csv", &text[..]).expect("read"), rows);
@@ -342,6 +365,11 @@ mod tests {
             "t.csv, row 3, column specimen: the cell is empty: fill it in"
         );
         assert!(said("2026-11-25T14:03:00Z", "yesterday").contains("write it as 2026-11-25T14:03:00Z"));
+        let with_form_error = format!("{HEADER},form_error\n{ROW},0.2\n");
+        assert_eq!(
+            read(&with_form_error).expect_err("refused").to_string(),
+            "t.csv, row 2, column form_error: \"0.2\" is not a number from 0 to std_error: correct it"
+        );
         assert!(said("r2", "r1").contains("run r1 has rate_n_per_mm already"));
     }
 

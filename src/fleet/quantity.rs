@@ -124,9 +124,23 @@ impl RobustFit<'_, '_> {
         let groups = (0..data.groups.len()).filter(|g| data.groups[*g].part == data.part_of_bench[bench]);
         let groups: Vec<usize> = groups.collect();
         let share = 1.0 / groups.len() as f64;
+        // Each group has a form error of its own.
+        let form = groups
+            .iter()
+            .map(|g| share * share * data.form_variance_of(&data.rows_of_group(*g, None)));
+        let form = form.sum();
         let mut weights = vec![(DesignTerm::Bench(bench), 1.0)];
         weights.extend(groups.into_iter().map(|g| (DesignTerm::Group(g), share)));
-        self.design.contrast(&self.fit, &weights)
+        let contrast = self.design.contrast(&self.fit, &weights)?;
+        Some(with_form_variance(contrast, form))
+    }
+}
+
+/// A level that is compared with 0 is no surer than its form error lets it be.
+fn with_form_variance(contrast: Contrast, form: f64) -> Contrast {
+    Contrast {
+        std_error: (contrast.std_error * contrast.std_error + form).sqrt(),
+        ..contrast
     }
 }
 
@@ -151,10 +165,12 @@ fn group_level(
     let rows = data.rows_of_group(group, name);
     let shares = bench_shares(robust, &rows);
     let plain = level_weights(robust, group, batch, &rows);
+    let form = data.form_variance_of(&rows);
     let contrast = |extra: &[(usize, f64)]| {
         let benches = extra.iter().map(|&(b, w)| (DesignTerm::Bench(b), w));
         let weights: Vec<_> = plain.iter().copied().chain(benches).collect();
-        robust.design.contrast(&robust.fit, &weights)
+        let contrast = robust.design.contrast(&robust.fit, &weights)?;
+        Some(with_form_variance(contrast, form))
     };
     let is_effect = role == QuantityRole::Effect;
     // An effect counts on the benches where it was measured, a parameter at the mean of all.
@@ -237,7 +253,7 @@ fn from_other_batches(robust: &RobustFit, group: usize, batch: usize, asked: boo
     Some(PooledValue::difference(&contrast, scale, asked))
 }
 
-/// Mean of the rows of one specimen over its standard error: what this specimen alone says.
+/// Mean of the rows of one specimen over its standard error with the form error: what this specimen alone says.
 fn single_z(robust: &RobustFit, specimen: usize) -> f64 {
     let data = robust.design.of;
     let (mut w, mut sum) = (0.0, 0.0);
@@ -245,7 +261,8 @@ fn single_z(robust: &RobustFit, specimen: usize) -> f64 {
         let d = 1.0 / (robust.fit.variances.y + data.known_variance[i]);
         (w, sum) = (w + d, sum + d * data.y[i]);
     }
-    sum / w.sqrt()
+    let form = data.form_variance_of(&data.specimens[specimen].rows.clone().collect::<Vec<_>>());
+    sum / w / (1.0 / w + form).sqrt()
 }
 
 /// The slopes that all families share, and the slope of each family with cycles where there are several.

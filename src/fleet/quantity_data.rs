@@ -18,8 +18,10 @@ pub(super) struct QuantityData<'r> {
     pub rows: Vec<&'r EstimateRow>,
     /// What is pooled: estimates, or their logarithms.
     pub y: Vec<f64>,
-    /// Squared standard errors of `y`.
+    /// Squared standard errors of `y`, without the form errors.
     pub known_variance: Vec<f64>,
+    /// Squared form errors of `y`: what the runs of a group have in common.
+    pub form_variance: Vec<f64>,
     /// Time since the first run of the quantity, years.
     pub years: Vec<f64>,
     pub specimens: Vec<PooledSpecimen<'r>>,
@@ -84,10 +86,17 @@ impl<'r> QuantityData<'r> {
             key(a).cmp(&key(b)).then_with(|| numbers(a).cmp(&numbers(b)))
         });
         let scale = |row: &EstimateRow| match row.scale {
-            EstimateScale::Relative => (row.estimate.ln(), row.std_error / row.estimate),
-            EstimateScale::Absolute => (row.estimate, row.std_error),
+            EstimateScale::Relative => (row.estimate.ln(), row.estimate),
+            EstimateScale::Absolute => (row.estimate, 1.0),
         };
-        let (y, error): (Vec<f64>, Vec<f64>) = rows.iter().map(|row| scale(row)).unzip();
+        let (y, unit): (Vec<f64>, Vec<f64>) = rows.iter().map(|row| scale(row)).unzip();
+        let squares = |error: fn(&EstimateRow) -> f64| -> Vec<f64> {
+            let relative = rows.iter().zip(&unit).map(|(row, unit)| error(row) / unit);
+            relative.map(|e| e * e).collect()
+        };
+        let form_variance = squares(|row| row.form_error);
+        let all = squares(|row| row.std_error).into_iter();
+        let known_variance = all.zip(&form_variance).map(|(all, form)| (all - form).max(0.0));
         let first = rows.iter().map(|row| row.started_utc).min();
         let years = rows.iter().map(|row| {
             let since = first.map_or(0.0, |first| row.started_utc.duration_since(first).as_secs_f64());
@@ -99,7 +108,8 @@ impl<'r> QuantityData<'r> {
         let groups = groups_of(&mut specimens, &benches, &part_of_bench);
         QuantityData {
             years: years.collect(),
-            known_variance: error.iter().map(|e| e * e).collect(),
+            known_variance: known_variance.collect(),
+            form_variance,
             operators: Levels::of(&rows, |row| &row.operator),
             y,
             specimens,
@@ -108,6 +118,11 @@ impl<'r> QuantityData<'r> {
             part_of_bench,
             rows,
         }
+    }
+
+    /// Mean squared form error of some rows: the variance that their mean keeps, however many there are.
+    pub(super) fn form_variance_of(&self, rows: &[usize]) -> f64 {
+        rows.iter().map(|i| self.form_variance[*i]).sum::<f64>() / rows.len().max(1) as f64
     }
 
     /// Benches of a connected part, in the order of their names.

@@ -124,13 +124,8 @@ impl EstimateArgs {
             return Ok(Vec::new());
         }
         let file = std::fs::File::open(&self.out).map_err(CliError::file(&self.out, "reading"))?;
-        read_estimates(&self.out.display().to_string(), file).map_err(|e| input(&e))
+        Ok(read_estimates(&self.out.display().to_string(), file)?)
     }
-}
-
-/// An error with its causes, as unusable input.
-fn input(error: &dyn std::error::Error) -> CliError {
-    CliError::Input(crate::daemon::chain(error))
 }
 
 fn text(result: &EstimatedRuns) -> String {
@@ -258,7 +253,7 @@ fn rows_of_run(run: &RunPlace, model: &'static Model) -> Result<Vec<EstimateRow>
 
 /// The rows of one run. Parameters without a standard error and effects that the run cannot test have none.
 fn rows(run: &RunPlace, model: &Model, estimates: &Estimates) -> Vec<EstimateRow> {
-    let row = |quantity: &str, unit: &str, estimate, std_error, scale| EstimateRow {
+    let row = |quantity: &str, unit: &str, estimate, [std_error, form_error]: [f64; 2], scale| EstimateRow {
         run_id: run.run_id.clone(),
         specimen: run.specimen.specimen.clone(),
         family: run.specimen.family.clone(),
@@ -271,13 +266,14 @@ fn rows(run: &RunPlace, model: &Model, estimates: &Estimates) -> Vec<EstimateRow
         unit: if unit.is_empty() { "1" } else { unit }.to_owned(),
         estimate,
         std_error,
+        form_error,
         scale,
     };
     let parameters = estimates.baseline.iter().filter_map(|p| {
         let scale = scale(model, &p.name);
         let usable = scale == EstimateScale::Absolute || p.value > 0.0;
         let std_error = p.std_error.filter(|s| usable && *s > 0.0)?;
-        Some(row(&p.name, &p.unit, p.value, std_error, scale))
+        Some(row(&p.name, &p.unit, p.value, [std_error, 0.0], scale))
     });
     let effects = estimates.effects.iter().filter(|e| e.testable).filter_map(|e| {
         let std_error = e.std_error.filter(|s| s.is_finite() && *s > 0.0)?;
@@ -285,7 +281,7 @@ fn rows(run: &RunPlace, model: &Model, estimates: &Estimates) -> Vec<EstimateRow
             &e.code,
             &e.unit,
             e.amplitude,
-            std_error,
+            [std_error, 0.0],
             EstimateScale::Absolute,
         ))
     });
@@ -318,4 +314,68 @@ fn write_table(path: &Path, rows: &mut [EstimateRow], runs: &[RunPlace]) -> Resu
         write_estimates(file, rows).map_err(std::io::Error::from)
     })
     .map_err(failed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::lab;
+    use crate::truth::{Lab, LabRequest};
+
+    const QUIET: Output = Output { json: true };
+
+    fn args(folder: &Path) -> EstimateArgs {
+        EstimateArgs {
+            runs: folder.join("lab/runs"),
+            specimens: folder.join("lab/specimens.csv"),
+            baseline: "equivalent".to_owned(),
+            out: folder.join("estimates.csv"),
+        }
+    }
+
+    fn table(folder: &Path) -> Vec<EstimateRow> {
+        let file = std::fs::File::open(folder.join("estimates.csv")).expect("written");
+        read_estimates("estimates.csv", file).expect("a table")
+    }
+
+    #[test]
+    fn a_table_goes_on_where_it_ended_and_ages_are_counted_from_the_runs() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let folder = folder.path();
+        let mut lab = Lab::draw(&LabRequest {
+            seed: 4,
+            specimens: 8,
+            runs: 16,
+            nothing: true,
+        });
+        // Each specimen has two runs.
+        lab.runs.retain(|run| run.specimen == 0);
+        lab::write(&lab, &folder.join("lab"), &QUIET).expect("written");
+        let files = std::fs::read_dir(folder.join("lab/runs")).expect("listed");
+        let mut files: Vec<PathBuf> = files.map(|e| e.expect("an entry").path()).collect();
+        files.sort();
+        let second = files[1].clone();
+        let aside = folder.join("aside");
+        std::fs::rename(&second, &aside).expect("moved");
+        args(folder).run(&QUIET).expect("estimated");
+        let first = table(folder);
+        std::fs::rename(&aside, &second).expect("moved back");
+        args(folder).run(&QUIET).expect("estimated");
+        let both = table(folder);
+        assert_eq!(both[..first.len()], first, "the rows of the first run are kept");
+        let ages: Vec<f64> = both
+            .iter()
+            .filter(|r| r.quantity == "rate_n_per_mm")
+            .map(|r| r.age_cycles)
+            .collect();
+        assert_eq!(ages, [0.0, f64::from(lab.runs[1].age_cycles)]);
+        assert!(both.iter().all(|row| row.family == "F1" && row.batch == "F1-A"));
+        // Without its specimen in the table no run can be used, and every run is named.
+        std::fs::write(
+            folder.join("lab/specimens.csv"),
+            "specimen,family,batch\nother,F1,A\n",
+        )
+        .expect("written");
+        assert_eq!(args(folder).run(&QUIET).expect("told"), Done::Negative);
+    }
 }

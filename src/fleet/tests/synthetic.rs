@@ -177,6 +177,7 @@ impl SyntheticLab {
                     unit: law.1.to_owned(),
                     estimate,
                     std_error,
+                    form_error: 0.0,
                     scale: law.2,
                 });
             }
