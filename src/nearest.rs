@@ -36,6 +36,11 @@ pub(crate) fn question(meant: Option<&str>) -> String {
     meant.map_or(String::new(), |name| format!(": did you mean {name}?"))
 }
 
+/// [`question`] about a list with commas, as errors have it. A field for the name that is meant would make all errors larger.
+pub(crate) fn question_in(wanted: &str, list: &str) -> String {
+    question(name(wanted, &list.split(", ").collect::<Vec<_>>()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -84,7 +84,7 @@ def test_a_file_that_is_no_run_is_refused(tmp_path):
 def archive(tmp_path_factory):
     """An archive of one run, made by the program. CI says where the program is."""
     program = os.environ.get("LEAFBENCH_PROGRAM")
-    if program is None:
+    if not program:
         pytest.skip("LEAFBENCH_PROGRAM does not name the program leafbench, which makes an archive")
     place = tmp_path_factory.mktemp("archive") / "lab"
     subprocess.run([program, "archive", place, REPOSITORY / "tests/recordings/version-1.leafrun"], check=True)

@@ -18,7 +18,6 @@ use sha2::{Digest, Sha256};
 use crate::effect::law::ForceLaw;
 use crate::effect::{self, Effect, EffectError};
 use crate::model::{self, BuildError, Plant};
-use crate::nearest;
 use crate::profile::ProfileLimits;
 
 /// Why a bench or specimen file cannot be used.
@@ -368,7 +367,6 @@ impl EffectConfig {
             return Err(EffectError::Value(BuildError::UnknownParameter {
                 model: found.code,
                 name: name.clone(),
-                meant: nearest::name(name, &names).map(str::to_owned),
                 known: names.join(", "),
             }));
         }

@@ -203,13 +203,11 @@ pub(crate) static FORMS: &[Effect] = &[friction_form::FORM];
 /// Errors of attaching effects.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum EffectError {
-    #[error("no effect has the code \"{code}\"{}: use one of {known}", nearest::question(meant.as_deref()))]
-    UnknownCode {
-        code: String,
-        /// The code that is probably meant.
-        meant: Option<String>,
-        known: String,
-    },
+    #[error(
+        "no effect has the code \"{code}\"{}: use one of {known}",
+        nearest::question_in(code, known)
+    )]
+    UnknownCode { code: String, known: String },
     #[error("effect {code} takes {wanted} values, {given} were given: enter one value for each of {names}")]
     Count {
         code: &'static str,
@@ -238,7 +236,6 @@ pub(crate) fn find(code: &str) -> Result<&'static Effect, EffectError> {
         .find(|e| e.code == code)
         .ok_or_else(|| EffectError::UnknownCode {
             code: code.to_owned(),
-            meant: nearest::name(code, &codes()).map(str::to_owned),
             known: codes().join(", "),
         })
 }

@@ -102,14 +102,15 @@ pub enum BuildError {
         known: String,
     },
     /// The model has no parameter of this name.
-    #[error("model {model} has no parameter \"{name}\"{}: use one of {known}", nearest::question(meant.as_deref()))]
+    #[error(
+        "model {model} has no parameter \"{name}\"{}: use one of {known}",
+        nearest::question_in(name, known)
+    )]
     UnknownParameter {
         /// Name of the model.
         model: &'static str,
         /// The name that was asked for.
         name: String,
-        /// The name that is probably meant.
-        meant: Option<String>,
         /// Names of the model's parameters.
         known: String,
     },
@@ -210,7 +211,6 @@ impl Model {
         index.ok_or_else(|| BuildError::UnknownParameter {
             model: self.name,
             name: name.to_owned(),
-            meant: nearest::name(name, &names).map(str::to_owned),
             known: names.join(", "),
         })
     }
