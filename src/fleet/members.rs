@@ -152,6 +152,7 @@ fn rows_of_run(
             unit: row.unit.clone(),
             estimate,
             std_error,
+            form_error: 0.0,
             scale,
         })
     });

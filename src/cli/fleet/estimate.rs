@@ -14,11 +14,14 @@ use crate::cli::shared::local::model_names;
 use crate::cli::shared::progress::Progress;
 use crate::cli::{CliError, Done, Output};
 use crate::diagnose::{Baseline, DiagnoseOptions, Estimates, estimate};
+use crate::fleet::diagnosed::scale;
 use crate::fleet::estimate::{EstimateRow, EstimateScale, read_estimates, write_estimates};
+use crate::fleet::members::{Member, Members};
 use crate::model::{self, Model};
 use crate::recording::atomic_file;
 use crate::recording::run_file::{self, EXTENSION, RunFile, RunListing};
 use crate::recording::run_recording;
+use crate::regular_file::{self, TABLE_MAX_BYTES};
 
 /// Runs of each thread between two writings of the table.
 const RUNS_BETWEEN_WRITINGS: usize = 4;
@@ -49,21 +52,12 @@ pub(super) struct EstimateArgs {
     out: PathBuf,
 }
 
-/// A row of the table of specimens.
-#[derive(Debug, Clone, serde::Deserialize)]
-struct SpecimenRow {
-    specimen: String,
-    family: String,
-    #[serde(default)]
-    batch: String,
-}
-
 /// Who a run belongs to.
 #[derive(Debug, Clone)]
 struct RunPlace {
     path: PathBuf,
     run_id: String,
-    specimen: SpecimenRow,
+    specimen: Member,
     bench: String,
     operator: String,
     started_utc: Timestamp,
@@ -143,37 +137,15 @@ fn text(result: &EstimatedRuns) -> String {
         .join("\n")
 }
 
-/// The table of specimens by name.
-fn specimens(path: &Path) -> Result<BTreeMap<String, SpecimenRow>, CliError> {
-    let unusable = |e: csv::Error| {
-        CliError::Input(format!(
-            "{}: the table of specimens cannot be read ({e}): it needs the columns specimen,family,batch",
-            path.display()
-        ))
-    };
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .from_path(path)
-        .map_err(unusable)?;
-    let mut specimens = BTreeMap::new();
-    for row in reader.deserialize() {
-        let row: SpecimenRow = row.map_err(unusable)?;
-        if let Some(twice) = specimens.insert(row.specimen.clone(), row) {
-            return Err(CliError::Input(format!(
-                "{}: specimen {} has two rows: remove one of them",
-                path.display(),
-                twice.specimen
-            )));
-        }
-    }
-    Ok(specimens)
+/// The table of specimens.
+pub(super) fn specimens(path: &Path) -> Result<Members, CliError> {
+    let text = regular_file::read_text(path, TABLE_MAX_BYTES).map_err(CliError::file(path, "reading"))?;
+    Members::read(&path.display().to_string(), text.as_bytes())
+        .map_err(|e| CliError::Input(crate::daemon::chain(&e)))
 }
 
 /// The runs of a folder, sorted by their start, with their ages; and those that cannot be used, with the reason.
-fn run_places(
-    folder: &Path,
-    specimens: &BTreeMap<String, SpecimenRow>,
-) -> Result<(Vec<RunPlace>, Vec<String>), CliError> {
+fn run_places(folder: &Path, specimens: &Members) -> Result<(Vec<RunPlace>, Vec<String>), CliError> {
     let mut listings = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(CliError::file(folder, "listing"))? {
         let path = entry.map_err(CliError::file(folder, "listing"))?.path();
@@ -203,18 +175,14 @@ fn run_places(
     Ok((runs, refused))
 }
 
-fn run_place(
-    listing: &RunListing,
-    age_cycles: u32,
-    specimens: &BTreeMap<String, SpecimenRow>,
-) -> Result<RunPlace, String> {
+fn run_place(listing: &RunListing, age_cycles: u32, specimens: &Members) -> Result<RunPlace, String> {
     if !listing.problem.is_empty() {
         return Err(listing.problem.clone());
     }
     if !listing.is_closed() {
         return Err("the run has no end: give the command again after it".to_owned());
     }
-    let specimen = specimens.get(&listing.specimen).ok_or_else(|| {
+    let specimen = specimens.of(&listing.specimen).ok_or_else(|| {
         format!(
             "specimen \"{}\" is not in the table of specimens: add a row",
             listing.specimen
@@ -286,15 +254,6 @@ fn rows(run: &RunPlace, model: &Model, estimates: &Estimates) -> Vec<EstimateRow
         ))
     });
     parameters.chain(effects).collect()
-}
-
-/// A parameter that cannot be negative is pooled as its logarithm, in every run alike.
-fn scale(model: &Model, parameter: &str) -> EstimateScale {
-    let mut parameters = model.parameters.iter();
-    match parameters.any(|p| p.name == parameter && p.bounds[0] >= 0.0) {
-        true => EstimateScale::Relative,
-        false => EstimateScale::Absolute,
-    }
 }
 
 /// Writes the table sorted by start, after it has taken over who the runs belong to.

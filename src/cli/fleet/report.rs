@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::estimate::specimens;
 use crate::archive::{ArchiveReader, ArchiveStore};
 use crate::cli::shared::local;
 use crate::cli::{CliError, Done, Output};
-use crate::daemon::chain;
 use crate::fleet::estimate::read_estimates;
 use crate::fleet::findings::FleetFindings;
-use crate::fleet::members::{ArchivedEstimates, Members, archived_estimates};
+use crate::fleet::members::{ArchivedEstimates, archived_estimates};
 use crate::fleet::{FleetOptions, pool};
 use crate::model;
 use crate::recording::atomic_file;
@@ -81,15 +81,7 @@ impl FleetReportArgs {
 
     fn of_archive(&self) -> Result<ArchivedEstimates, CliError> {
         let model = model::find(&self.baseline)?;
-        let members = match &self.specimens {
-            None => None,
-            Some(path) => {
-                let text = regular_file::read_text(path, TABLE_MAX_BYTES)
-                    .map_err(CliError::file(path, "reading"))?;
-                let name = path.display().to_string();
-                Some(Members::read(&name, text.as_bytes()).map_err(|e| CliError::Input(chain(&e)))?)
-            }
-        };
+        let members = self.specimens.as_deref().map(specimens).transpose()?;
         let store = ArchiveStore::open_existing(&self.source)?;
         let reader = ArchiveReader::open(&store)?;
         let diagnosed = reader.diagnoses(model.name)?;
