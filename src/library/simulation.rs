@@ -61,7 +61,7 @@ pub fn simulate(bench: &Bench, profile: &Profile, flag: &CancelFlag) -> Result<R
     let limits = bench.profile_limits();
     dry_run_with(profile, plant.as_ref(), &limits, rate_hz, &mut |predicted| {
         let ticks = recording.len() + 1;
-        if ticks % LOOK_TICKS == 0 && flag.is_cancelled() {
+        if ticks.is_multiple_of(LOOK_TICKS) && flag.is_cancelled() {
             return ControlFlow::Break(());
         }
         recording.time_s.push(ticks as f64 / rate_hz);
