@@ -50,7 +50,7 @@ pub(crate) enum ArchiveError {
         /// What was tried: "reading", "writing" ...
         doing: &'static str,
         object: String,
-        source: object_store::Error,
+        source: Box<object_store::Error>,
     },
     #[error("{place} is not an archive: `leafbench archive {place}` makes one")]
     NoArchive { place: String },
@@ -99,6 +99,6 @@ pub(crate) enum ArchiveError {
     #[error("{what}: this is a defect of leafbench, please report it")]
     Parquet {
         what: &'static str,
-        source: parquet::errors::ParquetError,
+        source: Box<parquet::errors::ParquetError>,
     },
 }

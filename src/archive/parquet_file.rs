@@ -154,7 +154,10 @@ impl ParquetFile {
 }
 
 fn failed(what: &'static str) -> impl FnOnce(ParquetError) -> ArchiveError {
-    move |source| ArchiveError::Parquet { what, source }
+    move |source| ArchiveError::Parquet {
+        what,
+        source: Box::new(source),
+    }
 }
 
 fn schema(columns: &[TableColumn]) -> SchemaRef {

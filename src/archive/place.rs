@@ -244,7 +244,7 @@ impl ArchiveStore {
             place: self.name.clone(),
             doing,
             object: object.to_owned(),
-            source,
+            source: Box::new(source),
         }
     }
 }

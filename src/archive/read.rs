@@ -85,7 +85,7 @@ impl<'a> ArchiveReader<'a> {
         };
         rows().map_err(|source| ArchiveError::Parquet {
             what: "a table of the archive",
-            source,
+            source: Box::new(source),
         })
     }
 
