@@ -62,6 +62,16 @@ pub(super) struct Contrast {
     pub degrees: f64,
 }
 
+impl Contrast {
+    /// A mean that is no surer than the form error of its rows lets it be.
+    pub(super) fn with_form_variance(self, variance: f64) -> Contrast {
+        Contrast {
+            std_error: (self.std_error * self.std_error + variance).sqrt(),
+            ..self
+        }
+    }
+}
+
 /// What the rows of a specimen say about its u.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct SpecimenEffect {

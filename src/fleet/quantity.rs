@@ -132,15 +132,7 @@ impl RobustFit<'_, '_> {
         let mut weights = vec![(DesignTerm::Bench(bench), 1.0)];
         weights.extend(groups.into_iter().map(|g| (DesignTerm::Group(g), share)));
         let contrast = self.design.contrast(&self.fit, &weights)?;
-        Some(with_form_variance(contrast, form))
-    }
-}
-
-/// A level that is compared with 0 is no surer than its form error lets it be.
-fn with_form_variance(contrast: Contrast, form: f64) -> Contrast {
-    Contrast {
-        std_error: (contrast.std_error * contrast.std_error + form).sqrt(),
-        ..contrast
+        Some(contrast.with_form_variance(form))
     }
 }
 
@@ -170,7 +162,7 @@ fn group_level(
         let benches = extra.iter().map(|&(b, w)| (DesignTerm::Bench(b), w));
         let weights: Vec<_> = plain.iter().copied().chain(benches).collect();
         let contrast = robust.design.contrast(&robust.fit, &weights)?;
-        Some(with_form_variance(contrast, form))
+        Some(contrast.with_form_variance(form))
     };
     let is_effect = role == QuantityRole::Effect;
     // An effect counts on the benches where it was measured, a parameter at the mean of all.
