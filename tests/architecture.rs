@@ -537,8 +537,9 @@ fn the_truth_of_sealed_cases_shares_nothing_with_what_it_tests() {
     for file in rust_files("src/truth") {
         for used in uses(&read(&file)) {
             assert!(
-                ["recording", "truth", "units"].contains(&used.as_str()),
-                "{} uses {used}: only recording and units are common ground",
+                // A profile is what was commanded: it has no physics of a specimen, and the run files of a lab need it.
+                ["profile", "recording", "truth", "units"].contains(&used.as_str()),
+                "{} uses {used}: only profile, recording and units are common ground",
                 shown(&file)
             );
         }

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::lock::WriterLock;
 use super::manifest::{Manifest, ManifestEntry};
 use super::partition::{self, CYCLES, Partition, RUNS, SAMPLES, hash};
-use super::runs::RunRow;
+use super::runs::ArchiveRow;
 use super::{ArchiveError, ArchiveStore, cycles, runs, samples};
 use crate::recording::cycles::CycleSummary;
 use crate::recording::export;
@@ -45,16 +45,16 @@ pub(crate) struct Added {
 }
 
 /// A run that was read and whose samples are in the store.
-struct PreparedRun {
+struct StoredRun {
     partition: Partition,
-    row: RunRow,
+    row: ArchiveRow,
     cycles: Vec<CycleSummary>,
     samples: ManifestEntry,
 }
 
 /// What became of one run file.
 enum Fate {
-    Prepared(Box<PreparedRun>),
+    Prepared(Box<StoredRun>),
     Open(String),
     Refused(String),
 }
@@ -161,7 +161,7 @@ fn prepare(store: &ArchiveStore, path: &Path) -> Result<Fate, ArchiveError> {
         return Ok(Fate::Open(run.header().run_id.clone()));
     };
     let bytes = path.metadata().map_err(read)?.len();
-    let row = RunRow::of(&run, outcome, &survey, sha256, bytes);
+    let row = ArchiveRow::of(&run, outcome, &survey, sha256, bytes);
     let cycles = export::cycle_summaries(&run);
     let partition = Partition::of(run.header());
     let run_id = run.header().run_id.clone();
@@ -170,7 +170,7 @@ fn prepare(store: &ArchiveStore, path: &Path) -> Result<Fate, ArchiveError> {
         file => file?,
     };
     let samples = store_table(store, partition.file(SAMPLES, &run_id), file, vec![run_id])?;
-    Ok(Fate::Prepared(Box::new(PreparedRun {
+    Ok(Fate::Prepared(Box::new(StoredRun {
         partition,
         row,
         cycles,
@@ -178,7 +178,7 @@ fn prepare(store: &ArchiveStore, path: &Path) -> Result<Fate, ArchiveError> {
     })))
 }
 
-fn sort_fates(fates: Vec<Fate>, added: &mut Added) -> Vec<PreparedRun> {
+fn sort_fates(fates: Vec<Fate>, added: &mut Added) -> Vec<StoredRun> {
     let mut prepared = Vec::new();
     for fate in fates {
         match fate {
@@ -195,10 +195,10 @@ fn commit(
     store: &ArchiveStore,
     lock: &WriterLock,
     manifest: &mut Manifest,
-    prepared: &[PreparedRun],
+    prepared: &[StoredRun],
     added: &mut Added,
 ) -> Result<(), ArchiveError> {
-    let mut partitions: BTreeMap<&Partition, Vec<&PreparedRun>> = BTreeMap::new();
+    let mut partitions: BTreeMap<&Partition, Vec<&StoredRun>> = BTreeMap::new();
     for run in prepared {
         partitions.entry(&run.partition).or_default().push(run);
     }
@@ -222,7 +222,7 @@ fn commit(
 fn store_rows(
     store: &ArchiveStore,
     partition: &Partition,
-    prepared: &[&PreparedRun],
+    prepared: &[&StoredRun],
 ) -> Result<[ManifestEntry; 2], ArchiveError> {
     let mut prepared = prepared.to_vec();
     prepared.sort_unstable_by(|a, b| a.row.header.run_id.cmp(&b.row.header.run_id));

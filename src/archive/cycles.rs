@@ -1,30 +1,30 @@
 //! The table of cycles: one row for each counted cycle of the cycles CSV, with the same names.
 
 use super::ArchiveError;
-use super::parquet_file::{Form, ParquetFile, TableColumn, TableValue, needed, optional};
+use super::parquet_file::{ColumnForm, ParquetFile, TableColumn, TableValue, needed, optional};
 use crate::recording::cycles::CycleSummary;
 
 /// Columns of the table.
 const COLUMNS: [TableColumn; 19] = [
-    needed("run_id", Form::Text, ""),
-    needed("cycle", Form::Whole, "1"),
-    needed("from_s", Form::Number, "s"),
-    needed("to_s", Form::Number, "s"),
-    needed("samples", Form::Whole, "1"),
-    needed("lost", Form::Whole, "1"),
-    needed("excluded", Form::Whole, "1"),
-    needed("complete", Form::Whole, "1"),
-    optional("displacement_peak_mm", Form::Number, "mm"),
-    optional("displacement_valley_mm", Form::Number, "mm"),
-    optional("displacement_amplitude_mm", Form::Number, "mm"),
-    optional("displacement_mean_mm", Form::Number, "mm"),
-    optional("force_peak_n", Form::Number, "N"),
-    optional("force_valley_n", Form::Number, "N"),
-    optional("force_amplitude_n", Form::Number, "N"),
-    optional("force_mean_n", Form::Number, "N"),
-    optional("loop_energy_j", Form::Number, "J"),
-    optional("secant_rate_n_per_mm", Form::Number, "N/mm"),
-    optional("twin_nrmse", Form::Number, "1"),
+    needed("run_id", ColumnForm::Text, ""),
+    needed("cycle", ColumnForm::Whole, "1"),
+    needed("from_s", ColumnForm::Number, "s"),
+    needed("to_s", ColumnForm::Number, "s"),
+    needed("samples", ColumnForm::Whole, "1"),
+    needed("lost", ColumnForm::Whole, "1"),
+    needed("excluded", ColumnForm::Whole, "1"),
+    needed("complete", ColumnForm::Whole, "1"),
+    optional("displacement_peak_mm", ColumnForm::Number, "mm"),
+    optional("displacement_valley_mm", ColumnForm::Number, "mm"),
+    optional("displacement_amplitude_mm", ColumnForm::Number, "mm"),
+    optional("displacement_mean_mm", ColumnForm::Number, "mm"),
+    optional("force_peak_n", ColumnForm::Number, "N"),
+    optional("force_valley_n", ColumnForm::Number, "N"),
+    optional("force_amplitude_n", ColumnForm::Number, "N"),
+    optional("force_mean_n", ColumnForm::Number, "N"),
+    optional("loop_energy_j", ColumnForm::Number, "J"),
+    optional("secant_rate_n_per_mm", ColumnForm::Number, "N/mm"),
+    optional("twin_nrmse", ColumnForm::Number, "1"),
 ];
 
 /// The cycles of several runs as the bytes of a Parquet file, and the number of its rows.

@@ -5,31 +5,31 @@ use std::time::Duration;
 
 use super::lock::WriterLock;
 use super::manifest::{Manifest, ManifestEntry};
-use super::parquet_file::{Form, ParquetFile, TableColumn, TableValue, needed, optional};
+use super::parquet_file::{ColumnForm, ParquetFile, TableColumn, TableValue, needed, optional};
 use super::partition::{DIAGNOSES, SAMPLES, folder_name, hash};
 use super::read::{number_at, text_at, whole_at};
 use super::{ArchiveError, ArchiveReader, ArchiveStore};
 
 /// Columns of the table.
 const COLUMNS: [TableColumn; 18] = [
-    needed("run_id", Form::Text, ""),
-    needed("model", Form::Text, ""),
-    needed("program_version", Form::Text, ""),
-    needed("verdict", Form::Text, ""),
-    needed("message", Form::Text, ""),
-    needed("kind", Form::Text, ""),
-    needed("quantity", Form::Text, ""),
-    needed("unit", Form::Text, ""),
-    needed("scale", Form::Text, ""),
-    optional("estimate", Form::Number, ""),
-    optional("std_error", Form::Number, ""),
-    needed("testable", Form::Whole, "1"),
-    needed("named", Form::Whole, "1"),
-    optional("confidence", Form::Number, "1"),
-    needed("parameter", Form::Text, ""),
-    optional("value", Form::Number, ""),
-    optional("ci95_low", Form::Number, ""),
-    optional("ci95_high", Form::Number, ""),
+    needed("run_id", ColumnForm::Text, ""),
+    needed("model", ColumnForm::Text, ""),
+    needed("program_version", ColumnForm::Text, ""),
+    needed("verdict", ColumnForm::Text, ""),
+    needed("message", ColumnForm::Text, ""),
+    needed("kind", ColumnForm::Text, ""),
+    needed("quantity", ColumnForm::Text, ""),
+    needed("unit", ColumnForm::Text, ""),
+    needed("scale", ColumnForm::Text, ""),
+    optional("estimate", ColumnForm::Number, ""),
+    optional("std_error", ColumnForm::Number, ""),
+    needed("testable", ColumnForm::Whole, "1"),
+    needed("named", ColumnForm::Whole, "1"),
+    optional("confidence", ColumnForm::Number, "1"),
+    needed("parameter", ColumnForm::Text, ""),
+    optional("value", ColumnForm::Number, ""),
+    optional("ci95_low", ColumnForm::Number, ""),
+    optional("ci95_high", ColumnForm::Number, ""),
 ];
 
 /// A commit waits so long for another writer: commits of diagnoses are short, those of runs take seconds.

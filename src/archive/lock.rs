@@ -13,9 +13,9 @@ const LOCK: &str = "_archive/writer.json";
 /// Pause between two looks at the lock of another command.
 const PAUSE: Duration = Duration::from_millis(200);
 
-/// Who writes.
+/// The process that writes to the archive.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-struct Holder {
+struct LockHolder {
     host: String,
     pid: u32,
     /// When this process began: a later process may have the same number.
@@ -29,13 +29,13 @@ struct Holder {
 #[derive(Debug)]
 pub(super) struct WriterLock<'a> {
     store: &'a ArchiveStore,
-    holder: Holder,
+    holder: LockHolder,
 }
 
 impl<'a> WriterLock<'a> {
     /// Takes the lock. `take_over` takes it from another holder, whoever that is.
     pub(super) fn take(store: &'a ArchiveStore, take_over: bool) -> Result<WriterLock<'a>, ArchiveError> {
-        let holder = Holder {
+        let holder = LockHolder {
             host: host(),
             pid: std::process::id(),
             process: process_began(std::process::id()).unwrap_or_default(),
@@ -106,14 +106,14 @@ impl Drop for WriterLock<'_> {
     }
 }
 
-impl Holder {
+impl LockHolder {
     /// False if it is known that the process is gone.
     fn may_live(&self) -> bool {
         self.host != host() || process_began(self.pid).is_some_and(|began| began == self.process)
     }
 }
 
-fn read(store: &ArchiveStore) -> Result<Option<Holder>, ArchiveError> {
+fn read(store: &ArchiveStore) -> Result<Option<LockHolder>, ArchiveError> {
     let text = store.get(LOCK)?;
     Ok(text.and_then(|text| serde_json::from_slice(&text).ok()))
 }

@@ -11,7 +11,7 @@ use super::{ArchiveError, ArchiveStore, SCHEMA_VERSION};
 /// The manifest, one JSON object a line.
 pub(super) const MANIFEST: &str = "_archive/manifest.jsonl";
 
-/// First line.
+/// The first line of a manifest.
 #[derive(Debug, Serialize, Deserialize)]
 struct ManifestHead {
     schema: u32,
@@ -101,7 +101,7 @@ impl Manifest {
         store.put(MANIFEST, text.into_bytes())
     }
 
-    /// Adds objects.
+    /// Adds objects, or replaces those of the same path.
     pub(super) fn extend(&mut self, entries: impl IntoIterator<Item = ManifestEntry>) {
         let entries = entries.into_iter().map(|entry| (entry.path.clone(), entry));
         self.entries.extend(entries);

@@ -26,7 +26,7 @@ const BATCH_ROWS: usize = 1 << 16;
 
 /// Type of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Form {
+pub(super) enum ColumnForm {
     /// A decimal with so many digits behind the point, stored as differences from row to row.
     Decimal(u8),
     /// A whole number, stored as differences.
@@ -43,14 +43,14 @@ pub(super) enum Form {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TableColumn {
     pub name: &'static str,
-    pub form: Form,
+    pub form: ColumnForm,
     /// The unit; `1` for a pure number, empty for text.
     pub unit: &'static str,
     pub optional: bool,
 }
 
 /// A column in which every row has a value.
-pub(super) const fn needed(name: &'static str, form: Form, unit: &'static str) -> TableColumn {
+pub(super) const fn needed(name: &'static str, form: ColumnForm, unit: &'static str) -> TableColumn {
     TableColumn {
         name,
         form,
@@ -60,7 +60,7 @@ pub(super) const fn needed(name: &'static str, form: Form, unit: &'static str) -
 }
 
 /// A column in which a row may have no value.
-pub(super) const fn optional(name: &'static str, form: Form, unit: &'static str) -> TableColumn {
+pub(super) const fn optional(name: &'static str, form: ColumnForm, unit: &'static str) -> TableColumn {
     TableColumn {
         name,
         form,
@@ -163,11 +163,11 @@ fn failed(what: &'static str) -> impl FnOnce(ParquetError) -> ArchiveError {
 fn schema(columns: &[TableColumn]) -> SchemaRef {
     let field = |column: &TableColumn| {
         let kind = match column.form {
-            Form::Decimal(digits) => DataType::Decimal128(PRECISION, digits.cast_signed()),
-            Form::Whole => DataType::Int64,
-            Form::Number => DataType::Float64,
-            Form::Text => DataType::Utf8,
-            Form::Time => DataType::Timestamp(TimeUnit::Microsecond, Some("UTC".into())),
+            ColumnForm::Decimal(digits) => DataType::Decimal128(PRECISION, digits.cast_signed()),
+            ColumnForm::Whole => DataType::Int64,
+            ColumnForm::Number => DataType::Float64,
+            ColumnForm::Text => DataType::Utf8,
+            ColumnForm::Time => DataType::Timestamp(TimeUnit::Microsecond, Some("UTC".into())),
         };
         let unit = HashMap::from([("unit".to_owned(), column.unit.to_owned())]);
         Field::new(column.name, kind, column.optional).with_metadata(unit)
@@ -191,7 +191,10 @@ fn properties(columns: &[TableColumn], facts: &[(&str, &str)]) -> WriterProperti
         .set_created_by(format!("leafbench {}", env!("CARGO_PKG_VERSION")))
         .set_key_value_metadata(Some(facts));
     for column in columns {
-        if matches!(column.form, Form::Decimal(_) | Form::Whole | Form::Time) {
+        if matches!(
+            column.form,
+            ColumnForm::Decimal(_) | ColumnForm::Whole | ColumnForm::Time
+        ) {
             let path = ColumnPath::from(column.name);
             properties = properties
                 .set_column_dictionary_enabled(path.clone(), false)
@@ -213,11 +216,13 @@ enum ColumnBuilder {
 impl ColumnBuilder {
     fn of(column: &TableColumn) -> ColumnBuilder {
         match column.form {
-            Form::Decimal(digits) => ColumnBuilder::Decimal(Decimal128Builder::new(), digits.cast_signed()),
-            Form::Whole => ColumnBuilder::Whole(Int64Builder::new()),
-            Form::Number => ColumnBuilder::Number(Float64Builder::new()),
-            Form::Text => ColumnBuilder::Text(StringBuilder::new()),
-            Form::Time => ColumnBuilder::Time(TimestampMicrosecondBuilder::new()),
+            ColumnForm::Decimal(digits) => {
+                ColumnBuilder::Decimal(Decimal128Builder::new(), digits.cast_signed())
+            }
+            ColumnForm::Whole => ColumnBuilder::Whole(Int64Builder::new()),
+            ColumnForm::Number => ColumnBuilder::Number(Float64Builder::new()),
+            ColumnForm::Text => ColumnBuilder::Text(StringBuilder::new()),
+            ColumnForm::Time => ColumnBuilder::Time(TimestampMicrosecondBuilder::new()),
         }
     }
 

@@ -14,7 +14,7 @@ pub(super) const CYCLES: &str = "cycles";
 pub(super) const DIAGNOSES: &str = "diagnoses";
 /// The tables that have each run.
 pub(super) const RUN_TABLES: [&str; 3] = [SAMPLES, RUNS, CYCLES];
-/// All tables.
+/// All tables of an archive.
 pub(super) const TABLES: [&str; 4] = [SAMPLES, RUNS, CYCLES, DIAGNOSES];
 
 /// Longest name of a specimen in a path, in characters.

@@ -1,57 +1,57 @@
 //! The table of runs: one row for each run, with its header, calibration and outcome.
 
 use super::ArchiveError;
-use super::parquet_file::{Form, ParquetFile, TableColumn, TableValue, needed, optional};
+use super::parquet_file::{ColumnForm, ParquetFile, TableColumn, TableValue, needed, optional};
 use crate::recording::run_file::{RunFile, Survey};
 use crate::recording::{Ending, Header, Outcome, datapackage};
 
 /// Columns of the table.
 const COLUMNS: [TableColumn; 40] = [
-    needed("run_id", Form::Text, ""),
-    needed("specimen_name", Form::Text, ""),
-    optional("started_utc", Form::Time, ""),
-    needed("bench", Form::Text, ""),
-    needed("operator", Form::Text, ""),
-    needed("profile", Form::Text, ""),
-    needed("twin", Form::Text, ""),
-    needed("ending", Form::Text, ""),
-    needed("cause", Form::Text, ""),
-    needed("sample_rate_hz", Form::Number, "Hz"),
-    needed("duration_planned_s", Form::Number, "s"),
-    needed("samples", Form::Whole, "1"),
-    needed("lost", Form::Whole, "1"),
-    needed("late", Form::Whole, "1"),
-    needed("flagged", Form::Whole, "1"),
-    needed("cycles_completed", Form::Whole, "1"),
-    needed("cycles_planned", Form::Whole, "1"),
-    needed("first_cycle", Form::Whole, "1"),
-    needed("resumes_run", Form::Text, ""),
-    needed("continues", Form::Text, ""),
-    needed("force_scale_per_count", Form::Number, "N"),
-    needed("force_offset_n", Form::Number, "N"),
-    needed("force_tare_n", Form::Number, "N"),
-    needed("force_serial", Form::Text, ""),
-    needed("force_certificate", Form::Text, ""),
-    needed("displacement_scale_per_count", Form::Number, "mm"),
-    needed("displacement_offset_mm", Form::Number, "mm"),
-    needed("displacement_tare_mm", Form::Number, "mm"),
-    needed("displacement_serial", Form::Text, ""),
-    needed("displacement_certificate", Form::Text, ""),
-    needed("calibration", Form::Text, ""),
-    needed("firmware_serial", Form::Whole, "1"),
-    needed("calibration_hash", Form::Text, ""),
-    needed("program_version", Form::Text, ""),
-    needed("bench_sha256", Form::Text, ""),
-    needed("bench_toml", Form::Text, ""),
-    needed("profile_toml", Form::Text, ""),
-    needed("remarks", Form::Text, ""),
-    needed("run_file_sha256", Form::Text, ""),
-    needed("run_file_bytes", Form::Whole, "1"),
+    needed("run_id", ColumnForm::Text, ""),
+    needed("specimen_name", ColumnForm::Text, ""),
+    optional("started_utc", ColumnForm::Time, ""),
+    needed("bench", ColumnForm::Text, ""),
+    needed("operator", ColumnForm::Text, ""),
+    needed("profile", ColumnForm::Text, ""),
+    needed("twin", ColumnForm::Text, ""),
+    needed("ending", ColumnForm::Text, ""),
+    needed("cause", ColumnForm::Text, ""),
+    needed("sample_rate_hz", ColumnForm::Number, "Hz"),
+    needed("duration_planned_s", ColumnForm::Number, "s"),
+    needed("samples", ColumnForm::Whole, "1"),
+    needed("lost", ColumnForm::Whole, "1"),
+    needed("late", ColumnForm::Whole, "1"),
+    needed("flagged", ColumnForm::Whole, "1"),
+    needed("cycles_completed", ColumnForm::Whole, "1"),
+    needed("cycles_planned", ColumnForm::Whole, "1"),
+    needed("first_cycle", ColumnForm::Whole, "1"),
+    needed("resumes_run", ColumnForm::Text, ""),
+    needed("continues", ColumnForm::Text, ""),
+    needed("force_scale_per_count", ColumnForm::Number, "N"),
+    needed("force_offset_n", ColumnForm::Number, "N"),
+    needed("force_tare_n", ColumnForm::Number, "N"),
+    needed("force_serial", ColumnForm::Text, ""),
+    needed("force_certificate", ColumnForm::Text, ""),
+    needed("displacement_scale_per_count", ColumnForm::Number, "mm"),
+    needed("displacement_offset_mm", ColumnForm::Number, "mm"),
+    needed("displacement_tare_mm", ColumnForm::Number, "mm"),
+    needed("displacement_serial", ColumnForm::Text, ""),
+    needed("displacement_certificate", ColumnForm::Text, ""),
+    needed("calibration", ColumnForm::Text, ""),
+    needed("firmware_serial", ColumnForm::Whole, "1"),
+    needed("calibration_hash", ColumnForm::Text, ""),
+    needed("program_version", ColumnForm::Text, ""),
+    needed("bench_sha256", ColumnForm::Text, ""),
+    needed("bench_toml", ColumnForm::Text, ""),
+    needed("profile_toml", ColumnForm::Text, ""),
+    needed("remarks", ColumnForm::Text, ""),
+    needed("run_file_sha256", ColumnForm::Text, ""),
+    needed("run_file_bytes", ColumnForm::Whole, "1"),
 ];
 
 /// What the table needs of one run.
 #[derive(Debug, Clone)]
-pub(super) struct RunRow {
+pub(super) struct ArchiveRow {
     pub header: Header,
     pub outcome: Outcome,
     /// Samples with any flag except that of a gap.
@@ -60,7 +60,7 @@ pub(super) struct RunRow {
     pub run_file_bytes: u64,
 }
 
-impl RunRow {
+impl ArchiveRow {
     /// Row of a closed run.
     pub(super) fn of(
         run: &RunFile,
@@ -68,8 +68,8 @@ impl RunRow {
         survey: &Survey,
         sha256: String,
         bytes: u64,
-    ) -> RunRow {
-        RunRow {
+    ) -> ArchiveRow {
+        ArchiveRow {
             header: run.header().clone(),
             outcome: outcome.clone(),
             flagged: survey.flagged,
@@ -80,7 +80,7 @@ impl RunRow {
 }
 
 /// Runs as the bytes of a Parquet file, and the number of its rows.
-pub(super) fn file<'a>(rows: impl Iterator<Item = &'a RunRow>) -> Result<(Vec<u8>, u64), ArchiveError> {
+pub(super) fn file<'a>(rows: impl Iterator<Item = &'a ArchiveRow>) -> Result<(Vec<u8>, u64), ArchiveError> {
     let mut file = ParquetFile::new(&COLUMNS, &[])?;
     for row in rows {
         let texts = Texts::of(row);
@@ -98,7 +98,7 @@ struct Texts {
 }
 
 impl Texts {
-    fn of(row: &RunRow) -> Texts {
+    fn of(row: &ArchiveRow) -> Texts {
         let header = &row.header;
         Texts {
             bench: bench_name(&header.bench_toml),
@@ -109,7 +109,7 @@ impl Texts {
     }
 }
 
-fn values<'a>(row: &'a RunRow, texts: &'a Texts) -> [TableValue<'a>; 40] {
+fn values<'a>(row: &'a ArchiveRow, texts: &'a Texts) -> [TableValue<'a>; 40] {
     use TableValue::{Number, Text};
     let (h, o) = (&row.header, &row.outcome);
     let count = |number: u64| TableValue::Whole(number.cast_signed());

@@ -1,7 +1,7 @@
 //! The table of samples: one file for each run, one row for each sample.
 
 use super::ArchiveError;
-use super::parquet_file::{Form, ParquetFile, TableColumn, TableValue, needed, optional};
+use super::parquet_file::{ColumnForm, ParquetFile, TableColumn, TableValue, needed, optional};
 use crate::recording::Sample;
 use crate::recording::csv::CsvFormat;
 use crate::recording::run_file::{RunFile, Survey};
@@ -18,17 +18,17 @@ const LARGEST: f64 = 1e18;
 
 /// Columns of the table.
 const COLUMNS: [TableColumn; 11] = [
-    needed("run_id", Form::Text, ""),
-    needed("tick", Form::Whole, "1"),
-    needed("time_s", Form::Decimal(TIME_DIGITS), "s"),
-    needed("displacement_mm", Form::Decimal(DISPLACEMENT_DIGITS), "mm"),
-    needed("force_n", Form::Decimal(FORCE_DIGITS), "N"),
-    optional("command_mm", Form::Decimal(DISPLACEMENT_DIGITS), "mm"),
-    optional("command_n", Form::Decimal(FORCE_DIGITS), "N"),
-    needed("cycle", Form::Whole, "1"),
-    needed("segment", Form::Whole, "1"),
-    optional("twin_force_n", Form::Decimal(FORCE_DIGITS), "N"),
-    needed("flags", Form::Whole, "1"),
+    needed("run_id", ColumnForm::Text, ""),
+    needed("tick", ColumnForm::Whole, "1"),
+    needed("time_s", ColumnForm::Decimal(TIME_DIGITS), "s"),
+    needed("displacement_mm", ColumnForm::Decimal(DISPLACEMENT_DIGITS), "mm"),
+    needed("force_n", ColumnForm::Decimal(FORCE_DIGITS), "N"),
+    optional("command_mm", ColumnForm::Decimal(DISPLACEMENT_DIGITS), "mm"),
+    optional("command_n", ColumnForm::Decimal(FORCE_DIGITS), "N"),
+    needed("cycle", ColumnForm::Whole, "1"),
+    needed("segment", ColumnForm::Whole, "1"),
+    optional("twin_force_n", ColumnForm::Decimal(FORCE_DIGITS), "N"),
+    needed("flags", ColumnForm::Whole, "1"),
 ];
 
 /// A run as the bytes of a Parquet file, and the number of its rows.

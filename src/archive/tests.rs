@@ -150,13 +150,9 @@ fn a_run_of_an_archive_is_the_recording_of_its_file() {
     ));
 }
 
-#[test]
-fn diagnoses_are_written_once_and_read_back() {
-    let folder = tempfile::tempdir().unwrap();
-    let files = few_runs(folder.path());
-    let store = in_memory();
-    add_all(&store, &files);
-    let diagnosed = |run_id: &str| DiagnosedRun {
+/// A diagnosis that estimated a parameter and named an effect.
+fn diagnosed(run_id: &str) -> DiagnosedRun {
+    DiagnosedRun {
         run_id: run_id.to_owned(),
         model: "equivalent".to_owned(),
         program_version: "1".to_owned(),
@@ -185,7 +181,15 @@ fn diagnoses_are_written_once_and_read_back() {
                 ..DiagnosisRow::default()
             },
         ],
-    };
+    }
+}
+
+#[test]
+fn diagnoses_are_written_once_and_read_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let files = few_runs(folder.path());
+    let store = in_memory();
+    add_all(&store, &files);
     let failed = DiagnosedRun {
         verdict: "failed".to_owned(),
         message: "too short".to_owned(),
