@@ -19,7 +19,7 @@ mod hold;
 mod identify;
 mod import;
 mod jog;
-mod lab;
+pub(crate) mod lab;
 mod man;
 mod mock_rig;
 mod new;
