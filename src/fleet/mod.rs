@@ -50,7 +50,7 @@ pub(crate) enum FleetError {
     Contradiction {
         /// Specimen or quantity, with its name.
         of: String,
-        /// What differs.
+        /// What should agree, such as "the unit".
         what: &'static str,
         /// The two values, each with its run.
         said: [String; 2],

@@ -12,65 +12,17 @@ use super::wording::{counted, interval, named};
 pub(super) fn sentences(quantities: &[QuantityFindings], reference: Option<&str>) -> Vec<FleetFinding> {
     let mut found: Vec<(f64, FleetFinding)> = Vec::new();
     for quantity in quantities {
-        let mut add = |kind: QuestionKind, subject: &str, value: &PooledValue, sentence: String| {
-            if !value.found {
-                return;
-            }
+        let answered = answers(quantity, reference).into_iter();
+        found.extend(answered.filter(|a| a.value.found).map(|answer| {
             let finding = FleetFinding {
-                kind,
+                kind: answer.kind,
                 quantity: quantity.quantity.clone(),
-                subject: subject.to_owned(),
-                adjusted_p: value.adjusted_p.unwrap_or(1.0),
-                sentence,
+                subject: answer.subject,
+                adjusted_p: answer.value.adjusted_p.unwrap_or(1.0),
+                sentence: answer.sentence,
             };
-            found.push((value.p.unwrap_or(1.0), finding));
-        };
-        for bench in &quantity.benches {
-            let text = of_bench(quantity, bench, reference);
-            add(QuestionKind::Bench, &bench.name, &bench.effect, text);
-        }
-        for operator in &quantity.operators {
-            let text = of_operator(quantity, operator);
-            add(QuestionKind::Operator, &operator.name, &operator.effect, text);
-        }
-        for group in &quantity.groups {
-            let subject = group_name(group);
-            match &group.on_least_sure_bench {
-                Some(sure) if sure.found => {
-                    add(QuestionKind::Group, &subject, sure, of_group(quantity, group))
-                }
-                // That the group or one of its benches has it follows from the finding about the bench.
-                _ if bench_is_found(quantity, group) => {}
-                _ => add(
-                    QuestionKind::Group,
-                    &subject,
-                    &group.level,
-                    of_group_or_bench(quantity, group),
-                ),
-            }
-            if let Some(difference) = &group.from_other_batches {
-                let text = of_batch(quantity, group, difference);
-                add(QuestionKind::Group, &subject, difference, text);
-            }
-        }
-        for slope in &quantity.slopes {
-            let subject = slope.family.as_deref().unwrap_or_default();
-            add(
-                QuestionKind::Age,
-                subject,
-                &slope.slope,
-                of_slope(quantity, slope),
-            );
-        }
-        for specimen in &quantity.specimen_deviations {
-            let text = of_specimen(quantity, specimen);
-            add(
-                QuestionKind::Specimen,
-                &specimen.specimen,
-                &specimen.deviation,
-                text,
-            );
-        }
+            (answer.value.p.unwrap_or(1.0), finding)
+        }));
     }
     found.sort_by(|(p, a), (q, b)| {
         let names = |f: &FleetFinding| (f.subject.clone(), f.quantity.clone());
@@ -79,6 +31,74 @@ pub(super) fn sentences(quantities: &[QuantityFindings], reference: Option<&str>
             .then_with(|| names(a).cmp(&names(b)))
     });
     found.into_iter().map(|(_, finding)| finding).collect()
+}
+
+/// A value, and what it means if it is a finding.
+struct AnsweredQuestion<'q> {
+    kind: QuestionKind,
+    subject: String,
+    value: &'q PooledValue,
+    sentence: String,
+}
+
+fn answers<'q>(quantity: &'q QuantityFindings, reference: Option<&str>) -> Vec<AnsweredQuestion<'q>> {
+    let answer =
+        |kind: QuestionKind, subject: &str, value: &'q PooledValue, sentence: String| AnsweredQuestion {
+            kind,
+            subject: subject.to_owned(),
+            value,
+            sentence,
+        };
+    let benches = quantity.benches.iter().map(|bench| {
+        let text = of_bench(quantity, bench, reference);
+        answer(QuestionKind::Bench, &bench.name, &bench.effect, text)
+    });
+    let operators = quantity.operators.iter().map(|operator| {
+        let text = of_operator(quantity, operator);
+        answer(QuestionKind::Operator, &operator.name, &operator.effect, text)
+    });
+    let groups = quantity.groups.iter().flat_map(|group| {
+        let said = group_answers(quantity, group).into_iter();
+        said.map(|(value, text)| answer(QuestionKind::Group, &group_name(group), value, text))
+    });
+    let slopes = quantity.slopes.iter().map(|slope| {
+        let subject = slope.family.as_deref().unwrap_or_default();
+        answer(
+            QuestionKind::Age,
+            subject,
+            &slope.slope,
+            of_slope(quantity, slope),
+        )
+    });
+    let specimens = quantity.specimen_deviations.iter().map(|specimen| {
+        let text = of_specimen(quantity, specimen);
+        answer(
+            QuestionKind::Specimen,
+            &specimen.specimen,
+            &specimen.deviation,
+            text,
+        )
+    });
+    benches
+        .chain(operators)
+        .chain(groups)
+        .chain(slopes)
+        .chain(specimens)
+        .collect()
+}
+
+/// What is said about a group, each with the value that decides whether it is.
+fn group_answers<'q>(quantity: &QuantityFindings, group: &'q GroupLevel) -> Vec<(&'q PooledValue, String)> {
+    let mut said = Vec::new();
+    match &group.on_least_sure_bench {
+        Some(sure) if sure.found => said.push((sure, of_group(quantity, group))),
+        // That the group or one of its benches has it follows from the finding about the bench.
+        _ if bench_is_found(quantity, group) => {}
+        _ => said.push((&group.level, of_group_or_bench(quantity, group))),
+    }
+    let difference = group.from_other_batches.iter();
+    said.extend(difference.map(|value| (value, of_batch(quantity, group, value))));
+    said
 }
 
 /// Specimens that deviate, but not by enough to be findings, the clearest first.

@@ -207,8 +207,7 @@ pub(super) mod tests {
         }
     }
 
-    /// Findings about one quantity, with a name that needs escaping.
-    pub(in crate::report) fn findings() -> FleetFindings {
+    fn rate() -> QuantityFindings {
         let bench = LevelEffect {
             name: "B, \"2\"".to_owned(),
             against: vec!["B1".to_owned(), "B3".to_owned()],
@@ -234,7 +233,7 @@ pub(super) mod tests {
             deviation: value(-0.03, false),
             deletion_t: -5.0,
         };
-        let quantity = QuantityFindings {
+        QuantityFindings {
             quantity: "rate_n_per_mm".to_owned(),
             unit: "N/mm".to_owned(),
             scale: EstimateScale::Relative,
@@ -251,7 +250,11 @@ pub(super) mod tests {
                 slope: value(0.0, false),
             }],
             specimen_deviations: vec![specimen],
-        };
+        }
+    }
+
+    /// Findings about one quantity, with a name that needs escaping.
+    pub(in crate::report) fn findings() -> FleetFindings {
         FleetFindings {
             rows: 4,
             specimens: 2,
@@ -270,7 +273,7 @@ pub(super) mod tests {
             worth_a_look: vec!["Specimen S<1> differs.".to_owned()],
             bench_causes: Vec::new(),
             cannot_tell: Vec::new(),
-            quantities: vec![quantity],
+            quantities: vec![rate()],
         }
     }
 

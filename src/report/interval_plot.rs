@@ -36,7 +36,7 @@ pub(super) const DOUBTFUL: Ink = Ink::Improved;
 const WIDTH: f64 = 560.0;
 const ROW: f64 = 24.0;
 const TOP: f64 = 8.0;
-/// Axis with its figures and its label.
+/// PlotAxis with its figures and its label.
 const BELOW: f64 = 54.0;
 const NAME_TEXT: f64 = 15.0;
 /// Width of an average character of a name, and the most that names take.
@@ -47,14 +47,14 @@ const MARGIN: f64 = 14.0;
 const STEPS: f64 = 5.0;
 
 /// A scale from values to px.
-struct Axis {
+struct PlotAxis {
     low: f64,
     high: f64,
     left: f64,
 }
 
-impl Axis {
-    fn of(plot: &IntervalPlot) -> Axis {
+impl PlotAxis {
+    fn of(plot: &IntervalPlot) -> PlotAxis {
         let ends = plot.rows.iter().flat_map(|r| [r.value, r.low, r.high]);
         let ends = ends.filter(|v| v.is_finite()).chain(plot.zero.then_some(0.0));
         let (low, high) = ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
@@ -67,7 +67,7 @@ impl Axis {
         };
         let longest = plot.rows.iter().map(|r| shortened(&r.name).chars().count()).max();
         let left = 2.0 * MARGIN + CHARACTER * longest.unwrap_or(0) as f64;
-        Axis { low, high, left }
+        PlotAxis { low, high, left }
     }
 
     fn px(&self, value: f64) -> f64 {
@@ -102,7 +102,7 @@ fn shortened(name: &str) -> String {
 impl IntervalPlot {
     /// The plot as the text of one `<svg>` element.
     pub(super) fn render(&self) -> String {
-        let axis = Axis::of(self);
+        let axis = PlotAxis::of(self);
         let bottom = TOP + ROW * self.rows.len() as f64;
         let height = bottom + BELOW;
         let quiet = Ink::Earlier.css();
@@ -132,7 +132,7 @@ impl IntervalPlot {
 }
 
 impl IntervalRow {
-    fn render(&self, axis: &Axis, y: f64) -> Markup {
+    fn render(&self, axis: &PlotAxis, y: f64) -> Markup {
         let colour = self.ink.css();
         let [low, value, high] = [self.low, self.value, self.high].map(|v| px(axis.px(v)));
         html! {
@@ -171,7 +171,7 @@ mod tests {
             rows: vec![row("A", 1.0), row("B <2>", 3.0)],
             zero: true,
         };
-        let axis = Axis::of(&plot);
+        let axis = PlotAxis::of(&plot);
         assert!((axis.low + 0.175).abs() < 1e-12 && (axis.high - 3.675).abs() < 1e-12);
         assert_eq!(axis.ticks(), (vec![0.0, 1.0, 2.0, 3.0], 0));
         let svg = plot.render();
@@ -192,7 +192,7 @@ mod tests {
             rows: vec![alone],
             zero: false,
         };
-        let axis = Axis::of(&plot);
+        let axis = PlotAxis::of(&plot);
         assert_eq!((axis.low, axis.high), (1.0, 3.0));
         let empty = IntervalPlot {
             rows: Vec::new(),

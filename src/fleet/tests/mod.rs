@@ -27,7 +27,7 @@ fn about<'f>(findings: &'f FleetFindings, subject: &str, quantity: &str) -> Opti
 
 /// Of the labs with everything in them: how often each thing was found, and how often its interval holds the truth.
 #[derive(Debug, Default)]
-struct Found {
+struct LabsFound {
     gain: Coverage,
     force_is_the_cause: usize,
     delay: Coverage,
@@ -38,7 +38,7 @@ struct Found {
     wrong: usize,
 }
 
-impl Found {
+impl LabsFound {
     fn count(&mut self, lab: &SyntheticLab, findings: &FleetFindings) {
         let bench = |quantity_name: &str, name: &str| {
             let mut benches = quantity(findings, quantity_name).benches.iter();
@@ -80,9 +80,9 @@ fn is_true(finding: &FleetFinding) -> bool {
     subjects.contains(&finding.subject.as_str())
 }
 
-fn found_in(seeds: std::ops::Range<u64>) -> Found {
+fn found_in(seeds: std::ops::Range<u64>) -> LabsFound {
     let lab = SyntheticLab::with_everything();
-    let mut found = Found::default();
+    let mut found = LabsFound::default();
     seeds.for_each(|seed| found.count(&lab, &pooled(&lab.table(seed))));
     found
 }

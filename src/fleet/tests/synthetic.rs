@@ -22,7 +22,7 @@ pub(super) struct SyntheticLab {
     pub delay_ms: Vec<f64>,
     /// Series compliance of the specimens of batch `m2` of family `F2`, in its one-step amplitude.
     pub batch_compliance: f64,
-    /// Specimens with a rate of their own: number and fraction.
+    /// Specimens with a rate of their own: number, and logarithm of the ratio to what it would be.
     pub outliers: Vec<(usize, f64)>,
     /// Growth of the friction ratio, fraction per 1000 cycles.
     pub friction_growth: f64,
