@@ -115,7 +115,7 @@ pub(crate) struct PlayedTest {
     profile: Profile,
     profile_toml: String,
     pub(crate) test: LabTest,
-    /// Counted cycles.
+    /// Counted cycles of the whole test.
     cycles: u32,
 }
 
