@@ -238,7 +238,7 @@ fn hide(random: &mut ChaCha8Rng, families: &[LabFamily], specimens: &mut [LabSpe
         }
         // One clamp, one law: the batch was mounted with the same fixture.
         let hidden = clamp.get_or_insert_with(|| play(random, &families[loose_family]));
-        specimen.hidden = hidden.clone();
+        specimen.hidden = *hidden;
     }
     let last = specimens.len() / families.len() - 1;
     let outliers = [
@@ -283,7 +283,7 @@ fn runs(random: &mut ChaCha8Rng, request: &LabRequest) -> Vec<LabRun> {
     let mut runs: Vec<LabRun> = (0..request.runs)
         .map(|k| {
             let specimen = k % request.specimens;
-            let travels = specimen / 2 % 2 == 0;
+            let travels = (specimen / 2).is_multiple_of(2);
             let bench = if travels {
                 one_of(random, &[0, 1, 2])
             } else {
