@@ -1,9 +1,10 @@
 //! One-step amplitudes on recordings of `truth`: without an effect they scatter about zero by their standard errors, and a fault of a
 //! bench is found in its size.
 
+use crate::cli::lab::PlayedTest;
 use crate::diagnose::{Baseline, DiagnoseOptions, Estimates, estimate};
 use crate::recording::Recording;
-use crate::truth::{Case, Family, Lab, LabRequest, LabTest, World};
+use crate::truth::{Case, Family, Lab, LabRequest, World};
 
 fn estimates(recordings: &[Recording]) -> Estimates {
     let baseline = Baseline::of(crate::model::find("equivalent").expect("listed"));
@@ -52,7 +53,8 @@ fn the_lag_of_a_bench_is_estimated_in_its_size_and_no_other_bench_has_one() {
             .position(|run| run.bench == bench)
             .expect("tested");
         let family = &lab.families[lab.specimens[lab.runs[number].specimen].family_index];
-        let recording = lab.record(number, &LabTest::new(&family.name, family.top_mm));
+        let played = PlayedTest::new(&family.name, family.top_mm).expect("played");
+        let recording = lab.record(number, &played.test);
         let found = estimates(&[recording]);
         let delay = found
             .effects

@@ -115,5 +115,8 @@ def test_what_is_no_archive_is_refused(tmp_path):
         leafbench.read_archive(tmp_path, "a")
     with pytest.raises(InputError, match="read_archive reads an archive"):
         leafbench.read(tmp_path)
+    # Ten thousand million items would need 300 GB as a list.
+    with pytest.raises(ArgumentTypeError, match=r"runs\[0\]"):
+        leafbench.read_archive(tmp_path, np.broadcast_to(1.0, 10**10))
     with pytest.raises(ArgumentTypeError, match="runs is a int"):
         leafbench.read_archive(tmp_path, 7)

@@ -13,10 +13,13 @@ use super::shared::progress::Progress;
 use super::{CliCommand, CliError, Done, Output};
 use crate::config::Bench;
 use crate::daemon::header::{self, Planned};
+use crate::profile::{Player, Profile};
 use crate::recording::export::sha256_of;
 use crate::recording::run_file::{EXTENSION, RunFileWriter};
 use crate::recording::{Ending, Flags, Header, Outcome, Recorder, Recording, Sample};
-use crate::truth::{Lab, LabRequest, LabTest};
+use crate::truth::lab_test::{self, COMMANDS_HZ};
+use crate::truth::{Lab, LabCommand, LabRequest, LabTest};
+use crate::units::Command;
 
 /// Start of the campaign: midnight, UTC, of the first day.
 const FIRST_DAY: &str = "2026-01-05T00:00:00Z";
@@ -107,6 +110,38 @@ fn text_of(written: &WrittenLab) -> String {
     )
 }
 
+/// The test of a family, played from its profile as a bench does.
+pub(crate) struct PlayedTest {
+    profile: Profile,
+    profile_toml: String,
+    pub(crate) test: LabTest,
+    /// Counted cycles of the whole test.
+    cycles: u32,
+}
+
+impl PlayedTest {
+    /// Plays the test of one family of a lab.
+    pub(crate) fn new(family: &str, top_mm: f64) -> Result<PlayedTest, CliError> {
+        let profile_toml = lab_test::profile_toml(family, top_mm);
+        let profile = Profile::from_toml(&profile_toml, family)?;
+        let mut player = Player::new(&profile, 0.0, COMMANDS_HZ)?;
+        let mut test = LabTest { commands: Vec::new() };
+        while let Some(slot) = player.next() {
+            test.commands.push(LabCommand {
+                displacement_mm: slot.command.value(),
+                cycle: slot.cycle,
+                segment: slot.segment,
+            });
+        }
+        Ok(PlayedTest {
+            cycles: player.total_cycles(),
+            profile,
+            profile_toml,
+            test,
+        })
+    }
+}
+
 /// The table that a laboratory keeps of its specimens.
 fn specimen_table(lab: &Lab) -> String {
     let rows = lab.specimens.iter();
@@ -118,14 +153,16 @@ fn specimen_table(lab: &Lab) -> String {
 
 fn write_runs(lab: &Lab, folder: &Path, output: &Output) -> Result<(), CliError> {
     let families = lab.families.iter();
-    let tests: Vec<LabTest> = families.map(|f| LabTest::new(&f.name, f.top_mm)).collect();
+    let tests: Vec<PlayedTest> = families
+        .map(|f| PlayedTest::new(&f.name, f.top_mm))
+        .collect::<Result<_, _>>()?;
     let bench = Bench::shipped()?;
     let (progress, done) = (Mutex::new(Progress::new("lab", output.json)), AtomicUsize::new(0));
     let count = lab.runs.len();
     (0..count).into_par_iter().try_for_each(|number| {
         let test = &tests[lab.specimens[lab.runs[number].specimen].family_index];
         let header = header_of(lab, number, test, bench.clone())?;
-        write_run(&header, test, &lab.record(number, test), folder)?;
+        write_run(&header, test, &lab.record(number, &test.test), folder)?;
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
         if let Ok(mut bar) = progress.lock() {
             bar.show_share(done as f64 / count as f64, &format!("run {done} of {count}"));
@@ -139,7 +176,7 @@ fn write_runs(lab: &Lab, folder: &Path, output: &Output) -> Result<(), CliError>
 }
 
 /// The header that a bench of the laboratory writes: the shipped bench under another name, with its own sample rate.
-fn header_of(lab: &Lab, number: usize, test: &LabTest, mut bench: Bench) -> Result<Header, CliError> {
+fn header_of(lab: &Lab, number: usize, test: &PlayedTest, mut bench: Bench) -> Result<Header, CliError> {
     let run = &lab.runs[number];
     let of_lab = &lab.benches[run.bench];
     bench.name.clone_from(&of_lab.name);
@@ -150,8 +187,8 @@ fn header_of(lab: &Lab, number: usize, test: &LabTest, mut bench: Bench) -> Resu
     let started = first_day + SignedDuration::from_secs_f64(run.start_s);
     let run_id = format!("{}-{:05}", started.strftime("%Y%m%d-%H%M%S"), number + 1);
     let planned = Planned {
-        cycles: test.cycles(),
-        duration_s: test.duration_s(),
+        cycles: test.cycles,
+        duration_s: test.test.duration_s(),
     };
     let toml = test.profile_toml.clone();
     Ok(Header {
@@ -162,7 +199,12 @@ fn header_of(lab: &Lab, number: usize, test: &LabTest, mut bench: Bench) -> Resu
     })
 }
 
-fn write_run(header: &Header, test: &LabTest, recording: &Recording, folder: &Path) -> Result<(), CliError> {
+fn write_run(
+    header: &Header,
+    test: &PlayedTest,
+    recording: &Recording,
+    folder: &Path,
+) -> Result<(), CliError> {
     let path = folder.join(format!("{}.{EXTENSION}", header.run_id));
     let mut writer = RunFileWriter::create(&path, header)?;
     let disk = writer.status();
@@ -175,7 +217,7 @@ fn write_run(header: &Header, test: &LabTest, recording: &Recording, folder: &Pa
         samples: recording.len() as u64,
         lost: 0,
         late: 0,
-        cycles_completed: test.cycles(),
+        cycles_completed: test.cycles,
         unsaved: None,
         punctuality: None,
     });
@@ -186,13 +228,13 @@ fn write_run(header: &Header, test: &LabTest, recording: &Recording, folder: &Pa
 }
 
 /// A sample as the rig sends it: values are whole counts.
-fn sample(header: &Header, test: &LabTest, recording: &Recording, tick: usize) -> Sample {
+fn sample(header: &Header, test: &PlayedTest, recording: &Recording, tick: usize) -> Sample {
     let force_counts = header.force_channel.counts(recording.force_n[tick]);
     let displacement_counts = header
         .displacement_channel
         .counts(recording.displacement_mm[tick]);
     let time_s = recording.time_s[tick];
-    let slot = test.at(time_s);
+    let due = test.test.at(time_s);
     Sample {
         tick: tick as u64,
         time_s,
@@ -200,9 +242,9 @@ fn sample(header: &Header, test: &LabTest, recording: &Recording, tick: usize) -
         displacement_mm: header.displacement_channel.value(displacement_counts),
         force_counts,
         displacement_counts,
-        command: slot.map(|s| s.command),
-        cycle: slot.map_or(0, |s| s.cycle),
-        segment: slot.map_or(0, |s| s.segment),
+        command: due.map(|c| Command::Displacement(c.displacement_mm)),
+        cycle: due.map_or(0, |c| c.cycle),
+        segment: due.map_or(0, |c| c.segment),
         twin_force_n: None,
         flags: Flags::default(),
     }
@@ -212,6 +254,17 @@ fn sample(header: &Header, test: &LabTest, recording: &Recording, tick: usize) -
 mod tests {
     use super::*;
     use crate::recording::run_file::{RunFile, listing};
+
+    #[test]
+    fn a_test_has_its_cycles_and_reaches_the_travel_that_it_was_scaled_to() {
+        let played = PlayedTest::new("F1", 20.0).expect("played");
+        assert_eq!(played.cycles, lab_test::CYCLES);
+        // Ramps of 1 s; sines of 4, 7 and 7 cycles with their tapers at 0.5, 2 and 1.5 Hz.
+        assert!((played.test.duration_s() - (2.0 + 8.0 + 3.5 + 14.0 / 3.0)).abs() < 2e-3);
+        let commands = played.test.commands.iter();
+        let top_mm = commands.map(|c| c.displacement_mm).fold(0.0, f64::max);
+        assert!((top_mm - 0.92 * 20.0).abs() < 1e-6);
+    }
 
     #[test]
     fn run_files_are_whole_and_say_who_was_tested_where() {

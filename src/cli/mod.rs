@@ -20,7 +20,7 @@ mod hold;
 pub(crate) mod identify;
 mod import;
 mod jog;
-mod lab;
+pub(crate) mod lab;
 mod man;
 mod mock_rig;
 mod new;

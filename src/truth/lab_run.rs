@@ -54,6 +54,7 @@ impl Lab {
 #[cfg(test)]
 mod tests {
     use super::super::lab::LabRequest;
+    use super::super::lab_test::LabCommand;
     use super::*;
 
     #[test]
@@ -71,8 +72,14 @@ mod tests {
             .expect("20 runs of 40 are of travelling specimens");
         let mut right = lab.clone();
         right.benches[1].force_gain = 1.0;
-        let family = &lab.families[lab.specimens[lab.runs[number].specimen].family_index];
-        let test = LabTest::new(&family.name, family.top_mm);
+        let command = |k: u32| LabCommand {
+            displacement_mm: 10.0 - 10.0 * (f64::from(k) * 0.003).cos(),
+            cycle: 0,
+            segment: 1,
+        };
+        let test = LabTest {
+            commands: (1..5000).map(command).collect(),
+        };
         let top = |lab: &Lab| {
             let recording = lab.record(number, &test);
             recording.force_n.iter().copied().fold(0.0, f64::max)

@@ -66,6 +66,7 @@ def read_archive(place: str | os.PathLike[str], runs: str | ArchivedRun | Iterab
     """
     given = [runs] if isinstance(runs, (str, ArchivedRun)) else runs
     if isinstance(given, Iterable) and not isinstance(given, bytes):
-        given = [run.run_id if isinstance(run, ArchivedRun) else run for run in _arguments.items("runs", given)]
+        # One by one: the first item that is no run is refused, before a list of all of them needs the memory.
+        given = (run.run_id if isinstance(run, ArchivedRun) else run for run in _arguments.items("runs", given))
     read = _leafbench.read_archived(_arguments.path("place", place), _arguments.texts("runs", given))
     return [Recording._of(columns, specimen) for columns, specimen in read]
