@@ -11,7 +11,7 @@ use super::read::{number_at, text_at, whole_at};
 use super::{ArchiveError, ArchiveReader, ArchiveStore};
 
 /// Columns of the table.
-const COLUMNS: [TableColumn; 18] = [
+const COLUMNS: [TableColumn; 19] = [
     needed("run_id", ColumnForm::Text, ""),
     needed("model", ColumnForm::Text, ""),
     needed("program_version", ColumnForm::Text, ""),
@@ -23,6 +23,7 @@ const COLUMNS: [TableColumn; 18] = [
     needed("scale", ColumnForm::Text, ""),
     optional("estimate", ColumnForm::Number, ""),
     optional("std_error", ColumnForm::Number, ""),
+    optional("form_error", ColumnForm::Number, ""),
     needed("testable", ColumnForm::Whole, "1"),
     needed("named", ColumnForm::Whole, "1"),
     optional("confidence", ColumnForm::Number, "1"),
@@ -67,6 +68,8 @@ pub struct DiagnosisRow {
     pub estimate: Option<f64>,
     /// Standard error, in the unit of the estimate.
     pub std_error: Option<f64>,
+    /// The part of the standard error that all runs of a family share, because the model is wrong in the same way in all of them.
+    pub form_error: Option<f64>,
     /// False if the model imitates the effect in this recording.
     pub testable: bool,
     /// What the diagnosis says of an effect that it names.
@@ -184,6 +187,7 @@ fn row_at(batch: &arrow_array::RecordBatch, row: usize) -> Option<DiagnosisRow> 
         scale: text("scale"),
         estimate: number("estimate"),
         std_error: number("std_error"),
+        form_error: number("form_error"),
         testable: whole_at(batch, "testable", row) != 0,
         named: named.then(|| Estimated {
             confidence: number("confidence").unwrap_or_default(),
@@ -210,7 +214,7 @@ fn file(run: &DiagnosedRun) -> Result<(Vec<u8>, u64), ArchiveError> {
     file.finish()
 }
 
-fn values<'a>(run: &'a DiagnosedRun, row: &'a DiagnosisRow) -> [TableValue<'a>; 18] {
+fn values<'a>(run: &'a DiagnosedRun, row: &'a DiagnosisRow) -> [TableValue<'a>; 19] {
     use TableValue::{Text, Whole};
     let named = row.named.as_ref();
     let number = TableValue::finite;
@@ -227,6 +231,7 @@ fn values<'a>(run: &'a DiagnosedRun, row: &'a DiagnosisRow) -> [TableValue<'a>; 
         Text(&row.scale),
         number(row.estimate),
         number(row.std_error),
+        number(row.form_error),
         Whole(i64::from(row.testable)),
         Whole(i64::from(named.is_some())),
         number(named.map(|n| n.confidence)),

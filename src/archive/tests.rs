@@ -166,6 +166,7 @@ fn diagnosed(run_id: &str) -> DiagnosedRun {
                 scale: "relative".to_owned(),
                 estimate: Some(72.0),
                 std_error: Some(0.1),
+                form_error: Some(0.05),
                 testable: true,
                 named: None,
             },

@@ -24,7 +24,7 @@ use serde::Serialize;
 
 use super::conditioning::range;
 use super::fitting::{
-    Attached, Data, Doubt, FitContext, Node, RunSettings, Setup, Tangent, generalise, insert_group,
+    Attached, Data, Doubt, FitContext, Node, RunSettings, Setup, Tangent, converge, generalise, insert_group,
 };
 use super::judgement::TESTABLE;
 use super::search::in_doubt;
@@ -36,6 +36,8 @@ use crate::identify::evaluator::Evaluator;
 /// Form error divided by standard error. In two synthetic labs without an effect (`docs/fleet.md`) the mean amplitude of a family was off by
 /// 0.8 standard errors of one run (RMS over effects and families), and runs scattered about it by 0.4 to 1.
 const FORM_SHARE: f64 = 0.9;
+/// Code of a delay between the channels.
+const DELAY: &str = "channel_delay";
 /// Step of the difference quotients as a share of a parameter's scale.
 const RELATIVE_STEP: f64 = 1e-5;
 /// Sum of squares of a signature, in variances of the noise, below which it is rounding.
@@ -102,7 +104,8 @@ pub(super) fn estimates(
     let data = data.all_fitted();
     let context = run.context(setup, &data);
     let (own, _) = context.converged(fitted)?;
-    let baseline = parameters(&context, &own);
+    let delayed = with_delay(&context, &own, &setup.candidates);
+    let baseline = parameters(&context, delayed.as_ref().map_or(&own, |(node, _)| node));
     let form = setup.form.as_ref();
     let general =
         form.and_then(|form| generalise(&context, &own, form, &(form.effect.starts)(&context.span)));
@@ -114,9 +117,29 @@ pub(super) fn estimates(
     let (data, base) = doubted.unwrap_or((data, base));
     let context = run.context(setup, &data);
     let (node, tangent) = context.converged(&base)?;
-    let step = OneStep::new(&context, &node, &tangent)?;
-    let effects = context.parallel_map(&setup.candidates, |candidate| step.estimate(candidate));
+    let alone = OneStep::new(&context, &node, &tangent)?;
+    let delayed = with_delay(&context, &node, &setup.candidates);
+    let beside = delayed
+        .as_ref()
+        .and_then(|(node, tangent)| OneStep::new(&context, node, tangent));
+    let effects = context.parallel_map(&setup.candidates, |candidate| {
+        let is_delay = candidate.effect.code == DELAY;
+        let step = beside.as_ref().filter(|_| !is_delay).unwrap_or(&alone);
+        step.estimate(candidate)
+    });
     Some(Estimates { baseline, effects })
+}
+
+/// The baseline with a free delay between the channels, converged. A delay is a fault of a bench that leaves traces in everything that
+/// depends on speed, so all else is estimated beside it. `None` where the baseline has one already.
+fn with_delay(context: &FitContext<'_>, base: &Node, candidates: &[Attached]) -> Option<(Node, Tangent)> {
+    let delay = candidates
+        .iter()
+        .find(|candidate| candidate.effect.code == DELAY)?;
+    let mut attached = base.attached.clone();
+    attached.push(delay.clone());
+    let values = insert_group(&base.values, &reference(delay, context));
+    converge(&context.structure(attached), values)
 }
 
 /// The parameters of the baseline with their standard errors.
@@ -127,7 +150,15 @@ fn parameters(context: &FitContext<'_>, node: &Node) -> Vec<ParameterEstimate> {
     evaluator.residuals(&node.values, &mut residuals);
     let found = confidence(&mut evaluator, &node.values, &residuals, RELATIVE_STEP);
     let listed = structure.parameters().iter().zip(&node.values).zip(&found.sigma);
-    listed
+    let of_delay = |name: &str| {
+        let mut delays = node
+            .attached
+            .iter()
+            .filter(|attached| attached.effect.code == DELAY);
+        delays.any(|delay| delay.parameters.iter().any(|parameter| parameter.name == name))
+    };
+    let baseline = listed.filter(|((parameter, _), _)| !of_delay(parameter.name));
+    baseline
         .map(|((parameter, &value), sigma)| ParameterEstimate {
             name: parameter.name.to_owned(),
             unit: parameter.unit.to_owned(),

@@ -84,6 +84,7 @@ fn rows(model: &Model, estimates: &Estimates, diagnosis: Option<&Diagnosis>) -> 
         scale: scale(model, &parameter.name).word().to_owned(),
         estimate: Some(parameter.value),
         std_error: parameter.std_error,
+        form_error: None,
         testable: true,
         named: None,
     });
@@ -94,6 +95,7 @@ fn rows(model: &Model, estimates: &Estimates, diagnosis: Option<&Diagnosis>) -> 
         scale: EstimateScale::Absolute.word().to_owned(),
         estimate: Some(effect.amplitude),
         std_error: effect.std_error,
+        form_error: effect.form_error,
         testable: effect.testable,
         named: diagnosis.and_then(|diagnosis| named(diagnosis, &effect.code)),
     });

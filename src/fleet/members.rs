@@ -152,7 +152,7 @@ fn rows_of_run(
             unit: row.unit.clone(),
             estimate,
             std_error,
-            form_error: 0.0,
+            form_error: row.form_error.unwrap_or(0.0),
             scale,
         })
     });
@@ -193,6 +193,7 @@ mod tests {
             scale: "absolute".to_owned(),
             estimate: Some(0.1),
             std_error,
+            form_error: None,
             testable: quantity != "lift_off",
             named: None,
         };

@@ -249,7 +249,7 @@ fn rows(run: &RunPlace, model: &Model, estimates: &Estimates) -> Vec<EstimateRow
             &e.code,
             &e.unit,
             e.amplitude,
-            [std_error, 0.0],
+            [std_error, e.form_error.unwrap_or(0.0)],
             EstimateScale::Absolute,
         ))
     });
