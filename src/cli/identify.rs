@@ -98,8 +98,10 @@ impl CliCommand for IdentifyArgs {
     ];
 
     fn run(self, output: &Output) -> Result<Done, CliError> {
-        let read = self.recordings.iter().map(|path| csv::read_file(path));
-        let recordings = read.collect::<Result<Vec<_>, _>>()?;
+        let recordings = || {
+            let read = self.recordings.iter().map(|path| csv::read_file(path));
+            Ok(read.collect::<Result<Vec<_>, _>>()?)
+        };
         let stop = ctrl_c_flag();
         let mut progress = Progress::new("identify", output.json);
         // Ctrl-C ends the fit with the best values so far.
@@ -121,17 +123,18 @@ impl CliCommand for IdentifyArgs {
 }
 
 impl IdentifyArgs {
-    /// Fits to `recordings`, or to the table of `--targets`. Also returns the text of a specimen file with the values found.
+    /// Fits to `recordings`, or to the table of `--targets`. The recordings are read when all else is known to be right. Also returns
+    /// the text of a specimen file with the values found.
     pub(crate) fn identified(
         &self,
-        recordings: Vec<Recording>,
+        recordings: impl FnOnce() -> Result<Vec<Recording>, CliError>,
         watch: &mut dyn FnMut(FitProgress) -> FitControl,
     ) -> Result<(Identified, String), CliError> {
         let mut specimen = self.start_specimen()?;
         let model = model::find(&specimen.model.name)?;
         let mut start = specimen.model.values()?;
         let fixed = self.fixed(model, &mut start)?;
-        let problem = self.problem(model, &specimen.model.structure, recordings)?;
+        let problem = self.problem(model, &specimen.model.structure, recordings()?)?;
         let options = FitOptions {
             method: self.method.with_default_settings(),
             start: Some(start),

@@ -48,7 +48,7 @@ pub fn identify(
         seed: order.seed,
         out: None,
     };
-    let found: (Identified, String) = args.identified(recordings, &mut |step| {
+    let found: (Identified, String) = args.identified(|| Ok(recordings), &mut |step| {
         progress(step.share);
         match flag.is_cancelled() {
             true => FitControl::Stop,
