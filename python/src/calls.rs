@@ -3,9 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use leafbench::{
-    CallFailure, DiagnoseOptions, DiagnoseOrder, DiagnosedRun, FailureKind, IdentifyOrder, Recording,
-};
+use leafbench::{CallFailure, DiagnoseOptions, DiagnoseOrder, FailureKind, IdentifyOrder, Recording};
 use pyo3::prelude::*;
 
 use crate::columns::Columns;
@@ -67,16 +65,7 @@ pub(crate) fn diagnose_archived(
 /// Puts diagnoses, each as JSON, into the archive; returns how many are new.
 #[pyfunction]
 pub(crate) fn store_diagnoses(py: Python<'_>, place: String, diagnosed: Vec<String>) -> PyResult<usize> {
-    until_done(py, |_| {
-        let diagnosed: Result<Vec<DiagnosedRun>, _> =
-            diagnosed.iter().map(|text| serde_json::from_str(text)).collect();
-        let diagnosed = diagnosed.map_err(|error| {
-            CallFailure::input(format!(
-                "a diagnosis is no diagnosis of a run ({error}): give what diagnose_archived returned"
-            ))
-        })?;
-        leafbench::store_diagnoses(&place, &diagnosed)
-    })
+    until_done(py, |_| leafbench::store_diagnoses(&place, &diagnosed))
 }
 
 /// Steps the bench's model along a profile, or with `rig` runs it on the mock rig.

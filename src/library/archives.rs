@@ -54,10 +54,18 @@ pub fn diagnose_archived(
     Ok(diagnose_run(recording, model, depth))
 }
 
-/// Puts diagnoses into the archive and returns how many are new. Those that are there already stay as they are.
-pub fn store_diagnoses(place: &str, diagnosed: &[DiagnosedRun]) -> Result<usize, CallFailure> {
+/// Puts diagnoses into the archive and returns how many are new. Each is the JSON of what [`diagnose_archived`] returned. Those that are
+/// there already stay as they are.
+pub fn store_diagnoses(place: &str, diagnosed: &[String]) -> Result<usize, CallFailure> {
+    let diagnosed: Result<Vec<DiagnosedRun>, _> =
+        diagnosed.iter().map(|text| serde_json::from_str(text)).collect();
+    let diagnosed = diagnosed.map_err(|error| {
+        CallFailure::input(format!(
+            "a diagnosis is no diagnosis of a run ({error}): give what diagnose_archived returned"
+        ))
+    })?;
     let store = ArchiveStore::open_existing(place)?;
-    Ok(add_diagnoses(&store, diagnosed)?)
+    Ok(add_diagnoses(&store, &diagnosed)?)
 }
 
 fn model_of(name: &str) -> Result<&'static Model, CallFailure> {
