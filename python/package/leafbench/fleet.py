@@ -5,7 +5,8 @@
     python -m leafbench.fleet diagnose lab-archive
     python -m leafbench.fleet diagnose s3://lab/leafbench --engine ray --address auto
 
-Whatever the engine and the number of workers, the archive gets the same table of diagnoses (docs/archive.md), each run once. Only this
+Whatever the engine and the number of workers, the archive gets the same table of diagnoses (docs/archive.md), each run once: the same bytes
+from the same version of this package. Only this
 process writes; it commits every few runs, so it may be killed and given again. ``leafbench fleet report`` pools the table.
 """
 
@@ -17,6 +18,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from itertools import islice
 
 from . import _arguments, _leafbench
 from ._errors import InputError
@@ -103,11 +105,11 @@ def _on_threads(place: str, runs: list[str], model: str, estimates_only: bool, w
     with ThreadPoolExecutor(workers, thread_name_prefix="diagnose") as pool:
         left = iter(runs)
         running = {pool.submit(_leafbench.diagnose_archived, place, run, model, estimates_only)
-                   for run, _ in zip(left, range(RUNS_AHEAD * workers))}
+                   for run in islice(left, RUNS_AHEAD * workers)}
         try:
             while running:
                 ready, running = wait(running, return_when=FIRST_COMPLETED)
-                for run, _ in zip(left, ready):
+                for run in islice(left, len(ready)):
                     running.add(pool.submit(_leafbench.diagnose_archived, place, run, model, estimates_only))
                 for future in ready:
                     yield future.result()
@@ -135,10 +137,10 @@ def _on_ray(
 
     try:
         left = iter(runs)
-        running = [diagnosed.remote(run) for run, _ in zip(left, range(RUNS_AHEAD * workers))]
+        running = [diagnosed.remote(run) for run in islice(left, RUNS_AHEAD * workers)]
         while running:
             ready, running = ray.wait(running)
-            running += [diagnosed.remote(run) for run, _ in zip(left, ready)]
+            running += [diagnosed.remote(run) for run in islice(left, len(ready))]
             yield from ray.get(ready)
     finally:
         if begun_here:

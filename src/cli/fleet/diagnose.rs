@@ -20,7 +20,7 @@ const RUNS_OF_A_COMMIT: usize = 16;
 #[derive(Debug, Args)]
 #[command(
     after_help = "The diagnoses are a table of the archive (docs/archive.md). An interrupted command goes on where it was. For many machines \
-                  there is `python -m leafbench.fleet diagnose ARCHIVE --engine ray`, which gives the same table."
+                  there is `python -m leafbench.fleet diagnose ARCHIVE --engine ray`, which finds the same."
 )]
 pub(super) struct FleetDiagnoseArgs {
     /// Folder of the archive, or s3://BUCKET/PREFIX
