@@ -30,6 +30,7 @@ pub use diagnoses::{DiagnosedRun, DiagnosisRow, Estimated};
 pub(crate) use place::ArchiveStore;
 pub(crate) use read::ArchiveReader;
 pub use read::ArchivedRun;
+pub(crate) use runs::bench_name;
 pub(crate) use verify::{Verified, verify};
 
 /// Version of the tables and of the manifest. A reader refuses a newer one.

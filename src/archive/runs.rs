@@ -159,7 +159,7 @@ fn values<'a>(row: &'a ArchiveRow, texts: &'a Texts) -> [TableValue<'a>; 40] {
 }
 
 /// Name of a bench from the text of its file; empty if the text has none.
-fn bench_name(bench_toml: &str) -> String {
+pub(crate) fn bench_name(bench_toml: &str) -> String {
     let table: Option<toml::Table> = bench_toml.parse().ok();
     let name = table
         .as_ref()

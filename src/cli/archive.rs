@@ -59,7 +59,7 @@ impl CliCommand for ArchiveArgs {
 }
 
 /// The run files of a command: those that are named, those of named folders, or those of the data folder.
-pub(super) fn run_files(named: &[PathBuf], data: &Path) -> Result<Vec<PathBuf>, CliError> {
+pub(in crate::cli) fn run_files(named: &[PathBuf], data: &Path) -> Result<Vec<PathBuf>, CliError> {
     let data = [data.to_owned()];
     let places = if named.is_empty() { &data[..] } else { named };
     let mut files = Vec::new();

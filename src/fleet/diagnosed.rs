@@ -136,7 +136,7 @@ fn unit(unit: &str) -> String {
 }
 
 /// A parameter that cannot be negative is pooled as its logarithm, in every run alike.
-pub(crate) fn scale(model: &Model, parameter: &str) -> EstimateScale {
+fn scale(model: &Model, parameter: &str) -> EstimateScale {
     let mut parameters = model.parameters.iter();
     match parameters.any(|p| p.name == parameter && p.bounds[0] >= 0.0) {
         true => EstimateScale::Relative,

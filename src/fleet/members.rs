@@ -77,8 +77,88 @@ pub(crate) struct ArchivedEstimates {
     pub left_out: Vec<String>,
 }
 
-/// The estimates of an archive. `runs` are all its runs by start: the counted cycles of the earlier ones are the age of a specimen.
-/// Without members all specimens are one family.
+/// A run with what it belongs to and its age.
+#[derive(Debug, Clone)]
+pub(crate) struct PlacedRun {
+    pub run_id: String,
+    pub member: Member,
+    pub bench: String,
+    pub operator: String,
+    pub started_utc: Timestamp,
+    /// Counted cycles of the earlier runs of the specimen.
+    pub age_cycles: f64,
+}
+
+/// The places of all runs of a laboratory, which are given by start; an error is the reason why a run cannot be pooled. Also a run that
+/// cannot be pooled has aged its specimen. Without members all specimens are one family.
+pub(crate) fn placed_runs(runs: &[ArchivedRun], members: Option<&Members>) -> Vec<Result<PlacedRun, String>> {
+    let mut ages: BTreeMap<&str, i64> = BTreeMap::new();
+    let placed = runs.iter().map(|run| {
+        let age = ages.entry(&run.specimen).or_default();
+        let age_cycles = *age as f64;
+        *age += run.cycles_completed;
+        placed_run(run, age_cycles, members)
+    });
+    placed.collect()
+}
+
+fn placed_run(run: &ArchivedRun, age_cycles: f64, members: Option<&Members>) -> Result<PlacedRun, String> {
+    let member = match members {
+        None => Some(Member {
+            specimen: run.specimen.clone(),
+            family: "all".to_owned(),
+            batch: String::new(),
+        }),
+        Some(members) => members.of(&run.specimen).cloned(),
+    };
+    let unknown = || {
+        let specimen = &run.specimen;
+        format!("specimen \"{specimen}\" is not in the table of specimens: add a row")
+    };
+    let started_utc = run.started_utc.parse();
+    if run.bench.is_empty() {
+        return Err("its bench has no name".to_owned());
+    }
+    Ok(PlacedRun {
+        run_id: run.run_id.clone(),
+        member: member.ok_or_else(unknown)?,
+        bench: run.bench.clone(),
+        operator: run.operator.clone(),
+        started_utc: started_utc.map_err(|_| "its run file has no time of start".to_owned())?,
+        age_cycles,
+    })
+}
+
+impl PlacedRun {
+    /// The quantities of its diagnosis that can be pooled. An error is the reason why it could not be diagnosed.
+    pub(crate) fn rows(&self, diagnosed: &DiagnosedRun) -> Result<Vec<EstimateRow>, String> {
+        if diagnosed.verdict == FAILED {
+            return Err(format!("it could not be diagnosed: {}", diagnosed.message));
+        }
+        let rows = diagnosed.rows.iter().filter_map(|row| {
+            let (scale, estimate, std_error) = usable(row)?;
+            Some(EstimateRow {
+                run_id: self.run_id.clone(),
+                specimen: self.member.specimen.clone(),
+                family: self.member.family.clone(),
+                batch: self.member.batch.clone(),
+                bench: self.bench.clone(),
+                operator: self.operator.clone(),
+                started_utc: self.started_utc,
+                age_cycles: self.age_cycles,
+                quantity: row.quantity.clone(),
+                unit: row.unit.clone(),
+                estimate,
+                std_error,
+                form_error: row.form_error.unwrap_or(0.0),
+                scale,
+            })
+        });
+        Ok(rows.collect())
+    }
+}
+
+/// The estimates of an archive. `runs` are all its runs by start.
 pub(crate) fn archived_estimates(
     runs: &[ArchivedRun],
     diagnosed: &[DiagnosedRun],
@@ -86,77 +166,17 @@ pub(crate) fn archived_estimates(
 ) -> ArchivedEstimates {
     let diagnosed: BTreeMap<&str, &DiagnosedRun> =
         diagnosed.iter().map(|run| (run.run_id.as_str(), run)).collect();
-    let mut ages: BTreeMap<&str, i64> = BTreeMap::new();
     let mut found = ArchivedEstimates::default();
-    for run in runs {
-        let age = ages.entry(&run.specimen).or_default();
-        let age_cycles = *age as f64;
-        *age += run.cycles_completed;
-        match rows_of_run(
-            run,
-            diagnosed.get(run.run_id.as_str()).copied(),
-            age_cycles,
-            members,
-        ) {
+    for (run, placed) in runs.iter().zip(placed_runs(runs, members)) {
+        let of_run = diagnosed.get(run.run_id.as_str());
+        let of_run =
+            of_run.ok_or_else(|| "it is not diagnosed yet: give `leafbench fleet diagnose`".to_owned());
+        match of_run.and_then(|diagnosed| placed?.rows(diagnosed)) {
             Ok(rows) => found.rows.extend(rows),
             Err(reason) => found.left_out.push(format!("run {}: {reason}", run.run_id)),
         }
     }
     found
-}
-
-fn rows_of_run(
-    run: &ArchivedRun,
-    diagnosed: Option<&DiagnosedRun>,
-    age_cycles: f64,
-    members: Option<&Members>,
-) -> Result<Vec<EstimateRow>, String> {
-    let diagnosed = diagnosed.ok_or("it is not diagnosed yet: give `leafbench fleet diagnose`")?;
-    if diagnosed.verdict == FAILED {
-        return Err(format!("it could not be diagnosed: {}", diagnosed.message));
-    }
-    let alone = Member {
-        specimen: run.specimen.clone(),
-        family: "all".to_owned(),
-        batch: String::new(),
-    };
-    let member = match members {
-        None => Some(&alone),
-        Some(members) => members.of(&run.specimen),
-    };
-    let member = member.ok_or_else(|| {
-        format!(
-            "specimen \"{}\" is not in the table of specimens: add a row",
-            run.specimen
-        )
-    })?;
-    let started_utc: Timestamp = run
-        .started_utc
-        .parse()
-        .map_err(|_| "its run file has no time of start".to_owned())?;
-    if run.bench.is_empty() {
-        return Err("its bench has no name".to_owned());
-    }
-    let rows = diagnosed.rows.iter().filter_map(|row| {
-        let (scale, estimate, std_error) = usable(row)?;
-        Some(EstimateRow {
-            run_id: run.run_id.clone(),
-            specimen: run.specimen.clone(),
-            family: member.family.clone(),
-            batch: member.batch.clone(),
-            bench: run.bench.clone(),
-            operator: run.operator.clone(),
-            started_utc,
-            age_cycles,
-            quantity: row.quantity.clone(),
-            unit: row.unit.clone(),
-            estimate,
-            std_error,
-            form_error: row.form_error.unwrap_or(0.0),
-            scale,
-        })
-    });
-    Ok(rows.collect())
 }
 
 /// Scale, estimate and standard error of a row that can be pooled. A parameter at a bound and an effect that the model imitates cannot.

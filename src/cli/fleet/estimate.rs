@@ -7,19 +7,19 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use jiff::Timestamp;
 use rayon::prelude::*;
 
+use crate::archive::{ArchivedRun, bench_name};
+use crate::cli::archive::run_files;
 use crate::cli::shared::local::model_names;
 use crate::cli::shared::progress::Progress;
 use crate::cli::{CliError, Done, Output};
-use crate::diagnose::{Baseline, DiagnoseOptions, Estimates, estimate};
-use crate::fleet::diagnosed::scale;
-use crate::fleet::estimate::{EstimateRow, EstimateScale, read_estimates, write_estimates};
-use crate::fleet::members::{Member, Members};
+use crate::fleet::diagnosed::{Depth, diagnose_run};
+use crate::fleet::estimate::{EstimateRow, read_estimates, write_estimates};
+use crate::fleet::members::{Members, PlacedRun, placed_runs};
 use crate::model::{self, Model};
 use crate::recording::atomic_file;
-use crate::recording::run_file::{self, EXTENSION, RunFile, RunListing};
+use crate::recording::run_file::{self, RunFile, RunListing};
 use crate::recording::run_recording;
 use crate::regular_file::{self, TABLE_MAX_BYTES};
 
@@ -52,16 +52,11 @@ pub(super) struct EstimateArgs {
     out: PathBuf,
 }
 
-/// Who a run belongs to.
+/// A run file with what its run belongs to.
 #[derive(Debug, Clone)]
-struct RunPlace {
+struct PlacedFile {
     path: PathBuf,
-    run_id: String,
-    specimen: Member,
-    bench: String,
-    operator: String,
-    started_utc: Timestamp,
-    age_cycles: u32,
+    run: PlacedRun,
 }
 
 #[derive(serde::Serialize)]
@@ -77,15 +72,15 @@ struct EstimatedRuns {
 impl EstimateArgs {
     pub(super) fn run(self, output: &Output) -> Result<Done, CliError> {
         let model = model::find(&self.baseline)?;
-        let (runs, mut refused) = run_places(&self.runs, &specimens(&self.specimens)?)?;
+        let (runs, mut refused) = placed_files(&self.runs, &specimens(&self.specimens)?)?;
         let mut rows = self.present()?;
         let there: BTreeSet<String> = rows.iter().map(|row| row.run_id.clone()).collect();
-        let (present, missing): (Vec<&RunPlace>, Vec<&RunPlace>) =
-            runs.iter().partition(|run| there.contains(&run.run_id));
+        let (present, missing): (Vec<&PlacedFile>, Vec<&PlacedFile>) =
+            runs.iter().partition(|file| there.contains(&file.run.run_id));
         let mut progress = Progress::new("fleet estimate", output.json);
         let mut done = 0;
         for some in missing.chunks(RUNS_BETWEEN_WRITINGS * rayon::current_num_threads()) {
-            let estimated: Vec<_> = some.par_iter().map(|run| rows_of_run(run, model)).collect();
+            let estimated: Vec<_> = some.par_iter().map(|file| rows_of(file, model)).collect();
             for result in estimated {
                 match result {
                     Ok(new) => rows.extend(new),
@@ -144,15 +139,12 @@ pub(super) fn specimens(path: &Path) -> Result<Members, CliError> {
         .map_err(|e| CliError::Input(crate::daemon::chain(&e)))
 }
 
-/// The runs of a folder, sorted by their start, with their ages; and those that cannot be used, with the reason.
-fn run_places(folder: &Path, specimens: &Members) -> Result<(Vec<RunPlace>, Vec<String>), CliError> {
-    let mut listings = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(CliError::file(folder, "listing"))? {
-        let path = entry.map_err(CliError::file(folder, "listing"))?.path();
-        if path.extension().is_some_and(|e| e == EXTENSION) {
-            listings.push(run_file::listing(path));
-        }
-    }
+/// The runs of a folder, sorted by their start; and those that cannot be used, with the reason.
+fn placed_files(folder: &Path, specimens: &Members) -> Result<(Vec<PlacedFile>, Vec<String>), CliError> {
+    let mut listings: Vec<RunListing> = run_files(&[folder.to_owned()], folder)?
+        .into_iter()
+        .map(run_file::listing)
+        .collect();
     if listings.is_empty() {
         return Err(CliError::Input(format!(
             "{} has no run files: name the folder with the .leafrun files",
@@ -160,111 +152,64 @@ fn run_places(folder: &Path, specimens: &Members) -> Result<(Vec<RunPlace>, Vec<
         )));
     }
     listings.sort_by(|a, b| (&a.started_utc, &a.run_id).cmp(&(&b.started_utc, &b.run_id)));
-    let mut seen: BTreeMap<String, u32> = BTreeMap::new();
-    let (mut runs, mut refused) = (Vec::new(), Vec::new());
-    for listing in listings {
-        let seen = seen.entry(listing.specimen.clone()).or_default();
-        let age_cycles = *seen;
-        // A run that cannot be estimated has aged its specimen all the same.
-        *seen += listing.cycles_completed;
-        match run_place(&listing, age_cycles, specimens) {
-            Ok(run) => runs.push(run),
+    let runs: Vec<ArchivedRun> = listings.iter().map(described).collect();
+    let (mut files, mut refused) = (Vec::new(), Vec::new());
+    for (listing, placed) in listings.into_iter().zip(placed_runs(&runs, Some(specimens))) {
+        match whole(&listing).and(placed) {
+            Ok(run) => files.push(PlacedFile {
+                path: listing.path,
+                run,
+            }),
             Err(reason) => refused.push(format!("{}: {reason}", listing.path.display())),
         }
     }
-    Ok((runs, refused))
+    Ok((files, refused))
 }
 
-fn run_place(listing: &RunListing, age_cycles: u32, specimens: &Members) -> Result<RunPlace, String> {
+/// The run of a listing as an archive would have it.
+fn described(listing: &RunListing) -> ArchivedRun {
+    let bench = RunFile::open(&listing.path).map(|run| bench_name(&run.header().bench_toml));
+    ArchivedRun {
+        run_id: listing.run_id.clone(),
+        specimen: listing.specimen.clone(),
+        bench: bench.unwrap_or_default(),
+        operator: listing.operator.clone(),
+        started_utc: listing.started_utc.clone(),
+        cycles_completed: i64::from(listing.cycles_completed),
+    }
+}
+
+/// An error if the run is damaged or still goes on.
+fn whole(listing: &RunListing) -> Result<(), String> {
     if !listing.problem.is_empty() {
         return Err(listing.problem.clone());
     }
-    if !listing.is_closed() {
-        return Err("the run has no end: give the command again after it".to_owned());
+    match listing.is_closed() {
+        true => Ok(()),
+        false => Err("the run has no end: give the command again after it".to_owned()),
     }
-    let specimen = specimens.of(&listing.specimen).ok_or_else(|| {
-        format!(
-            "specimen \"{}\" is not in the table of specimens: add a row",
-            listing.specimen
-        )
-    })?;
-    let header = RunFile::open(&listing.path).map_err(|e| crate::daemon::chain(&e))?;
-    let header = header.header();
-    let bench: toml::Table = header.bench_toml.parse().unwrap_or_default();
-    let bench = bench.get("name").and_then(|name| name.as_str());
-    let started_utc = listing.started_utc.parse();
-    Ok(RunPlace {
-        path: listing.path.clone(),
-        run_id: listing.run_id.clone(),
-        specimen: specimen.clone(),
-        bench: bench.ok_or("its bench has no name")?.to_owned(),
-        operator: listing.operator.clone(),
-        started_utc: started_utc.map_err(|e: jiff::Error| format!("its start is no time ({e})"))?,
-        age_cycles,
-    })
 }
 
 /// Estimates one run; an error names it.
-fn rows_of_run(run: &RunPlace, model: &'static Model) -> Result<Vec<EstimateRow>, String> {
-    let named =
-        |error: &dyn std::error::Error| format!("run {}: {}", run.run_id, crate::daemon::chain(error));
-    let file = RunFile::open(&run.path).map_err(|e| named(&e))?;
-    let recording = run_recording::read(&run.run_id, &file);
-    // The runs share the cores.
-    let options = DiagnoseOptions {
-        threads: 1,
-        ..DiagnoseOptions::default()
-    };
-    let estimates = estimate(&[recording], &Baseline::of(model), &options).map_err(|e| named(&e))?;
-    Ok(rows(run, model, &estimates))
-}
-
-/// The rows of one run. Parameters without a standard error and effects that the run cannot test have none.
-fn rows(run: &RunPlace, model: &Model, estimates: &Estimates) -> Vec<EstimateRow> {
-    let row = |quantity: &str, unit: &str, estimate, [std_error, form_error]: [f64; 2], scale| EstimateRow {
-        run_id: run.run_id.clone(),
-        specimen: run.specimen.specimen.clone(),
-        family: run.specimen.family.clone(),
-        batch: run.specimen.batch.clone(),
-        bench: run.bench.clone(),
-        operator: run.operator.clone(),
-        started_utc: run.started_utc,
-        age_cycles: f64::from(run.age_cycles),
-        quantity: quantity.to_owned(),
-        unit: if unit.is_empty() { "1" } else { unit }.to_owned(),
-        estimate,
-        std_error,
-        form_error,
-        scale,
-    };
-    let parameters = estimates.baseline.iter().filter_map(|p| {
-        let scale = scale(model, &p.name);
-        let usable = scale == EstimateScale::Absolute || p.value > 0.0;
-        let std_error = p.std_error.filter(|s| usable && *s > 0.0)?;
-        Some(row(&p.name, &p.unit, p.value, [std_error, 0.0], scale))
-    });
-    let effects = estimates.effects.iter().filter(|e| e.testable).filter_map(|e| {
-        let std_error = e.std_error.filter(|s| s.is_finite() && *s > 0.0)?;
-        Some(row(
-            &e.code,
-            &e.unit,
-            e.amplitude,
-            [std_error, e.form_error.unwrap_or(0.0)],
-            EstimateScale::Absolute,
-        ))
-    });
-    parameters.chain(effects).collect()
+fn rows_of(file: &PlacedFile, model: &'static Model) -> Result<Vec<EstimateRow>, String> {
+    let run_id = &file.run.run_id;
+    let read = RunFile::open(&file.path)
+        .map_err(|error| format!("run {run_id}: {}", crate::daemon::chain(&error)))?;
+    let diagnosed = diagnose_run(run_recording::read(run_id, &read), model, Depth::Estimates);
+    let rows = file.run.rows(&diagnosed);
+    rows.map_err(|reason| format!("run {run_id}: {reason}"))
 }
 
 /// Writes the table sorted by start, after it has taken over who the runs belong to.
-fn write_table(path: &Path, rows: &mut [EstimateRow], runs: &[RunPlace]) -> Result<(), CliError> {
-    let places: BTreeMap<&str, &RunPlace> = runs.iter().map(|run| (run.run_id.as_str(), run)).collect();
+fn write_table(path: &Path, rows: &mut [EstimateRow], files: &[PlacedFile]) -> Result<(), CliError> {
+    let placed = files.iter().map(|file| (file.run.run_id.as_str(), &file.run));
+    let placed: BTreeMap<&str, &PlacedRun> = placed.collect();
     for row in rows.iter_mut() {
-        if let Some(run) = places.get(row.run_id.as_str()) {
-            row.specimen.clone_from(&run.specimen.specimen);
-            row.family.clone_from(&run.specimen.family);
-            row.batch.clone_from(&run.specimen.batch);
-            row.age_cycles = f64::from(run.age_cycles);
+        if let Some(run) = placed.get(row.run_id.as_str()) {
+            row.specimen.clone_from(&run.member.specimen);
+            row.family.clone_from(&run.member.family);
+            row.batch.clone_from(&run.member.batch);
+            row.age_cycles = run.age_cycles;
         }
     }
     rows.sort_by(|a, b| (a.started_utc, &a.run_id).cmp(&(b.started_utc, &b.run_id)));
