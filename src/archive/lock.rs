@@ -25,7 +25,7 @@ struct LockHolder {
     nonce: u64,
 }
 
-/// The right to write to an archive. It ends with this value.
+/// The right to write to an archive. It is given back when this value is dropped.
 #[derive(Debug)]
 pub(super) struct WriterLock<'a> {
     store: &'a ArchiveStore,

@@ -66,7 +66,7 @@ pub(crate) enum ArchiveError {
     )]
     Manifest { place: String, reason: String },
     #[error(
-        "another command writes to {place} since {since} (process {pid} on {host}): wait until it ends; if it is gone for sure, \
+        "another command writes to {place} since {since} (process {pid} on {host}): wait until it ends; if you know that it has ended, \
          give --take-over"
     )]
     Locked {

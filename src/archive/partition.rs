@@ -58,7 +58,7 @@ pub(super) fn folder_name(specimen: &str) -> String {
         .take(LONGEST)
         .map(|c| if plain(c) { c } else { '_' })
         .collect();
-    // Readers hide files that begin with a dot or a line.
+    // Spark and others skip files whose name begins with a dot or an underscore.
     let begins_well = kept.starts_with(|c: char| c.is_ascii_alphanumeric());
     match kept == specimen && begins_well {
         true => kept,

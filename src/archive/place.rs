@@ -168,7 +168,8 @@ impl ArchiveStore {
         put.map(|_| ()).map_err(|e| self.failed("writing", object, e))
     }
 
-    /// Writes a new object; false if there is one of this name. After a lost answer the own object is found there: the caller compares.
+    /// Writes a new object; false if there is one of this name. It may be the one that was just written: if the answer was lost, the second
+    /// try finds it. The caller compares the contents.
     pub(super) fn create(&self, object: &str, content: Vec<u8>) -> Result<bool, ArchiveError> {
         let path = self.path(object);
         let payload = PutPayload::from(content);

@@ -24,7 +24,7 @@ pub(super) struct ArchiveArgs {
     /// Run files (.leafrun), or folders with run files [default: the data folder]
     #[arg(value_name = "RUNS")]
     runs: Vec<PathBuf>,
-    /// Take the archive from another command that is gone for sure
+    /// Write although another command has the archive: only if you know that it has ended
     #[arg(long)]
     take_over: bool,
     #[command(flatten)]

@@ -12,7 +12,7 @@ pub(crate) const PARAMETER: &str = "parameter";
 pub(crate) const EFFECT: &str = "effect";
 /// Verdict of a run that could not be diagnosed.
 pub(crate) const FAILED: &str = "failed";
-/// Verdict of a run whose quantities were estimated and that was not searched for missing effects.
+/// Verdict of a run with estimates only: nobody searched for missing effects.
 const ESTIMATED: &str = "estimated";
 
 /// How thoroughly a run is looked at.

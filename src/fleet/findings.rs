@@ -2,6 +2,8 @@
 
 use serde::Serialize;
 
+use super::questions::WORTH_A_LOOK;
+
 use super::estimate::EstimateScale;
 
 /// The result of pooling a table of estimates.
@@ -217,4 +219,44 @@ pub(crate) struct SpecimenDeviation {
     pub deviation: PooledValue,
     /// Deviation over its standard error without this specimen in the fit.
     pub deletion_t: f64,
+}
+
+impl SpecimenDeviation {
+    /// True for a deviation that is no finding and that somebody should look at: far from its family, and in an interval without 0.
+    /// Where there is no scatter between specimens the deviation is drawn to 0, and there is nothing to look at.
+    pub(crate) fn is_worth_a_look(&self) -> bool {
+        let value = &self.deviation;
+        let holds_zero = value.low95 <= 0.0 && value.high95 >= 0.0;
+        value.p.is_some() && !value.found && !holds_zero && self.deletion_t.abs() > WORTH_A_LOOK
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_deviation_whose_interval_holds_0_is_not_worth_a_look() {
+        let specimen = |low95: f64, high95: f64, found: bool| SpecimenDeviation {
+            specimen: "S1".to_owned(),
+            family: "F1".to_owned(),
+            batch: String::new(),
+            benches: Vec::new(),
+            runs: 10,
+            deviation: PooledValue {
+                value: 0.5 * (low95 + high95),
+                low95,
+                high95,
+                degrees: 20.0,
+                p: Some(0.001),
+                adjusted_p: Some(0.2),
+                found,
+            },
+            deletion_t: 4.6,
+        };
+        assert!(specimen(0.1, 0.3, false).is_worth_a_look());
+        assert!(specimen(-0.3, -0.1, false).is_worth_a_look());
+        assert!(!specimen(-0.1, 0.38, false).is_worth_a_look());
+        assert!(!specimen(0.1, 0.3, true).is_worth_a_look(), "it is a finding");
+    }
 }

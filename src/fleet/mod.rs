@@ -30,7 +30,6 @@ use findings::{FleetFindings, PooledValue, QuantityFindings, QuestionKind};
 use outliers::RobustFit;
 use quantity_data::QuantityData;
 use questions::FAMILY_WISE_ERROR;
-pub(crate) use questions::WORTH_A_LOOK;
 
 /// What pooling is told beside the table.
 #[derive(Debug, Clone, Default)]

@@ -11,7 +11,7 @@ use super::findings::{PooledValue, QuestionKind};
 pub(crate) const FAMILY_WISE_ERROR: f64 = 0.05;
 
 /// Deviation of a specimen in standard errors from which it is worth a look: a normal law has one of 16 000 beyond it.
-pub(crate) const WORTH_A_LOOK: f64 = 4.0;
+pub(super) const WORTH_A_LOOK: f64 = 4.0;
 
 /// Fills in the adjusted p value of each question, and whether it is answered with yes. Returns the number of questions.
 pub(super) fn answer(mut asked: Vec<(QuestionKind, &mut PooledValue)>) -> usize {

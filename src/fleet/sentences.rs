@@ -5,7 +5,6 @@ use super::findings::{
     AgeSlope, FleetFinding, GroupLevel, LevelEffect, PooledValue, QuantityFindings, QuantityRole,
     QuestionKind, SpecimenDeviation,
 };
-use super::questions::WORTH_A_LOOK;
 use super::wording::{counted, interval, named};
 
 /// All findings, in the order of their kinds, the surest first. `reference`: the bench that counts as right.
@@ -108,7 +107,7 @@ pub(super) fn worth_a_look(quantities: &[QuantityFindings]) -> Vec<String> {
         let doubtful = quantity
             .specimen_deviations
             .iter()
-            .filter(|s| s.deviation.p.is_some() && !s.deviation.found && s.deletion_t.abs() > WORTH_A_LOOK);
+            .filter(|specimen| specimen.is_worth_a_look());
         seen.extend(doubtful.map(|s| (s.deletion_t.abs(), of_specimen(quantity, s))));
     }
     seen.sort_by(|a, b| b.0.total_cmp(&a.0).then_with(|| a.1.cmp(&b.1)));

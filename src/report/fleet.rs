@@ -7,7 +7,6 @@ use super::fleet_tables::{BENCHES, GROUPS, OPERATORS, SLOPES, SPECIMENS};
 use super::html::{document, legend};
 use super::interval_plot::{DOUBTFUL, FOUND, IntervalPlot, IntervalRow, NOT_FOUND};
 use super::svg::Ink;
-use crate::fleet::WORTH_A_LOOK;
 use crate::fleet::estimate::EstimateScale;
 use crate::fleet::findings::{
     AgeUnit, FleetFindings, GroupLevel, PooledValue, QuantityFindings, QuantityRole, SpecimenDeviation,
@@ -177,7 +176,7 @@ fn specimen_plot(quantity: &QuantityFindings) -> Option<IntervalPlot> {
     specimens.truncate(MOST_ROWS);
     specimens.sort_by(|a, b| a.deviation.value.total_cmp(&b.deviation.value));
     let ink = |s: &SpecimenDeviation| -> Ink {
-        match (s.deviation.found, s.deletion_t.abs() > WORTH_A_LOOK) {
+        match (s.deviation.found, s.is_worth_a_look()) {
             (true, _) => FOUND,
             (false, true) => DOUBTFUL,
             (false, false) => NOT_FOUND,
