@@ -2,8 +2,6 @@
 
 use serde::Serialize;
 
-use super::questions::WORTH_A_LOOK;
-
 use super::estimate::EstimateScale;
 
 /// The result of pooling a table of estimates.
@@ -220,6 +218,9 @@ pub(crate) struct SpecimenDeviation {
     /// Deviation over its standard error without this specimen in the fit.
     pub deletion_t: f64,
 }
+
+/// Deviation of a specimen in standard errors from which it is worth a look: a normal law has one of 16 000 beyond it.
+const WORTH_A_LOOK: f64 = 4.0;
 
 impl SpecimenDeviation {
     /// True for a deviation that is no finding and that somebody should look at: far from its family, and in an interval without 0.

@@ -10,9 +10,6 @@ use super::findings::{PooledValue, QuestionKind};
 /// Chance that a report of a lab with no effect at all names one or more.
 pub(crate) const FAMILY_WISE_ERROR: f64 = 0.05;
 
-/// Deviation of a specimen in standard errors from which it is worth a look: a normal law has one of 16 000 beyond it.
-pub(super) const WORTH_A_LOOK: f64 = 4.0;
-
 /// Fills in the adjusted p value of each question, and whether it is answered with yes. Returns the number of questions.
 pub(super) fn answer(mut asked: Vec<(QuestionKind, &mut PooledValue)>) -> usize {
     asked.retain(|(_, value)| value.p.is_some());
