@@ -219,6 +219,16 @@ pub(crate) struct SpecimenDeviation {
     pub deletion_t: f64,
 }
 
+impl FleetFindings {
+    /// How sure all findings are together, as a part of a sentence.
+    pub(crate) fn sureness(&self) -> String {
+        format!(
+            "the chance that one finding or more is wrong is at most {:.0} %, if the standard errors of the table are right",
+            100.0 * self.family_wise_error
+        )
+    }
+}
+
 /// Deviation of a specimen in standard errors from which it is worth a look: a normal law has one of 16 000 beyond it.
 const WORTH_A_LOOK: f64 = 4.0;
 

@@ -38,15 +38,14 @@ pub(crate) fn page(findings: &FleetFindings, table: &str) -> String {
 
 fn lead(findings: &FleetFindings, table: &str) -> String {
     format!(
-        "{table}: {} estimates of {} specimens in {} families, from {} benches and {} named operators. {} questions were asked; the chance \
-         that one finding or more is wrong is at most {:.0} %.",
+        "{table}: {} estimates of {} specimens in {} families, from {} benches and {} named operators. {} questions were asked; {}.",
         findings.rows,
         findings.specimens,
         findings.families,
         findings.benches,
         findings.operators,
         findings.questions,
-        100.0 * findings.family_wise_error
+        findings.sureness()
     )
 }
 

@@ -23,9 +23,15 @@ def table(archive):
 
 
 def workers_of(driver):
-    """Processes of Ray that diagnose."""
-    return [p for p in psutil.Process(driver.pid).children(recursive=True) if "ray::diagnosed" in " ".join(p.cmdline()) or
-            p.name().startswith("ray::diagnosed")]
+    """Processes of Ray that diagnose. One that ends meanwhile is none."""
+    found = []
+    for process in psutil.Process(driver.pid).children(recursive=True):
+        try:
+            if "ray::diagnosed" in " ".join([process.name(), *process.cmdline()]):
+                found.append(process)
+        except psutil.Error:
+            pass
+    return found
 
 
 def main():

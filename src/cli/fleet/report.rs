@@ -114,9 +114,9 @@ fn sentences(findings: &FleetFindings) -> String {
     let mut text = match findings.findings.is_empty() {
         true => format!("Nothing was found ({} questions).\n", findings.questions),
         false => format!(
-            "Found ({} questions; the chance that one finding or more is wrong is at most {:.0} %):\n",
+            "Found ({} questions; {}):\n",
             findings.questions,
-            100.0 * findings.family_wise_error
+            findings.sureness()
         ),
     };
     let found = findings.findings.iter().map(|f| &f.sentence);
