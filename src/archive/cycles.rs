@@ -1,8 +1,60 @@
 //! The table of cycles: one row for each counted cycle of the cycles CSV, with the same names.
 
-use super::ArchiveError;
+use std::collections::BTreeMap;
+
+use arrow_array::RecordBatch;
+
 use super::parquet_file::{ColumnForm, ParquetFile, TableColumn, TableValue, needed, optional};
+use super::partition::CYCLES;
+use super::read::{number_at, text_at, whole_at};
+use super::{ArchiveError, ArchiveReader};
 use crate::recording::cycles::CycleSummary;
+use crate::recording::metrics::Range;
+
+/// Complete cycles by run id.
+pub(crate) type ArchivedCycles = BTreeMap<String, Vec<CycleSummary>>;
+
+impl ArchiveReader<'_> {
+    /// The complete cycles of all runs by run id, in their order.
+    pub(crate) fn cycles(&self) -> Result<ArchivedCycles, ArchiveError> {
+        let mut cycles = ArchivedCycles::new();
+        for entry in self.manifest().of_table(CYCLES) {
+            for batch in self.batches(entry)? {
+                for row in (0..batch.num_rows()).filter(|row| whole_at(&batch, "complete", *row) == 1) {
+                    let of_run = cycles.entry(text_at(&batch, "run_id", row)).or_default();
+                    of_run.extend(cycle_at(&batch, row));
+                }
+            }
+        }
+        Ok(cycles)
+    }
+}
+
+/// The complete cycle of a row; `None` if a value is missing.
+fn cycle_at(batch: &RecordBatch, row: usize) -> Option<CycleSummary> {
+    let number = |column: &str| number_at(batch, column, row);
+    let count = |column: &str| u64::try_from(whole_at(batch, column, row)).ok();
+    let range = |channel: [&str; 2]| {
+        Some(Range {
+            peak: number(channel[0])?,
+            valley: number(channel[1])?,
+        })
+    };
+    Some(CycleSummary {
+        cycle: u32::try_from(whole_at(batch, "cycle", row)).ok()?,
+        from_s: number("from_s")?,
+        to_s: number("to_s")?,
+        samples: count("samples")?,
+        lost: count("lost")?,
+        excluded: count("excluded")?,
+        complete: true,
+        displacement_mm: range(["displacement_peak_mm", "displacement_valley_mm"])?,
+        force_n: range(["force_peak_n", "force_valley_n"])?,
+        loop_energy_j: number("loop_energy_j")?,
+        secant_rate_n_per_mm: number("secant_rate_n_per_mm"),
+        twin_nrmse: number("twin_nrmse"),
+    })
+}
 
 /// Columns of the table.
 const COLUMNS: [TableColumn; 19] = [

@@ -1,5 +1,7 @@
 //! Reads runs back from an archive: the list, and one run as a recording.
 
+use std::collections::BTreeMap;
+
 use arrow_array::cast::AsArray;
 use arrow_array::types::{Decimal128Type, Float64Type, Int64Type, TimestampMicrosecondType};
 use arrow_array::{Array, RecordBatch};
@@ -54,6 +56,18 @@ impl<'a> ArchiveReader<'a> {
         }
         runs.sort_unstable_by(|a, b| (&a.started_utc, &a.run_id).cmp(&(&b.started_utc, &b.run_id)));
         Ok(runs)
+    }
+
+    /// The text of each run's profile by run id.
+    pub(crate) fn profiles(&self) -> Result<BTreeMap<String, String>, ArchiveError> {
+        let mut profiles = BTreeMap::new();
+        for entry in self.manifest.of_table(RUNS) {
+            for batch in self.batches(entry)? {
+                let texts = |row| ["run_id", "profile_toml"].map(|column| text_at(&batch, column, row));
+                profiles.extend((0..batch.num_rows()).map(texts).map(|[id, text]| (id, text)));
+            }
+        }
+        Ok(profiles)
     }
 
     /// One run as a recording: the same numbers as those of its run file and its CSV.

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::CaseScore;
 use crate::diagnose::Verdict;
+use crate::identify::confidence::wilson_interval;
 use crate::truth::Family;
 
 /// Number of bins of the reliability table.
@@ -47,19 +48,15 @@ pub(crate) struct Proportion {
 impl Proportion {
     /// Counts the true flags. The interval is that of E. B. Wilson (1927).
     pub(crate) fn of(flags: impl Iterator<Item = bool>) -> Proportion {
-        const Z: f64 = 1.959_964;
         let (mut yes, mut of) = (0usize, 0usize);
         for flag in flags {
             of += 1;
             yes += usize::from(flag);
         }
-        let (n, share) = (of as f64, yes as f64 / of as f64);
-        let middle = (share + Z * Z / (2.0 * n)) / (1.0 + Z * Z / n);
-        let half = Z / (1.0 + Z * Z / n) * (share * (1.0 - share) / n + Z * Z / (4.0 * n * n)).sqrt();
         Proportion {
             yes,
             of,
-            ci95: (of > 0).then(|| [(middle - half).max(0.0), (middle + half).min(1.0)]),
+            ci95: wilson_interval(yes, of),
         }
     }
 }

@@ -111,6 +111,25 @@ impl<'d, 'r> Design<'d, 'r> {
         Some(fit.contrast(&columns))
     }
 
+    /// The effects that belong to a specimen alone: where it was tested so far, and its mean if it is set aside.
+    pub(super) fn effects_of_specimen(&self, specimen: usize) -> Vec<(DesignTerm, f64)> {
+        let shares = allocation(self.of).swap_remove(specimen).into_iter();
+        let shares = shares.map(|(bench, share)| (DesignTerm::Allocation(bench), share));
+        shares.chain([(DesignTerm::Outlier(specimen), 1.0)]).collect()
+    }
+
+    /// Columns of a row with these effects, each with its value. An effect that the columns cannot tell is left out: what it is belongs to
+    /// the others then.
+    pub(super) fn entries(&self, weights: &[(DesignTerm, f64)]) -> SparseRow {
+        let coded = weights.iter().flat_map(|&(term, weight)| {
+            let shares = self.coded(term).into_iter();
+            shares.map(move |(term, share)| (term, weight * share))
+        });
+        coded
+            .filter_map(|(term, value)| Some((self.column(term)?, value)))
+            .collect()
+    }
+
     /// The columns that an effect is the sum of.
     fn coded(&self, term: DesignTerm) -> Vec<(DesignTerm, f64)> {
         coded(self.of, term)

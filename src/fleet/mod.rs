@@ -15,6 +15,7 @@ mod levels;
 pub(crate) mod members;
 mod mixed_model;
 mod outliers;
+pub(crate) mod predict;
 mod quantity;
 mod quantity_data;
 mod questions;

@@ -7,6 +7,8 @@
 use std::collections::BTreeSet;
 use std::ops::Range;
 
+use jiff::Timestamp;
+
 use super::estimate::{EstimateRow, EstimateScale};
 
 /// Seconds of a mean year.
@@ -98,10 +100,7 @@ impl<'r> QuantityData<'r> {
         let all = squares(|row| row.std_error).into_iter();
         let known_variance = all.zip(&form_variance).map(|(all, form)| (all - form).max(0.0));
         let first = rows.iter().map(|row| row.started_utc).min();
-        let years = rows.iter().map(|row| {
-            let since = first.map_or(0.0, |first| row.started_utc.duration_since(first).as_secs_f64());
-            since / YEAR_S
-        });
+        let years = rows.iter().map(|row| years_since(first, row.started_utc));
         let benches = Levels::of(&rows, |row| &row.bench);
         let mut specimens = specimens_of(&rows);
         let part_of_bench = connected_parts(&benches, &specimens);
@@ -118,6 +117,11 @@ impl<'r> QuantityData<'r> {
             part_of_bench,
             rows,
         }
+    }
+
+    /// Years from the first run of the quantity to a time.
+    pub(super) fn years_at(&self, time: Timestamp) -> f64 {
+        years_since(self.rows.iter().map(|row| row.started_utc).min(), time)
     }
 
     /// Mean squared form error of some rows: the variance that their mean keeps, however many there are.
@@ -142,6 +146,10 @@ impl<'r> QuantityData<'r> {
         let specimens = self.specimens.iter().filter(of_group);
         specimens.flat_map(|s| s.rows.clone()).collect()
     }
+}
+
+fn years_since(first: Option<Timestamp>, time: Timestamp) -> f64 {
+    first.map_or(0.0, |first| time.duration_since(first).as_secs_f64()) / YEAR_S
 }
 
 fn specimens_of<'r>(rows: &[&'r EstimateRow]) -> Vec<PooledSpecimen<'r>> {

@@ -361,6 +361,20 @@ pub(crate) fn student_within(degrees: f64, t: f64) -> f64 {
     2.0 * student(degrees.clamp(1.0, EXPANDED_FROM)).cdf(t) - 1.0
 }
 
+/// Point of Student's t below which it lies with `probability`, 0 to 1, both excluded.
+pub(crate) fn student_quantile(degrees: f64, probability: f64) -> f64 {
+    student(degrees.clamp(1.0, EXPANDED_FROM)).inverse_cdf(probability)
+}
+
+/// 95 % interval of a share of which `yes` of `of` were counted (E. B. Wilson 1927); `None` without cases.
+pub(crate) fn wilson_interval(yes: usize, of: usize) -> Option<[f64; 2]> {
+    let (n, share) = (of as f64, yes as f64 / of as f64);
+    let z2 = NORMAL_975 * NORMAL_975;
+    let middle = (share + z2 / (2.0 * n)) / (1.0 + z2 / n);
+    let half = NORMAL_975 / (1.0 + z2 / n) * (share * (1.0 - share) / n + z2 / (4.0 * n * n)).sqrt();
+    (of > 0).then(|| [(middle - half).max(0.0), (middle + half).min(1.0)])
+}
+
 fn student(degrees: f64) -> StudentsT {
     StudentsT::new(0.0, 1.0, degrees).expect("at least one degree of freedom")
 }

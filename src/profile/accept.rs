@@ -189,6 +189,12 @@ macro_rules! accept_keys {
             $($key: Option<Spanned<$value>>,)*
         }
 
+        /// Key of a limit; `None` if there is none for this value on this side.
+        pub(crate) fn key_of(judged: JudgedValue, side: LimitSide) -> Option<&'static str> {
+            let keys = [$((stringify!($key), $judged, LimitSide::$side)),*];
+            keys.into_iter().find(|key| (key.1, key.2) == (judged, side)).map(|key| key.0)
+        }
+
         impl RawAccept {
             /// The limits that are written, each with the place of its value.
             fn limits(&self) -> Vec<(AcceptLimit, Range<usize>)> {

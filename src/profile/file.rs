@@ -64,6 +64,36 @@ impl Profile {
     }
 }
 
+/// The text of a profile file with another name and description, and more text at its end. All else stays as it is written. The result is
+/// read once, so that an addition which does not fit is an error here.
+pub(crate) fn rewritten(
+    text: &str,
+    name: &str,
+    description: &str,
+    more: &str,
+) -> Result<String, ProfileError> {
+    let raw = Reader { text, name }.raw()?;
+    let quoted = |text: &str| toml::Value::String(text.to_owned()).to_string();
+    let mut new = text.to_owned();
+    let name_span = raw.name.span();
+    match raw.description.map(|d| d.span()) {
+        Some(span) if span.start > name_span.start => {
+            new.replace_range(span, &quoted(description));
+            new.replace_range(name_span, &quoted(name));
+        }
+        Some(span) => {
+            new.replace_range(name_span, &quoted(name));
+            new.replace_range(span, &quoted(description));
+        }
+        None => {
+            let both = format!("{}\ndescription = {}", quoted(name), quoted(description));
+            new.replace_range(name_span, &both);
+        }
+    }
+    let new = format!("{}\n{more}", new.trim_end());
+    Profile::from_toml(&new, name).map(|_| new)
+}
+
 impl Reader<'_> {
     /// The keys and values of the text, which are not judged yet.
     pub(super) fn raw(&self) -> Result<RawProfile, ProfileError> {

@@ -3,6 +3,7 @@
 
 use maud::{Markup, PreEscaped, html};
 
+use super::coverage;
 use super::fleet_tables::{BENCHES, GROUPS, OPERATORS, SLOPES, SPECIMENS};
 use super::html::{document, legend};
 use super::interval_plot::{DOUBTFUL, FOUND, IntervalPlot, IntervalRow, NOT_FOUND};
@@ -11,12 +12,13 @@ use crate::fleet::estimate::EstimateScale;
 use crate::fleet::findings::{
     AgeUnit, FleetFindings, GroupLevel, PooledValue, QuantityFindings, QuantityRole, SpecimenDeviation,
 };
+use crate::fleet::predict::coverage::FleetCoverage;
 
 /// Most rows of a plot: those that deviate most. The table has all of them.
 const MOST_ROWS: usize = 40;
 
-/// The page as HTML text. `table` is the name of the table of estimates.
-pub(crate) fn page(findings: &FleetFindings, table: &str) -> String {
+/// The page as HTML text. `table` is the name of the table of estimates; with `predictions` the page says how often they were right.
+pub(crate) fn page(findings: &FleetFindings, table: &str, predictions: Option<&FleetCoverage>) -> String {
     let quantities = &findings.quantities;
     let body = html! {
         h1 { "Fleet report" }
@@ -32,6 +34,10 @@ pub(crate) fn page(findings: &FleetFindings, table: &str) -> String {
         (section("Does it change with cycles?", SLOPES, quantities, |q| slope_plot(q, AgeUnit::ThousandCycles)))
         (section("Does it change with time?", SLOPES, quantities, |q| slope_plot(q, AgeUnit::Year)))
         (section("Does a specimen differ from its family?", SPECIMENS, quantities, specimen_plot))
+        @if let Some(predictions) = predictions {
+            h2 { "Were the runs as predicted from those before them?" }
+            (coverage::section(predictions))
+        }
     };
     document("Fleet report", include_str!("loops.css"), &body)
 }
@@ -277,7 +283,7 @@ pub(super) mod tests {
 
     #[test]
     fn a_page_says_what_was_found_and_has_a_plot_for_each_question() {
-        let page = page(&findings(), "estimates.csv");
+        let page = page(&findings(), "estimates.csv", None);
         assert!(page.contains("Bench &lt;B2&gt; reads higher.") && page.contains("S&lt;1&gt;"));
         assert!(page.contains("at most 5 %") && page.contains("href=\"specimens.csv\""));
         // Benches, families, cycles and specimens; no operators and no years.
@@ -290,7 +296,7 @@ pub(super) mod tests {
     fn a_page_without_findings_says_so() {
         let mut nothing = findings();
         nothing.findings.clear();
-        assert!(page(&nothing, "estimates.csv").contains("Nothing was found."));
+        assert!(page(&nothing, "estimates.csv", None).contains("Nothing was found."));
     }
 
     #[test]

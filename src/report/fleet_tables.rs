@@ -63,7 +63,7 @@ fn table(columns: &[&str], rows: Vec<Vec<String>>) -> String {
 }
 
 /// A cell, quoted where a name needs it.
-fn cell(text: &str) -> String {
+pub(super) fn cell(text: &str) -> String {
     match text.contains(['"', ',', '\n', '\r']) {
         true => format!("\"{}\"", text.replace('"', "\"\"")),
         false => text.to_owned(),

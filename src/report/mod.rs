@@ -3,6 +3,7 @@
 
 pub(crate) mod aggregates;
 pub(crate) mod certificate;
+pub(crate) mod coverage;
 pub(crate) mod diagnosis;
 pub(crate) mod diagnosis_files;
 mod diagnosis_plots;

@@ -5,31 +5,20 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::estimate::specimens;
-use crate::archive::{ArchiveReader, ArchiveStore};
+use super::source::EstimateSource;
 use crate::cli::shared::local;
 use crate::cli::{CliError, Done, Output};
-use crate::fleet::estimate::read_estimates;
 use crate::fleet::findings::FleetFindings;
-use crate::fleet::members::{ArchivedEstimates, archived_estimates};
+use crate::fleet::predict::coverage::coverage;
 use crate::fleet::{FleetOptions, pool};
-use crate::model;
 use crate::recording::atomic_file;
-use crate::regular_file::{self, TABLE_MAX_BYTES};
 use crate::report::{fleet, fleet_tables};
 
 /// Pool the estimates of many runs: print what was found, and write a page with plots and tables
 #[derive(Debug, Args)]
 pub(super) struct FleetReportArgs {
-    /// Archive with diagnoses (a folder or s3://BUCKET/PREFIX), or a table of estimates (CSV), one row for each quantity of each run
-    #[arg(value_name = "ARCHIVE|TABLE")]
-    source: String,
-    /// Table with the columns specimen, family and batch of an archive's specimens [default: all are one family]
-    #[arg(long, value_name = "CSV")]
-    specimens: Option<PathBuf>,
-    /// Model of the diagnoses in an archive
-    #[arg(long, value_name = "MODEL", default_value = "equivalent")]
-    baseline: String,
+    #[command(flatten)]
+    source: EstimateSource,
     /// Folder to write fleet.html, fleet.json and the tables to
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
@@ -39,6 +28,9 @@ pub(super) struct FleetReportArgs {
     /// Count differences between operators as scatter from run to run
     #[arg(long)]
     ignore_operators: bool,
+    /// Predict each run from the runs before it, too, and show how often that was right; takes longer
+    #[arg(long)]
+    coverage: bool,
     /// Replace the files if they are there already
     #[arg(long)]
     force: bool,
@@ -46,18 +38,15 @@ pub(super) struct FleetReportArgs {
 
 impl FleetReportArgs {
     pub(super) fn run(self, output: &Output) -> Result<Done, CliError> {
-        let estimates = match Path::new(&self.source).is_file() {
-            true => self.of_table()?,
-            false => self.of_archive()?,
-        };
+        let estimates = self.source.load()?;
         let options = FleetOptions {
             reference_bench: self.reference_bench,
             ignore_operators: self.ignore_operators,
         };
         let findings = pool(&estimates.rows, &options)?;
-        let shown = Path::new(&self.source).file_name();
-        let shown = shown.map_or(self.source.clone(), |name| name.to_string_lossy().into_owned());
-        let written = write(&findings, &shown, &self.out, self.force)?;
+        let predictions = self.coverage.then(|| coverage(&estimates.rows));
+        let page = fleet::page(&findings, &self.source.shown(), predictions.as_ref());
+        let written = write(&findings, page, &self.out, self.force)?;
         output.result(&findings, || {
             let left_out = estimates.left_out.iter();
             let left_out: String = left_out.map(|reason| format!("\nLEFT OUT: {reason}")).collect();
@@ -69,30 +58,11 @@ impl FleetReportArgs {
         })?;
         Ok(Done::Success)
     }
-
-    fn of_table(&self) -> Result<ArchivedEstimates, CliError> {
-        let path = Path::new(&self.source);
-        let text = regular_file::read_text(path, TABLE_MAX_BYTES).map_err(CliError::file(path, "reading"))?;
-        Ok(ArchivedEstimates {
-            rows: read_estimates(&self.source, text.as_bytes())?,
-            left_out: Vec::new(),
-        })
-    }
-
-    fn of_archive(&self) -> Result<ArchivedEstimates, CliError> {
-        let model = model::find(&self.baseline)?;
-        let members = self.specimens.as_deref().map(specimens).transpose()?;
-        let store = ArchiveStore::open_existing(&self.source)?;
-        let reader = ArchiveReader::open(&store)?;
-        let diagnosed = reader.diagnoses(model.name)?;
-        Ok(archived_estimates(&reader.runs()?, &diagnosed, members.as_ref()))
-    }
 }
 
 /// Writes page, JSON and tables; returns the page.
-fn write(findings: &FleetFindings, table: &str, folder: &Path, force: bool) -> Result<PathBuf, CliError> {
+fn write(findings: &FleetFindings, page: String, folder: &Path, force: bool) -> Result<PathBuf, CliError> {
     let json = serde_json::to_string_pretty(findings).map_err(|e| CliError::Internal(e.to_string()))?;
-    let page = fleet::page(findings, table);
     let mut files = vec![("fleet.html", page), ("fleet.json", json)];
     files.extend(fleet_tables::tables(findings));
     let files: Vec<(PathBuf, String)> = files
@@ -139,6 +109,7 @@ fn sentences(findings: &FleetFindings) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fleet::estimate::read_estimates;
 
     fn findings() -> FleetFindings {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/estimates.csv");

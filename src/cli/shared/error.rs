@@ -13,6 +13,7 @@ use crate::diagnose::DiagnoseError;
 use crate::diagnose::aggregates::AggregateError;
 use crate::fleet::FleetError;
 use crate::fleet::estimate::EstimateTableError;
+use crate::fleet::predict::next_run::PredictError;
 use crate::identify::IdentifyError;
 use crate::link::LinkError;
 use crate::mockrig::MockRigError;
@@ -65,6 +66,9 @@ pub(crate) enum CliError {
     /// A run was not found by its id.
     #[error(transparent)]
     FindRun(#[from] FindRunError),
+    /// The next run cannot be predicted.
+    #[error(transparent)]
+    Predict(#[from] PredictError),
     /// A profile cannot be played.
     #[error(transparent)]
     Profile(#[from] ProfileError),

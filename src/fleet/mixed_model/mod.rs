@@ -16,6 +16,7 @@
 //! are few).
 
 mod block_sums;
+mod next_row;
 
 use std::ops::Range;
 
@@ -330,7 +331,12 @@ mod tests {
     use rand_distr::StandardNormal;
 
     /// Specimens with `runs` runs each, an intercept and a column that runs from 0 to 1 over the runs of a specimen.
-    fn data(specimens: usize, runs: usize, tau: f64, known_variance: impl Fn(usize) -> f64) -> MixedData {
+    pub(super) fn data(
+        specimens: usize,
+        runs: usize,
+        tau: f64,
+        known_variance: impl Fn(usize) -> f64,
+    ) -> MixedData {
         let mut random = ChaCha8Rng::seed_from_u64(5);
         let mut normal = || -> f64 { random.sample(StandardNormal) };
         let mut y = Vec::new();

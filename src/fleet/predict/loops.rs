@@ -1,0 +1,269 @@
+//! The loops of a profile whose values are predicted, and what a model says of them.
+//!
+//! The cycles of a segment are alike, and so are the repeats of a block: the model plays two of each.
+
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+
+use super::next_run::PredictError;
+use crate::model::Plant;
+use crate::profile::accept::{CycleValue, LimitSide};
+use crate::profile::{Profile, ProfileLimits, Segment};
+use crate::protocol::message::SAMPLE_RATE_HZ;
+use crate::recording::cycles::{CycleMeter, CycleSummary};
+use crate::recording::{Flags, Sample};
+use crate::twin::{Predicted, dry_run_with};
+use crate::units::Mode;
+
+/// Cycles of a segment, and repeats of a block, that are played.
+const PLAYED: u32 = 2;
+/// Most stretches of cycles that get limits; a profile with more is judged in the first ones.
+const MOST_STRETCHES: usize = 40;
+
+/// The largest or the smallest value of some cycles: what a limit is about.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct LoopVariable {
+    /// First and last counted cycle; `None` for the whole motion of a profile that counts none.
+    pub cycles: Option<[u32; 2]>,
+    pub value: CycleValue,
+    /// `Max` for the largest value, of which a limit is the upper one.
+    pub side: LimitSide,
+}
+
+/// A profile with the variables that are predicted.
+#[derive(Debug, Clone)]
+pub(crate) struct ProfileLoops {
+    pub variables: Vec<LoopVariable>,
+    /// The profile without the cycles that are like others.
+    short: Profile,
+    /// Cycles of `short` that stand for each variable.
+    played: Vec<Option<[u32; 2]>>,
+}
+
+/// What the loops of one run measured, by the number of the cycle; the whole motion has the number 0.
+pub(crate) type LoopValues = BTreeMap<u32, LoopMeasurement>;
+
+/// The values of one loop that can be predicted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct LoopMeasurement {
+    pub force_n: [f64; 2],
+    pub displacement_mm: [f64; 2],
+    pub loop_energy_j: f64,
+    pub secant_rate_n_per_mm: f64,
+}
+
+impl LoopMeasurement {
+    /// `None` if the loop has no rate.
+    fn of(c: &CycleSummary) -> Option<LoopMeasurement> {
+        Some(LoopMeasurement {
+            force_n: [c.force_n.valley, c.force_n.peak],
+            displacement_mm: [c.displacement_mm.valley, c.displacement_mm.peak],
+            loop_energy_j: c.loop_energy_j,
+            secant_rate_n_per_mm: c.secant_rate_n_per_mm?,
+        })
+    }
+
+    fn value(&self, value: CycleValue) -> f64 {
+        match value {
+            CycleValue::ForcePeak => self.force_n[1],
+            CycleValue::ForceValley => self.force_n[0],
+            CycleValue::DisplacementPeak => self.displacement_mm[1],
+            CycleValue::DisplacementValley => self.displacement_mm[0],
+            CycleValue::LoopEnergy => self.loop_energy_j,
+            CycleValue::SecantRate => self.secant_rate_n_per_mm,
+            _ => f64::NAN,
+        }
+    }
+
+    /// What an error of the force by its whole range would change in a value. On the two branches of a loop the error is another one,
+    /// so that it opens the loop.
+    fn of_full_misfit(&self, value: CycleValue) -> f64 {
+        let (range_n, travel_mm) = (
+            self.force_n[1] - self.force_n[0],
+            self.displacement_mm[1] - self.displacement_mm[0],
+        );
+        match value {
+            CycleValue::ForcePeak | CycleValue::ForceValley => range_n,
+            CycleValue::DisplacementPeak | CycleValue::DisplacementValley => travel_mm,
+            CycleValue::LoopEnergy => crate::units::joules_from_nmm(range_n * travel_mm),
+            _ => std::f64::consts::SQRT_2 * range_n / travel_mm,
+        }
+    }
+}
+
+/// The values that a mode leaves free: a rig that controls one channel reaches its levels whatever the specimen is.
+fn free_values(mode: Mode) -> [CycleValue; 4] {
+    use CycleValue::{DisplacementPeak, DisplacementValley, ForcePeak, ForceValley, LoopEnergy, SecantRate};
+    match mode {
+        Mode::Displacement => [ForcePeak, ForceValley, LoopEnergy, SecantRate],
+        Mode::Force => [DisplacementPeak, DisplacementValley, LoopEnergy, SecantRate],
+    }
+}
+
+/// Cycles that are alike: their numbers in the profile, and those of the ones that are played.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Stretch {
+    of: (usize, usize),
+    cycles: [u32; 2],
+    played: [u32; 2],
+}
+
+impl ProfileLoops {
+    /// The loops of a profile: each segment of cycles is a stretch of its own, and a profile without counted cycles is one loop.
+    pub(crate) fn of(profile: &Profile) -> ProfileLoops {
+        let (short, mut stretches) = shortened(profile);
+        stretches.truncate(MOST_STRETCHES);
+        let loops: Vec<(Option<[u32; 2]>, Option<[u32; 2]>)> = match stretches.is_empty() {
+            true => vec![(None, None)],
+            false => stretches
+                .iter()
+                .map(|s| (Some(s.cycles), Some(s.played)))
+                .collect(),
+        };
+        let (mut variables, mut played) = (Vec::new(), Vec::new());
+        for (cycles, of_short) in loops {
+            for value in free_values(profile.mode) {
+                for side in [LimitSide::Min, LimitSide::Max] {
+                    variables.push(LoopVariable { cycles, value, side });
+                    played.push(of_short);
+                }
+            }
+        }
+        ProfileLoops {
+            variables,
+            short,
+            played,
+        }
+    }
+
+    /// Each variable in a run that was measured; `None` if one of its cycles is missing.
+    pub(crate) fn measured(&self, run: &LoopValues) -> Option<Vec<f64>> {
+        let of = |variable: &LoopVariable| extreme(run, variable, variable.cycles);
+        self.variables.iter().map(of).collect()
+    }
+
+    /// Each variable as a model says, and what a misfit by the whole range of the force would change in it.
+    pub(crate) fn played(
+        &self,
+        plant: &dyn Plant,
+        limits: &ProfileLimits,
+    ) -> Result<Vec<[f64; 2]>, PredictError> {
+        let run = play(&self.short, plant, limits)?;
+        let of = |(variable, played): (&LoopVariable, &Option<[u32; 2]>)| {
+            let first = run.get(&played.map_or(0, |[first, _]| first))?;
+            Some([
+                extreme(&run, variable, *played)?,
+                first.of_full_misfit(variable.value),
+            ])
+        };
+        let all: Option<Vec<[f64; 2]>> = self.variables.iter().zip(&self.played).map(of).collect();
+        all.ok_or_else(|| PredictError::NoMotion {
+            profile: self.short.name.clone(),
+        })
+    }
+}
+
+/// The largest or smallest value of some cycles; `None` if one is missing.
+fn extreme(run: &LoopValues, variable: &LoopVariable, cycles: Option<[u32; 2]>) -> Option<f64> {
+    let [first, last] = cycles.unwrap_or([0, 0]);
+    let mut all = (first..=last).map(|cycle| run.get(&cycle).map(|l| l.value(variable.value)));
+    all.try_fold(f64::NAN, |extreme, value| {
+        let value = value?;
+        Some(match variable.side {
+            LimitSide::Min => value.min(extreme),
+            LimitSide::Max => value.max(extreme),
+        })
+    })
+}
+
+/// The profile with at most [`PLAYED`] cycles and repeats, and its stretches of cycles.
+fn shortened(profile: &Profile) -> (Profile, Vec<Stretch>) {
+    let mut short = profile.clone();
+    let mut stretches: Vec<Stretch> = Vec::new();
+    let (mut next, mut next_played) = (1, 1);
+    for (b, (block, short)) in profile.blocks.iter().zip(&mut short.blocks).enumerate() {
+        short.repeat = block.repeat.min(PLAYED);
+        for segment in &mut short.segments {
+            if let Segment::Cycles(cycles) = segment {
+                cycles.cycles = cycles.cycles.min(PLAYED);
+            }
+        }
+        let mut of_repeat: Vec<[u32; 2]> = Vec::new();
+        for repeat in 0..block.repeat {
+            let is_played = repeat < PLAYED;
+            let counted = block
+                .segments
+                .iter()
+                .enumerate()
+                .filter_map(|(s, segment)| match segment {
+                    Segment::Cycles(cycles) => Some((s, cycles.cycles)),
+                    _ => None,
+                });
+            if is_played {
+                of_repeat.clear();
+            }
+            for (n, (s, count)) in counted.enumerate() {
+                if is_played {
+                    let last = next_played + count.min(PLAYED) - 1;
+                    of_repeat.push([next_played, last]);
+                    next_played = last + 1;
+                }
+                let stretch = Stretch {
+                    of: (b, s),
+                    cycles: [next, next + count - 1],
+                    played: of_repeat[n],
+                };
+                next += count;
+                match stretches.last_mut() {
+                    Some(last) if last.of == stretch.of => {
+                        last.cycles[1] = stretch.cycles[1];
+                        last.played[1] = stretch.played[1];
+                    }
+                    _ => stretches.push(stretch),
+                }
+            }
+        }
+    }
+    (short, stretches)
+}
+
+/// Plays a profile on a model and measures its loops.
+fn play(profile: &Profile, plant: &dyn Plant, limits: &ProfileLimits) -> Result<LoopValues, PredictError> {
+    let rate_hz = f64::from(SAMPLE_RATE_HZ);
+    let (mut counted, mut whole) = (CycleMeter::default(), CycleMeter::default());
+    let mut loops: Vec<CycleSummary> = Vec::new();
+    let mut tick = 0;
+    dry_run_with(profile, plant, limits, rate_hz, &mut |predicted| {
+        tick += 1;
+        let sample = sample(tick, rate_hz, predicted);
+        loops.extend(counted.add(&sample));
+        whole.add(&Sample { cycle: 1, ..sample });
+        ControlFlow::Continue(())
+    })?;
+    loops.extend(counted.finish(true));
+    let whole = whole.finish(true).map(|whole| CycleSummary { cycle: 0, ..whole });
+    Ok(loop_values(loops.iter().chain(&whole)))
+}
+
+/// The values of some loops by the number of their cycle.
+pub(crate) fn loop_values<'c>(loops: impl Iterator<Item = &'c CycleSummary>) -> LoopValues {
+    loops
+        .filter_map(|c| Some((c.cycle, LoopMeasurement::of(c)?)))
+        .collect()
+}
+
+fn sample(tick: u64, rate_hz: f64, p: &Predicted) -> Sample {
+    Sample {
+        tick,
+        time_s: tick as f64 / rate_hz,
+        force_n: p.force_n,
+        displacement_mm: p.displacement_mm,
+        force_counts: 0,
+        displacement_counts: 0,
+        command: Some(p.slot.command),
+        cycle: p.slot.cycle,
+        segment: p.slot.segment,
+        twin_force_n: None,
+        flags: Flags::default(),
+    }
+}

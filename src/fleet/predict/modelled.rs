@@ -1,0 +1,180 @@
+//! The loops of a profile from a model at the predicted parameters, with what the model itself is wrong by.
+//!
+//! ```text
+//! y_ij = F_j(mean) + sum over q of D_jq z_iq + misfit_j        D_jq = (F_j(+1 deviation of q) - F_j(-1 deviation)) / 2
+//! ```
+//! z are the draws of the parameters in standard deviations (Student's t, with the correlation of the runs of the family). The misfit of
+//! a value is normal, and independent from value to value; the largest and the smallest value of some cycles share it.
+
+use super::band::{DrawnQuantity, Stream, draws};
+use super::loops::ProfileLoops;
+use super::measured::MeasuredRun;
+use super::next_run::PredictError;
+use super::quantity::{PredictedQuantity, RunDeviations};
+use crate::effect::attach_all;
+use crate::fleet::estimate::EstimateRow;
+use crate::model::{BuildError, Model};
+use crate::profile::ProfileLimits;
+
+/// Name of the zero of the force channel, which a diagnosis estimates beside the parameters of the model.
+const FORCE_ZERO: &str = "force_zero_n";
+/// Most runs of the archive over which the misfit is averaged.
+const MISFIT_RUNS: usize = 30;
+/// Fewest runs of the archive that say what the misfit is.
+const FEWEST_MISFIT_RUNS: usize = 3;
+
+/// A model with values for the parameters that the table does not have.
+#[derive(Clone)]
+pub(crate) struct ModelChoice {
+    pub model: &'static Model,
+    pub values: Vec<f64>,
+    /// Limits of the bench; only that of the speed acts.
+    pub limits: ProfileLimits,
+}
+
+/// A parameter of the model, or the force zero, with what is predicted of it.
+struct PredictedParameter<'q> {
+    /// `None` for the force zero.
+    index: Option<usize>,
+    quantity: &'q PredictedQuantity,
+    runs: &'q RunDeviations,
+}
+
+impl ModelChoice {
+    /// Each variable of a profile and its change by a full misfit, at some values of the parameters.
+    fn play(&self, loops: &ProfileLoops, values: &[f64], zero_n: f64) -> Result<Vec<[f64; 2]>, PredictError> {
+        let bounds = self.model.parameters.iter().map(|p| p.bounds);
+        let values: Vec<f64> = values
+            .iter()
+            .zip(bounds)
+            .map(|(v, [low, high])| v.clamp(low, high))
+            .collect();
+        let plant = self.model.plant(&values, &toml::Table::new())?;
+        let plant = attach_all(&[], zero_n, plant).map_err(|error| {
+            PredictError::Model(BuildError::Structure {
+                model: self.model.name,
+                reason: error.to_string(),
+            })
+        })?;
+        loops.played(plant.as_ref(), &self.limits)
+    }
+
+    fn parameters<'q>(
+        &self,
+        quantities: &'q [(PredictedQuantity, RunDeviations)],
+    ) -> Result<Vec<PredictedParameter<'q>>, PredictError> {
+        let parameter = |(quantity, runs): &'q (PredictedQuantity, RunDeviations)| {
+            let mut names = self.model.parameters.iter();
+            let index = names.position(|p| p.name == quantity.quantity);
+            (index.is_some() || quantity.quantity == FORCE_ZERO).then_some(PredictedParameter {
+                index,
+                quantity,
+                runs,
+            })
+        };
+        let found: Vec<PredictedParameter> = quantities.iter().filter_map(parameter).collect();
+        match found.iter().any(|p| p.index.is_some()) {
+            true => Ok(found),
+            false => Err(PredictError::NoParameter {
+                model: self.model.name,
+            }),
+        }
+    }
+
+    /// Draws of the variables of a profile. `misfit` is the standard deviation of the model's error as a share of the range of the force.
+    pub(crate) fn draws(
+        &self,
+        loops: &ProfileLoops,
+        quantities: &[(PredictedQuantity, RunDeviations)],
+        misfit: f64,
+    ) -> Result<Vec<Vec<f64>>, PredictError> {
+        let parameters = self.parameters(quantities)?;
+        let at = |moved: Option<(usize, f64)>| {
+            let (mut values, mut zero_n) = (self.values.clone(), 0.0);
+            for (q, parameter) in parameters.iter().enumerate() {
+                let by = moved.filter(|(m, _)| *m == q).map_or(0.0, |(_, by)| by);
+                let quantity = parameter.quantity;
+                let value = quantity.in_unit(quantity.pooled_mean + by * quantity.pooled_deviation);
+                match parameter.index {
+                    Some(index) => values[index] = value,
+                    None => zero_n = value,
+                }
+            }
+            self.play(loops, &values, zero_n)
+        };
+        let middle = at(None)?;
+        let mut derivatives = Vec::new();
+        for q in 0..parameters.len() {
+            let (up, down) = (at(Some((q, 1.0)))?, at(Some((q, -1.0)))?);
+            let half = up.iter().zip(&down).map(|(up, down)| 0.5 * (up[0] - down[0]));
+            derivatives.push(half.collect::<Vec<f64>>());
+        }
+        let of_parameters = parameters.iter().map(|p| DrawnQuantity {
+            mean: 0.0,
+            deviation: 1.0,
+            degrees: p.quantity.degrees,
+            runs: p.runs.clone(),
+        });
+        let z = draws(&of_parameters.collect::<Vec<_>>(), Stream::Quantities);
+        let errors = misfits(middle.len() / 2);
+        let drawn = z.iter().zip(&errors).map(|(z, errors)| {
+            let value = |j: usize| {
+                let of_parameters: f64 = derivatives.iter().zip(z).map(|(d, z)| d[j] * z).sum();
+                // Variables come in pairs, the smallest and the largest of a value.
+                middle[j][0] + of_parameters + misfit * middle[j][1] * errors[j / 2]
+            };
+            (0..middle.len()).map(value).collect()
+        });
+        Ok(drawn.collect())
+    }
+
+    /// Misfit of the model in runs of a family, each at its own estimates: its RMS as a share of the range of the force, and the number of
+    /// runs; `None` if there are too few.
+    pub(crate) fn misfit(
+        &self,
+        runs: &[MeasuredRun],
+        rows: &[EstimateRow],
+        family: &str,
+    ) -> Option<(f64, usize)> {
+        let of_family = runs.iter().rev().filter(|run| run.placed.member.family == family);
+        let shares: Vec<f64> = of_family
+            .filter_map(|run| self.misfit_of(run, rows))
+            .take(MISFIT_RUNS)
+            .collect();
+        let mean = shares.iter().sum::<f64>() / shares.len() as f64;
+        (shares.len() >= FEWEST_MISFIT_RUNS).then(|| (mean.sqrt(), shares.len()))
+    }
+
+    /// Mean squared misfit of one run; `None` if its loops are not whole or it has no estimates.
+    fn misfit_of(&self, run: &MeasuredRun, rows: &[EstimateRow]) -> Option<f64> {
+        let (mut values, mut zero_n, mut found) = (self.values.clone(), 0.0, 0);
+        for row in rows.iter().filter(|row| row.run_id == run.placed.run_id) {
+            if row.quantity == FORCE_ZERO {
+                zero_n = row.estimate;
+            }
+            if let Some(index) = self.model.parameters.iter().position(|p| p.name == row.quantity) {
+                values[index] = row.estimate;
+                found += 1;
+            }
+        }
+        let loops = ProfileLoops::of(&run.profile);
+        let measured = loops.measured(&run.loops)?;
+        let played = self.play(&loops, &values, zero_n).ok().filter(|_| found > 0)?;
+        let shares = measured
+            .iter()
+            .zip(&played)
+            .map(|(m, [value, full])| ((m - value) / full).powi(2));
+        Some(shares.sum::<f64>() / measured.len() as f64)
+    }
+}
+
+/// Independent standard normal draws.
+fn misfits(count: usize) -> Vec<Vec<f64>> {
+    let one = DrawnQuantity {
+        mean: 0.0,
+        deviation: 1.0,
+        degrees: f64::INFINITY,
+        runs: RunDeviations::new(),
+    };
+    draws(&vec![one; count], Stream::Misfits)
+}
