@@ -27,7 +27,7 @@ pub(super) fn routes() -> impl Iterator<Item = (&'static str, Needs, MethodRoute
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Path, type and text of each file.
-const FILES: [(&str, &str, &str); 24] = [
+const FILES: [(&str, &str, &str); 25] = [
     ("/", "text/html; charset=utf-8", include_str!("page/index.html")),
     (
         "/page.css",
@@ -61,6 +61,7 @@ const FILES: [(&str, &str, &str); 24] = [
         "text/css; charset=utf-8",
         include_str!("page/result.css"),
     ),
+    ("/band.js", SCRIPT, include_str!("page/band.js")),
     ("/result.js", SCRIPT, include_str!("page/result.js")),
     ("/editor_text.js", SCRIPT, include_str!("page/editor_text.js")),
     ("/editor_form.js", SCRIPT, include_str!("page/editor_form.js")),

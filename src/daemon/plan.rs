@@ -9,6 +9,7 @@ use super::course::{CourseThinner, PlannedCourse};
 use super::error::ApiError;
 use crate::config::Bench;
 use crate::model::BuildError;
+use crate::profile::accept::{AcceptLimit, LimitSide};
 use crate::profile::{Player, Profile, ProfileError};
 use crate::protocol::message::SAMPLE_RATE_HZ;
 use crate::twin::{self, dry_run_with};
@@ -38,6 +39,9 @@ pub(crate) struct Plan {
     pub margins: Vec<PlanMargin>,
     /// Limits that the profile would exceed, one sentence each; empty if the profile may run.
     pub trips: Vec<String>,
+    /// Limits that a run of the profile is judged by, in the order of its file.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub accept: Vec<PlannedLimit>,
     /// Commanded and predicted values over time, if they were asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub course: Option<PlannedCourse>,
@@ -56,6 +60,33 @@ pub(crate) struct PlanMargin {
     pub at_s: f64,
     /// Remaining distance in percent of the limit; negative beyond the limit.
     pub margin_percent: f64,
+}
+
+/// A limit that a run is judged by after its end.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub(crate) struct PlannedLimit {
+    /// What is limited, in words.
+    pub what: String,
+    /// `min` or `max`.
+    pub side: LimitSide,
+    /// The limit, in `unit`.
+    pub limit: f64,
+    /// Unit of the limit; empty for a pure number.
+    pub unit: String,
+    /// First and last counted cycle that it is about; `null` for all, or for the whole motion.
+    pub cycles: Option<[u32; 2]>,
+}
+
+impl PlannedLimit {
+    fn of(limit: &AcceptLimit) -> PlannedLimit {
+        PlannedLimit {
+            what: limit.judged.words(),
+            side: limit.side,
+            limit: limit.limit,
+            unit: limit.judged.unit().to_owned(),
+            cycles: limit.cycles,
+        }
+    }
 }
 
 /// Why a profile cannot be simulated.
@@ -129,6 +160,7 @@ pub(crate) fn check_while(
         energy_j: run.energy_j,
         margins: run.margins.iter().map(margin).collect(),
         trips: run.predicted_trips.iter().map(ToString::to_string).collect(),
+        accept: profile.accept.iter().map(PlannedLimit::of).collect(),
         course: course.map(CourseThinner::end),
     })
 }

@@ -6,6 +6,8 @@ mod estimate;
 mod predict;
 mod report;
 mod source;
+#[cfg(test)]
+mod tests;
 
 use clap::{Args, Subcommand};
 

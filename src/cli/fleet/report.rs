@@ -137,7 +137,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let out = folder.path().join("report");
         let findings = findings();
-        let page = write(&findings, "estimates.csv", &out, false).expect("written");
+        let page = write(&findings, "page".to_owned(), &out, false).expect("written");
         assert!(page.is_file());
         assert_eq!(std::fs::read_dir(&out).expect("listed").count(), 7);
         let json: serde_json::Value =
@@ -145,8 +145,8 @@ mod tests {
                 .expect("JSON");
         assert_eq!(json["benches"], 3);
         assert_eq!(json["bench_causes"][0]["error"], "force_gain");
-        let refused = write(&findings, "estimates.csv", &out, false).expect_err("there already");
+        let refused = write(&findings, "page".to_owned(), &out, false).expect_err("there already");
         assert!(refused.to_string().contains("is there already"));
-        write(&findings, "estimates.csv", &out, true).expect("replaced");
+        write(&findings, "page".to_owned(), &out, true).expect("replaced");
     }
 }

@@ -101,21 +101,21 @@ async function plan() {
   const name = $("profile").value;
   if (!name) return;
   localStorage.setItem("profile", name);
-  planned = { name, text: "", refused: false };
+  planned = { name, text: "", refused: false, limits: [] };
   try {
     const p = await ask("api/plan", { profile: chosenProfile() });
     if ($("profile").value !== name) return;
-    planned = { name, text: planWords(p), refused: p.trips.length > 0 };
+    planned = { name, text: planWords(p), refused: p.trips.length > 0, limits: p.accept || [] };
   } catch (error) {
     // A profile that cannot be used; another answer says nothing about the profile.
-    planned = { name, text: error.message, refused: error.status === 422 };
+    planned = { name, text: error.message, refused: error.status === 422, limits: [] };
     if (error.status === 503) setTimeout(() => { if ($("profile").value === name) plan(); }, PLAN_AGAIN_MS);
   }
   showPlan();
 }
 
 // The prediction of the chosen profile, and whether it forbids a run.
-let planned = { name: "", text: "", refused: false };
+let planned = { name: "", text: "", refused: false, limits: [] };
 
 function planWords(p) {
   return p.trips.length > 0 ? "Cannot run: " + p.trips.join("; ") + "." :
@@ -163,10 +163,12 @@ function show() {
   allowButtons(rig, phase);
   showRun(rig);
   followResult();
+  followRunLimits();
+  showLimits();
   showWarnings();
   showTwin();
   if (!status) { write("footer", ""); return; }
-  write("band", `noise, \u00b1${number(3 * status.plot.noise_n, 1)} N`);
+  write("band", `noise, \u00b1${number(3 * status.plot.noise_n, 1)} N; ${isPredicted(limitsNow().profile) ? "predicted band" : "limits of the profile"}`);
   write("footer", [
     `leafbench ${status.version}, bench ${status.bench}, link ${status.link}${status.link_open ? "" : " (closed)"}, ` +
     `runs in ${status.data_folder}`,

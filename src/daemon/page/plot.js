@@ -36,8 +36,8 @@ class Plot {
   }
 
   // lines: [{x, y, colour, width, dash}]. Without xRange the abscissa holds all points. xLimits, yLimits: lines where they are
-  // within the plot. band: shaded range of the ordinate. silent: why nothing is live; drawn across the plot.
-  draw(lines, { xRange, xLimits, yLimits, band, silent }) {
+  // within the plot. bands: shaded ranges of the ordinate. silent: why nothing is live; drawn across the plot.
+  draw(lines, { xRange, xLimits, yLimits, bands, silent }) {
     const { canvas } = this, ratio = window.devicePixelRatio || 1;
     const width = canvas.clientWidth, height = canvas.clientHeight;
     if (!width || !height) return;
@@ -50,7 +50,7 @@ class Plot {
     c.clearRect(0, 0, width, height);
     c.font = "14px system-ui, sans-serif";
     this.x = xRange || steadyRange(this.x, rangeOf(lines.map(l => l.x), this.xLeast));
-    this.y = steadyRange(this.y, rangeOf([...lines.map(l => l.y), band || []], this.yLeast));
+    this.y = steadyRange(this.y, rangeOf([...lines.map(l => l.y), ...(bands || [])], this.yLeast));
     const [[x0, x1], [y0, y1]] = [this.x, this.y];
     const box = { left: 76, right: width - 16, top: 8, bottom: height - (this.xLabel ? 44 : 24) };
     const px = x => box.left + (x - x0) / (x1 - x0) * (box.right - box.left);
@@ -59,10 +59,8 @@ class Plot {
     c.beginPath();
     c.rect(box.left, box.top, box.right - box.left, box.bottom - box.top);
     c.clip();
-    if (band) {
-      c.fillStyle = style("--band");
-      c.fillRect(box.left, py(band[1]), box.right - box.left, py(band[0]) - py(band[1]));
-    }
+    c.fillStyle = style("--band");
+    for (const [low, high] of bands || []) c.fillRect(box.left, py(high), box.right - box.left, py(low) - py(high));
     c.restore();
     this.axes(c, box, px, py);
     c.save();

@@ -76,32 +76,33 @@ function drawPlots() {
   const since = seconds => { const i = t.findIndex(v => v >= end - seconds); return i < 0 ? 0 : i; };
   const part = (column, from) => column.slice(from);
   const forceLimits = [scale.force_min_n, scale.force_max_n], displacementLimits = [scale.displacement_min_mm, scale.displacement_max_mm];
+  const forceBands = bandsOf("peak force", "valley force");
   const fresh = since(3);
   loopPlot.draw([
     { x: before.x, y: before.f, colour: older, width: 1.5 },
     { x: part(x, runOfPoints ? 0 : since(20)), y: part(f, runOfPoints ? 0 : since(20)), colour: older, width: 1.5 },
     { x: part(x, fresh), y: part(f, fresh), colour: measured, width: 3 },
     { x: part(x, fresh), y: part(points.twin, fresh), colour: twin, width: 2, dash: [7, 6] },
-  ], { yLimits: forceLimits, xLimits: displacementLimits, silent });
+  ], { yLimits: forceLimits, xLimits: displacementLimits, bands: forceBands, silent });
   const seconds = Number($("window").value), from = since(seconds), time = part(t, from);
   const xRange = [Math.max(0, end - seconds), Math.max(end, seconds)];
   const isForce = controlled === "force";
   displacementPlot.draw([
     { x: time, y: isForce ? [] : part(points.command, from), colour: command, width: 3 },
     { x: time, y: part(x, from), colour: measured },
-  ], { xRange, yLimits: displacementLimits, silent });
+  ], { xRange, yLimits: displacementLimits, bands: bandsOf("peak displacement", "valley displacement"), silent });
   forcePlot.draw([
     { x: time, y: isForce ? part(points.command, from) : [], colour: command, width: 3 },
     { x: time, y: part(f, from), colour: measured },
     { x: time, y: part(points.twin, from), colour: twin, dash: [7, 6] },
-  ], { xRange, yLimits: forceLimits, silent });
+  ], { xRange, yLimits: forceLimits, bands: forceBands, silent });
   const band = 3 * (scale.noise_n || 0);
   const residual = time.map((_, i) => {
     const model = points.twin[from + i], force = f[from + i];
     return model === null || force === null ? null : force - model;
   });
   residualPlot.draw([{ x: time, y: residual, colour: measured, width: 1.5 }],
-    { xRange, band: [-band, band], silent: silent || (residual.some(v => v !== null) ? "" : "no twin now") });
+    { xRange, bands: [[-band, band]], silent: silent || (residual.some(v => v !== null) ? "" : "no twin now") });
 }
 
 window.addEventListener("resize", () => { dirty = true; });

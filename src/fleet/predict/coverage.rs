@@ -170,8 +170,8 @@ fn predictions(earlier: &[&EstimateRow], runs: &[&EstimateRow]) -> Vec<Predicted
     }
     let mut predicted = Vec::new();
     for of_fit in sharing.into_values() {
-        let data = QuantityData::of(predicting_rows(earlier, &of_fit[0].1));
-        let Some(predictor) = QuantityPredictor::of(&data) else {
+        let mut data = QuantityData::of(predicting_rows(earlier, &of_fit[0].1));
+        let Some(predictor) = QuantityPredictor::of(&mut data) else {
             continue;
         };
         let of_run = |(row, next): &(&EstimateRow, NextRun)| {

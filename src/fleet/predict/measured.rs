@@ -81,8 +81,8 @@ fn row(run: &PlacedRun, value: f64) -> EstimateRow {
 }
 
 fn drawn(rows: &[EstimateRow], next: &NextRun) -> Option<DrawnQuantity> {
-    let data = QuantityData::of(rows.iter().collect());
-    let predictor = QuantityPredictor::of(&data)?;
+    let mut data = QuantityData::of(rows.iter().collect());
+    let predictor = QuantityPredictor::of(&mut data)?;
     let predicted = predictor.next(next)?;
     Some(DrawnQuantity {
         mean: predicted.pooled_mean,

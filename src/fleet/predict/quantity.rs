@@ -23,6 +23,9 @@ const FEWEST_RUNS: usize = 4;
 /// Fewest runs of a family on a bench from which the typical standard error there is taken.
 const TYPICAL_RUNS: usize = 5;
 
+/// Degrees of freedom that the standard errors count for when they are compared with the scatter of the runs.
+const BELIEF_IN_ERRORS: f64 = 5.0;
+
 /// A predicted quantity.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct PredictedQuantity {
@@ -105,8 +108,8 @@ pub(crate) fn predict_quantities(
         of_quantity.entry(&row.quantity).or_default().push(row);
     }
     let predicted = of_quantity.into_values().filter_map(|rows| {
-        let data = QuantityData::of(predicting_rows(&rows, next));
-        let predictor = QuantityPredictor::of(&data)?;
+        let mut data = QuantityData::of(predicting_rows(&rows, next));
+        let predictor = QuantityPredictor::of(&mut data)?;
         Some((predictor.next(next)?, predictor.deviations(&next.family)))
     });
     predicted.collect()
@@ -114,8 +117,12 @@ pub(crate) fn predict_quantities(
 
 impl<'d, 'r> QuantityPredictor<'d, 'r> {
     /// Fits the rows of one quantity; `None` if they are too few. Differences between operators are scatter from run to run here: who
-    /// will run the test need not be known.
-    pub(in crate::fleet) fn of(data: &'d QuantityData<'r>) -> Option<QuantityPredictor<'d, 'r>> {
+    /// will run the test need not be known. Where runs scatter less than their standard errors say, these are made smaller.
+    pub(in crate::fleet) fn of(data: &'d mut QuantityData<'r>) -> Option<QuantityPredictor<'d, 'r>> {
+        let share = overstated(&RobustFit::of(data, false)?);
+        data.known_variance
+            .iter_mut()
+            .for_each(|variance| *variance *= share);
         let robust = RobustFit::of(data, false)?;
         Some(QuantityPredictor { robust })
     }
@@ -184,26 +191,50 @@ impl<'d, 'r> QuantityPredictor<'d, 'r> {
     /// Deviations of the runs of a family from what the fit says of their specimen.
     pub(crate) fn deviations(&self, family: &str) -> RunDeviations {
         let (data, fit) = (&self.robust.design.data, &self.robust.fit);
-        let of = self.robust.design.of;
-        let mut deviations = RunDeviations::new();
-        for (number, specimen) in of
-            .specimens
+        let rows = self
+            .robust
+            .design
+            .of
+            .rows
             .iter()
-            .enumerate()
-            .filter(|(_, s)| s.family == family)
-        {
-            let own = fit.specimen(data, number).predicted.estimate;
-            for i in specimen.rows.clone() {
-                let expected: f64 = data.rows[i].iter().map(|&(c, x)| x * fit.effects[c]).sum();
-                let deviation = (fit.variances.y + data.known_variance[i]).sqrt();
-                deviations.insert(
-                    of.rows[i].run_id.clone(),
-                    (data.y[i] - expected - own) / deviation,
-                );
-            }
-        }
-        deviations
+            .zip(residuals(&self.robust))
+            .enumerate();
+        let of_family = rows.filter(|(_, (row, _))| row.family == family);
+        let deviation = |(i, (row, residual)): (usize, (&&EstimateRow, f64))| {
+            let expected = (fit.variances.y + data.known_variance[i]).sqrt();
+            (row.run_id.clone(), residual / expected)
+        };
+        of_family.map(deviation).collect()
     }
+}
+
+/// What each row differs by from its specimen at its place.
+fn residuals(robust: &RobustFit) -> Vec<f64> {
+    let (data, fit) = (&robust.design.data, &robust.fit);
+    let mut residuals = vec![0.0; data.y.len()];
+    for (number, rows) in data.blocks.iter().enumerate() {
+        let own = fit.specimen(data, number).predicted.estimate;
+        for i in rows.clone() {
+            let expected: f64 = data.rows[i].iter().map(|&(c, x)| x * fit.effects[c]).sum();
+            residuals[i] = data.y[i] - expected - own;
+        }
+    }
+    residuals
+}
+
+/// Share of the squared standard errors that the runs scatter by, 1 at most. It is asked for where the fit finds no scatter beyond the
+/// standard errors, and is drawn towards 1 where the runs are few.
+fn overstated(robust: &RobustFit) -> f64 {
+    let (data, fit) = (&robust.design.data, &robust.fit);
+    if fit.variances.y > 0.0 {
+        return 1.0;
+    }
+    let squares = residuals(robust).into_iter().zip(&data.known_variance);
+    let squares: f64 = squares
+        .map(|(residual, variance)| residual * residual / variance)
+        .sum();
+    let degrees = data.y.len().saturating_sub(data.width + data.blocks.len()) as f64;
+    ((squares + BELIEF_IN_ERRORS) / (degrees + BELIEF_IN_ERRORS)).min(1.0)
 }
 
 /// Where the next run stands in the design.

@@ -32,6 +32,8 @@ pub(super) struct SyntheticLab {
     pub of_five_on_two_benches: usize,
     /// True: two operators take turns.
     pub operators: bool,
+    /// True: specimens and runs follow the normal law, as the fit assumes.
+    pub normal: bool,
 }
 
 impl Default for SyntheticLab {
@@ -49,6 +51,7 @@ impl Default for SyntheticLab {
             bench_compliance: vec![0.0; 3],
             of_five_on_two_benches: 2,
             operators: true,
+            normal: false,
         }
     }
 }
@@ -159,7 +162,7 @@ impl SyntheticLab {
             for (q, law) in QUANTITIES.iter().enumerate() {
                 let shift =
                     self.shift(q, bench, age_cycles) + family_means[specimen.family][q] + specimen.own[q];
-                let (estimate, std_error) = measured(law, shift, &mut random);
+                let (estimate, std_error) = measured(law, shift, self.normal, &mut random);
                 rows.push(EstimateRow {
                     run_id: format!("r{run:05}"),
                     specimen: specimen.name.clone(),
@@ -200,7 +203,13 @@ impl SyntheticLab {
         let place = number / self.families;
         let batch = if place.is_multiple_of(4) { "m1" } else { "m2" };
         let home = family % benches;
-        let mut own = QUANTITIES.map(|law| law.4 * skewed(random));
+        let mut own = QUANTITIES.map(|law| {
+            law.4
+                * match self.normal {
+                    true => normal(random),
+                    false => skewed(random),
+                }
+        });
         own[0] += self
             .outliers
             .iter()
@@ -252,12 +261,15 @@ fn skewed(random: &mut ChaCha8Rng) -> f64 {
 }
 
 /// Estimate and standard error of one run.
-fn measured(law: &QuantityLaw, shift: f64, random: &mut ChaCha8Rng) -> (f64, f64) {
+fn measured(law: &QuantityLaw, shift: f64, is_normal: bool, random: &mut ChaCha8Rng) -> (f64, f64) {
     let (_, _, scale, mean, _, run_to_run, error) = *law;
     // Student's t with 5 degrees of freedom has the variance 5 / 3.
-    let heavy: f64 = random.sample(StudentT::new(5.0).expect("a law"));
+    let scatter = match is_normal {
+        true => normal(random),
+        false => random.sample(StudentT::new(5.0).expect("a law")) / f64::sqrt(5.0 / 3.0),
+    };
     let error = error * (0.3 * normal(random)).exp();
-    let value = shift + run_to_run * heavy / f64::sqrt(5.0 / 3.0) + error * normal(random);
+    let value = shift + run_to_run * scatter + error * normal(random);
     match scale {
         EstimateScale::Relative => (mean * value.exp(), error * mean * value.exp()),
         EstimateScale::Absolute => (mean + value, error),
