@@ -377,14 +377,16 @@ fn completions_and_manual_pages_have_every_command() {
         "token-remove",
         "audit-show",
         "audit-verify",
+        "fleet-coverage",
         "fleet-diagnose",
         "fleet-estimate",
+        "fleet-predict",
         "fleet-report",
     ] {
         assert!(out.join(format!("leafbench-{part}.1")).is_file(), "{part}");
     }
     assert_eq!(
         std::fs::read_dir(&out).expect("listed").count(),
-        1 + crate::cli::command_names().count() + 8
+        1 + crate::cli::command_names().count() + 10
     );
 }
