@@ -15,7 +15,7 @@ use crate::config::Bench;
 use crate::fleet::predict::band::{KEPT, PredictedLimit, limits};
 use crate::fleet::predict::loops::ProfileLoops;
 use crate::fleet::predict::measured::measured_draws;
-use crate::fleet::predict::modelled::ModelChoice;
+use crate::fleet::predict::modelled::{ModelChoice, ModelMisfit};
 use crate::fleet::predict::next_run::{NextRun, NextRunWords, PredictError};
 use crate::fleet::predict::quantity::{PredictedQuantity, RunDeviations, predict_quantities};
 use crate::profile::Profile;
@@ -87,9 +87,8 @@ fn misfit(text: &str) -> Result<f64, String> {
 enum BandBasis {
     /// Loops of so many runs of the same profile by the family.
     Measured { runs: usize },
-    /// The model at the predicted parameters, with its misfit as a share of the range of the force; so many runs showed it, 0 if it was
-    /// given or assumed.
-    Model { misfit: f64, misfit_runs: usize },
+    /// The model at the predicted parameters, with its misfit.
+    Model { misfit: ModelMisfit },
 }
 
 /// The content of prediction.json.
@@ -189,17 +188,14 @@ impl FleetPredictArgs {
             },
             limits: bench.profile_limits(),
         };
-        let (misfit, misfit_runs) = match self.misfit {
-            Some(share) => (share, 0),
+        let misfit = match self.misfit {
+            Some(share) => ModelMisfit::assumed(share),
             None => choice
-                .misfit(&measured, rows, &next.family)
-                .unwrap_or((DEFAULT_MISFIT, 0)),
+                .misfit(&measured, rows, next)
+                .unwrap_or(ModelMisfit::assumed(DEFAULT_MISFIT)),
         };
-        let draws = choice.draws(&loops, quantities, misfit)?;
-        Ok((
-            limits(&loops.variables, &draws),
-            BandBasis::Model { misfit, misfit_runs },
-        ))
+        let draws = choice.draws(&loops, quantities, &misfit)?;
+        Ok((limits(&loops.variables, &draws), BandBasis::Model { misfit }))
     }
 
     fn write(&self, prediction: &FleetPrediction, profile: &str) -> Result<(), CliError> {
@@ -272,15 +268,16 @@ impl FleetPrediction {
         }
         let basis = match self.basis {
             BandBasis::Measured { runs } => format!("{runs} runs of this profile by the family"),
-            BandBasis::Model { misfit, misfit_runs } => {
-                let shown = match misfit_runs {
+            BandBasis::Model { misfit } => {
+                let shown = match misfit.runs {
                     0 => "given or assumed".to_owned(),
                     n => format!("seen in {n} runs"),
                 };
+                let largest = misfit.shares.iter().copied().fold(0.0, f64::max);
+                let model = self.model;
                 format!(
-                    "model {}, misfit {} % of the force range, {shown}",
-                    self.model,
-                    digits(100.0 * misfit)
+                    "model {model}, misfit up to {:.2} % of the force range, {shown}",
+                    100.0 * largest
                 )
             }
         };

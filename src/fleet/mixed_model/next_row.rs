@@ -10,6 +10,10 @@ use nalgebra::{DVector, Vector2};
 
 use super::{Contrast, MixedData, MixedFit};
 
+/// Most that the correction of Kenward & Roger makes of a variance. It is a second-order term: where it is larger than the first, as in a
+/// design with hardly more specimens than columns, its expansion does not hold.
+const MOST_CORRECTION: f64 = 2.0;
+
 impl MixedFit {
     /// Predicts a new row with these entries of the design: of the specimen of block `block`, or of one that has no row yet.
     /// `more_variance` is what the row has beside tau^2 and sigma^2: the square of its own standard error, and what else is not known.
@@ -39,10 +43,14 @@ impl MixedFit {
         let g = 1.0 / (1.0 + tau2 * w);
         c -= m * (tau2 * g);
         let phi_c = &self.covariance * &c;
-        let of_effects = c.dot(&(&self.adjusted * &c)).max(c.dot(&phi_c));
-        // Prasad & Rao 1990: what the estimate of tau^2 adds to the prediction of u.
+        let of_effects = c.dot(&phi_c);
+        let adjusted = c
+            .dot(&(&self.adjusted * &c))
+            .clamp(of_effects, MOST_CORRECTION * of_effects);
+        // Prasad & Rao 1990: what the estimate of tau^2 adds to the prediction of u. The mean of the own rows alone has the variance 1 / w.
         let of_variances = 2.0 * g.powi(3) * w * self.variance_covariance[(0, 0)];
-        let variance = of_effects + tau2 * g + of_variances + sigma2 + more_variance;
+        let of_specimen = tau2 * g + if w > 0.0 { of_variances.min(1.0 / w) } else { 0.0 };
+        let variance = adjusted + of_specimen + sigma2 + more_variance;
         let of_scatter = Vector2::new(g * g, 1.0 + (tau2 * g).powi(2) * w2);
         let slope = Vector2::from_fn(|i, _| of_scatter[i] + phi_c.dot(&(&self.slopes[i] * &phi_c)));
         Contrast {

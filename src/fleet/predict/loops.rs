@@ -15,6 +15,8 @@ use crate::recording::{Flags, Sample};
 use crate::twin::{Predicted, dry_run_with};
 use crate::units::Mode;
 
+/// Values of a loop that are predicted.
+pub(crate) const VALUES: usize = 4;
 /// Cycles of a segment, and repeats of a block, that are played.
 const PLAYED: u32 = 2;
 /// Most stretches of cycles that get limits; a profile with more is judged in the first ones.
@@ -92,7 +94,7 @@ impl LoopMeasurement {
 }
 
 /// The values that a mode leaves free: a rig that controls one channel reaches its levels whatever the specimen is.
-fn free_values(mode: Mode) -> [CycleValue; 4] {
+fn free_values(mode: Mode) -> [CycleValue; VALUES] {
     use CycleValue::{DisplacementPeak, DisplacementValley, ForcePeak, ForceValley, LoopEnergy, SecantRate};
     match mode {
         Mode::Displacement => [ForcePeak, ForceValley, LoopEnergy, SecantRate],

@@ -7,9 +7,9 @@
 //! a value is normal, and independent from value to value; the largest and the smallest value of some cycles share it.
 
 use super::band::{DrawnQuantity, Stream, draws};
-use super::loops::ProfileLoops;
+use super::loops::{ProfileLoops, VALUES};
 use super::measured::MeasuredRun;
-use super::next_run::PredictError;
+use super::next_run::{NextRun, PredictError};
 use super::quantity::{PredictedQuantity, RunDeviations};
 use crate::effect::attach_all;
 use crate::fleet::estimate::EstimateRow;
@@ -30,6 +30,25 @@ pub(crate) struct ModelChoice {
     pub values: Vec<f64>,
     /// Limits of the bench; only that of the speed acts.
     pub limits: ProfileLimits,
+}
+
+/// What a model is wrong by, as standard deviations in shares of what an error of the force by its whole range would change.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub(crate) struct ModelMisfit {
+    /// One for each value of a loop, in the order of the limits.
+    pub shares: [f64; VALUES],
+    /// Runs in which it was seen; 0 if it is given or assumed.
+    pub runs: usize,
+}
+
+impl ModelMisfit {
+    /// A misfit that is given or assumed.
+    pub(crate) fn assumed(share: f64) -> ModelMisfit {
+        ModelMisfit {
+            shares: [share; VALUES],
+            runs: 0,
+        }
+    }
 }
 
 /// A parameter of the model, or the force zero, with what is predicted of it.
@@ -81,12 +100,12 @@ impl ModelChoice {
         }
     }
 
-    /// Draws of the variables of a profile. `misfit` is the standard deviation of the model's error as a share of the range of the force.
+    /// Draws of the variables of a profile.
     pub(crate) fn draws(
         &self,
         loops: &ProfileLoops,
         quantities: &[(PredictedQuantity, RunDeviations)],
-        misfit: f64,
+        misfit: &ModelMisfit,
     ) -> Result<Vec<Vec<f64>>, PredictError> {
         let parameters = self.parameters(quantities)?;
         let at = |moved: Option<(usize, f64)>| {
@@ -121,32 +140,54 @@ impl ModelChoice {
             let value = |j: usize| {
                 let of_parameters: f64 = derivatives.iter().zip(z).map(|(d, z)| d[j] * z).sum();
                 // Variables come in pairs, the smallest and the largest of a value.
-                middle[j][0] + of_parameters + misfit * middle[j][1] * errors[j / 2]
+                middle[j][0] + of_parameters + misfit.shares[value_of(j)] * middle[j][1] * errors[j / 2]
             };
             (0..middle.len()).map(value).collect()
         });
         Ok(drawn.collect())
     }
 
-    /// Misfit of the model in runs of a family, each at its own estimates: its RMS as a share of the range of the force, and the number of
-    /// runs; `None` if there are too few.
+    /// Misfit of the model in runs of the family, each at its own estimates; on the bench of the next run if enough were there, because
+    /// benches have errors of their own. `None` if there are too few.
     pub(crate) fn misfit(
         &self,
         runs: &[MeasuredRun],
         rows: &[EstimateRow],
-        family: &str,
-    ) -> Option<(f64, usize)> {
-        let of_family = runs.iter().rev().filter(|run| run.placed.member.family == family);
-        let shares: Vec<f64> = of_family
-            .filter_map(|run| self.misfit_of(run, rows))
-            .take(MISFIT_RUNS)
-            .collect();
-        let mean = shares.iter().sum::<f64>() / shares.len() as f64;
-        (shares.len() >= FEWEST_MISFIT_RUNS).then(|| (mean.sqrt(), shares.len()))
+        next: &NextRun,
+    ) -> Option<ModelMisfit> {
+        let of_family = runs
+            .iter()
+            .rev()
+            .filter(|run| run.placed.member.family == next.family);
+        let of_family: Vec<&MeasuredRun> = of_family.collect();
+        let on_bench = of_family
+            .iter()
+            .copied()
+            .filter(|run| run.placed.bench == next.bench);
+        let squares = |runs: &mut dyn Iterator<Item = &MeasuredRun>| -> Vec<[f64; VALUES]> {
+            runs.filter_map(|run| self.misfit_of(run, rows))
+                .take(MISFIT_RUNS)
+                .collect()
+        };
+        let there = squares(&mut on_bench.into_iter());
+        let found = match there.len() >= FEWEST_MISFIT_RUNS {
+            true => there,
+            false => squares(&mut of_family.into_iter()),
+        };
+        // The middle run: a recording with a fault does not count for the model.
+        let middle = |value: usize| {
+            let mut of_value: Vec<f64> = found.iter().map(|run| run[value]).collect();
+            of_value.sort_by(f64::total_cmp);
+            of_value[of_value.len() / 2].sqrt()
+        };
+        (found.len() >= FEWEST_MISFIT_RUNS).then(|| ModelMisfit {
+            shares: std::array::from_fn(middle),
+            runs: found.len(),
+        })
     }
 
-    /// Mean squared misfit of one run; `None` if its loops are not whole or it has no estimates.
-    fn misfit_of(&self, run: &MeasuredRun, rows: &[EstimateRow]) -> Option<f64> {
+    /// Mean squared misfit of each value in one run; `None` if its loops are not whole or it has no estimates.
+    fn misfit_of(&self, run: &MeasuredRun, rows: &[EstimateRow]) -> Option<[f64; VALUES]> {
         let (mut values, mut zero_n, mut found) = (self.values.clone(), 0.0, 0);
         for row in rows.iter().filter(|row| row.run_id == run.placed.run_id) {
             if row.quantity == FORCE_ZERO {
@@ -160,12 +201,18 @@ impl ModelChoice {
         let loops = ProfileLoops::of(&run.profile);
         let measured = loops.measured(&run.loops)?;
         let played = self.play(&loops, &values, zero_n).ok().filter(|_| found > 0)?;
-        let shares = measured
-            .iter()
-            .zip(&played)
-            .map(|(m, [value, full])| ((m - value) / full).powi(2));
-        Some(shares.sum::<f64>() / measured.len() as f64)
+        let mut squares = [0.0; VALUES];
+        let of_each = measured.len() as f64 / VALUES as f64;
+        for (j, (measured, [value, full])) in measured.iter().zip(&played).enumerate() {
+            squares[value_of(j)] += ((measured - value) / full).powi(2) / of_each;
+        }
+        Some(squares)
     }
+}
+
+/// Number of the value, within those of a loop, that variable `j` is about.
+fn value_of(j: usize) -> usize {
+    j / 2 % VALUES
 }
 
 /// Independent standard normal draws.

@@ -17,7 +17,7 @@ use crate::identify::confidence::{student_975, student_quantile, student_within}
 
 /// Fewest runs and specimens of a family from which its scatter is estimated without the other families. Fewer give intervals of few
 /// degrees of freedom, which are wider than those with the scatter that all families share.
-const OWN_SCATTER: [usize; 2] = [15, 4];
+const OWN_SCATTER: [usize; 2] = [15, 6];
 /// Fewest runs of a family from which anything is predicted.
 const FEWEST_RUNS: usize = 4;
 /// Fewest runs of a family on a bench from which the typical standard error there is taken.
