@@ -51,7 +51,7 @@ function showLimits() {
   const list = $("limits"), shown = [profile, ...text].join("\n");
   if (list.dataset.shown === shown) return;
   list.dataset.shown = shown;
-  write("limits-title", !text.length ? "" : isPredicted(profile) ? "Predicted band" : "Limits of the profile");
+  write("limits-title", !text.length ? "" : isPredicted(profile) ? "Limits, with the predicted band" : "Limits of the profile");
   list.replaceChildren(...text.map(line => el("li", line)));
   dirty = true;
 }

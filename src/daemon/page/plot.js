@@ -60,7 +60,11 @@ class Plot {
     c.rect(box.left, box.top, box.right - box.left, box.bottom - box.top);
     c.clip();
     c.fillStyle = style("--band");
-    for (const [low, high] of bands || []) c.fillRect(box.left, py(high), box.right - box.left, py(low) - py(high));
+    for (const [low, high] of bands || []) {
+      // A narrow band is drawn wide enough to be seen.
+      const tall = Math.max(py(low) - py(high), 4);
+      c.fillRect(box.left, (py(low) + py(high) - tall) / 2, box.right - box.left, tall);
+    }
     c.restore();
     this.axes(c, box, px, py);
     c.save();

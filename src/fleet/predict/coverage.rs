@@ -46,7 +46,7 @@ pub(crate) struct ShareInside {
 pub(crate) struct QuantityCoverage {
     /// Empty for all quantities together.
     pub quantity: String,
-    /// At [`LEVELS`].
+    /// One for each of [`LEVELS`], in their order.
     pub shares: Vec<ShareInside>,
     /// At 95 %, of specimens with and without an earlier run.
     pub seen95: ShareInside,

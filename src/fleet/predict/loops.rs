@@ -104,7 +104,7 @@ fn free_values(mode: Mode) -> [CycleValue; VALUES] {
 
 /// Cycles that are alike: their numbers in the profile, and those of the ones that are played.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Stretch {
+struct AlikeCycles {
     of: (usize, usize),
     cycles: [u32; 2],
     played: [u32; 2],
@@ -179,9 +179,9 @@ fn extreme(run: &LoopValues, variable: &LoopVariable, cycles: Option<[u32; 2]>) 
 }
 
 /// The profile with at most [`PLAYED`] cycles and repeats, and its stretches of cycles.
-fn shortened(profile: &Profile) -> (Profile, Vec<Stretch>) {
+fn shortened(profile: &Profile) -> (Profile, Vec<AlikeCycles>) {
     let mut short = profile.clone();
-    let mut stretches: Vec<Stretch> = Vec::new();
+    let mut stretches: Vec<AlikeCycles> = Vec::new();
     let (mut next, mut next_played) = (1, 1);
     for (b, (block, short)) in profile.blocks.iter().zip(&mut short.blocks).enumerate() {
         short.repeat = block.repeat.min(PLAYED);
@@ -210,7 +210,7 @@ fn shortened(profile: &Profile) -> (Profile, Vec<Stretch>) {
                     of_repeat.push([next_played, last]);
                     next_played = last + 1;
                 }
-                let stretch = Stretch {
+                let stretch = AlikeCycles {
                     of: (b, s),
                     cycles: [next, next + count - 1],
                     played: of_repeat[n],
