@@ -115,13 +115,13 @@ impl ProfileLoops {
     pub(crate) fn of(profile: &Profile) -> ProfileLoops {
         let (short, mut stretches) = shortened(profile);
         stretches.truncate(MOST_STRETCHES);
-        let loops: Vec<(Option<[u32; 2]>, Option<[u32; 2]>)> = match stretches.is_empty() {
-            true => vec![(None, None)],
-            false => stretches
-                .iter()
-                .map(|s| (Some(s.cycles), Some(s.played)))
-                .collect(),
-        };
+        let mut loops: Vec<_> = stretches
+            .iter()
+            .map(|s| (Some(s.cycles), Some(s.played)))
+            .collect();
+        if loops.is_empty() {
+            loops.push((None, None));
+        }
         let (mut variables, mut played) = (Vec::new(), Vec::new());
         for (cycles, of_short) in loops {
             for value in free_values(profile.mode) {
