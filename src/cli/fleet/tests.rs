@@ -148,6 +148,17 @@ fn a_held_out_run_keeps_its_predicted_band() {
     // Each run has a chance of 5 % to fail: two or more of five with 2.3 %, three or more with 0.1 %.
     for way in [&[][..], &["--from-model"]] {
         assert!(held.passed(way) >= 3, "{way:?}");
+        let json = std::fs::read_to_string(held.path("predicted/prediction.json")).expect("written");
+        let json: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+        // 30 runs of the family less the five that are held out.
+        let runs = match way.is_empty() {
+            true => json["basis"]["measured"]["runs"].as_u64(),
+            false => json["basis"]["model"]["misfit"]["runs"].as_u64(),
+        };
+        assert!(
+            runs.is_some_and(|runs| (3..=25).contains(&runs) && (runs == 25 || !way.is_empty())),
+            "{json}"
+        );
     }
     let archive = held.path("archive").display().to_string();
     let out = held.path("coverage").display().to_string();
