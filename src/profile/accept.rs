@@ -472,4 +472,15 @@ mod tests {
             Ok(1)
         );
     }
+
+    #[test]
+    fn the_key_of_a_limit_is_found_by_what_it_is_about() {
+        let peak = JudgedValue::Cycle(CycleValue::ForcePeak);
+        assert_eq!(key_of(peak, LimitSide::Max), Some("force_peak_max_n"));
+        let twin = JudgedValue::Cycle(CycleValue::TwinNrmse);
+        assert_eq!(
+            (key_of(twin, LimitSide::Max), key_of(twin, LimitSide::Min)),
+            (Some("twin_nrmse_max"), None)
+        );
+    }
 }

@@ -302,4 +302,27 @@ mod tests {
         assert!(error.to_string().contains("add a ramp to 12"), "{error}");
         assert!(matches!(error, ProfileError::File { line: 20, .. }), "{error}");
     }
+
+    #[test]
+    fn a_rewritten_profile_keeps_all_but_name_and_description() {
+        let more = "[[accept]]\nlost_max_samples = 0\n";
+        let with_both = rewritten(ALL_KINDS, "new", "Said \"so\".", more).expect("sound");
+        let [old, new] = [ALL_KINDS, &with_both].map(|text| Profile::from_toml(text, "p").expect("sound"));
+        assert_eq!(
+            (new.name.as_str(), new.description.as_str()),
+            ("new", "Said \"so\".")
+        );
+        assert_eq!((new.blocks, new.accept.len()), (old.blocks, 1));
+        let without: String = ALL_KINDS
+            .lines()
+            .filter(|l| !l.contains("description"))
+            .map(|l| format!("{l}\n"))
+            .collect();
+        let described = rewritten(&without, "new", "Said.", "").expect("sound");
+        assert_eq!(
+            Profile::from_toml(&described, "p").expect("sound").description,
+            "Said."
+        );
+        assert!(rewritten(ALL_KINDS, "new", "Said.", "[[accept]]\nnothing = 1\n").is_err());
+    }
 }

@@ -127,3 +127,23 @@ pub(crate) fn table(found: &FleetCoverage) -> String {
         .chain(found.runs.iter().map(row))
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fleet::estimate::read_estimates;
+    use crate::fleet::predict::coverage::coverage;
+
+    #[test]
+    fn the_page_has_a_plot_for_each_quantity_and_one_for_all() {
+        let text = include_str!("../../examples/estimates.csv");
+        let found = coverage(&read_estimates("estimates.csv", text.as_bytes()).expect("shipped"));
+        let page = page(&found, "a<b.csv");
+        assert_eq!(page.matches("<svg").count(), 1 + found.quantities.len());
+        assert!(page.contains("a&lt;b.csv") && page.contains(&found.all.shares[1].words()));
+        let table = table(&found);
+        assert_eq!(table.lines().count(), 1 + found.runs.len());
+        let cells = |line: &str| line.split(',').count();
+        assert!(table.lines().all(|line| cells(line) == cells(COLUMNS)), "{table}");
+    }
+}

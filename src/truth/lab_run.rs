@@ -19,6 +19,11 @@ const IMPERFECT: f64 = 0.1;
 impl Lab {
     /// Takes the recording of run `number`, from 0, with the test of its family. The same number gives the same bits.
     pub(crate) fn record(&self, number: usize, test: &LabTest) -> Recording {
+        self.record_and_tell(number, test).0
+    }
+
+    /// The same, and true if an instrument was imperfect.
+    pub(crate) fn record_and_tell(&self, number: usize, test: &LabTest) -> (Recording, bool) {
         let run = &self.runs[number];
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         random.set_stream(number as u64);
@@ -44,10 +49,11 @@ impl Lab {
             time_s,
             ..Recording::default()
         };
-        if between(&mut random, 0.0, 1.0) < IMPERFECT {
+        let is_imperfect = between(&mut random, 0.0, 1.0) < IMPERFECT;
+        if is_imperfect {
             Nuisance::mild(&mut random).spoil(&mut random, &mut recording, NOISE[0], true);
         }
-        recording
+        (recording, is_imperfect)
     }
 }
 

@@ -269,3 +269,101 @@ fn sample(tick: u64, rate_hz: f64, p: &Predicted) -> Sample {
         flags: Flags::default(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model;
+
+    const LIMITS: ProfileLimits = ProfileLimits {
+        force_min_n: -200.0,
+        force_max_n: 3200.0,
+        displacement_min_mm: -5.0,
+        displacement_max_mm: 45.0,
+        velocity_max_mm_s: 150.0,
+        acceleration_max_mm_s2: 3000.0,
+    };
+
+    fn profile(blocks: &str) -> Profile {
+        Profile::from_toml(
+            &format!("name = \"p\"\ncontrol = \"displacement\"\n{blocks}"),
+            "p",
+        )
+        .expect("a profile")
+    }
+
+    fn sine(amplitude_mm: f64, cycles: u32) -> String {
+        format!(
+            "[[block.segment]]\nkind = \"sine\"\nmean_mm = 10.0\namplitude_mm = {amplitude_mm:?}\nfrequency_hz = 1.0\n\
+             cycles = {cycles}\ntaper_cycles = 1\n"
+        )
+    }
+
+    const TO_MEAN: &str = "[[block]]\n[[block.segment]]\nkind = \"ramp\"\nto_mm = 10.0\nduration_s = 1.0\n";
+
+    fn played(profile: &Profile) -> (ProfileLoops, Vec<f64>) {
+        let loops = ProfileLoops::of(profile);
+        let plant = model::find("equivalent").expect("there");
+        let plant = plant
+            .plant(&[0.0, 80.0, 0.1, 0.2], &toml::Table::new())
+            .expect("built");
+        let values = loops.played(plant.as_ref(), &LIMITS).expect("played");
+        (loops, values.into_iter().map(|[value, _]| value).collect())
+    }
+
+    #[test]
+    fn each_segment_of_cycles_has_limits_over_its_cycles_whatever_is_played_of_them() {
+        let text = format!("{TO_MEAN}[[block]]\nrepeat = 3\n{}{}", sine(2.0, 5), sine(4.0, 1));
+        let (loops, _) = played(&profile(&text));
+        let mut cycles: Vec<[u32; 2]> = loops.variables.iter().filter_map(|v| v.cycles).collect();
+        cycles.dedup();
+        assert_eq!(cycles, [[1, 5], [6, 6], [7, 11], [12, 12], [13, 17], [18, 18]]);
+        let mut shown = loops.played.clone();
+        shown.dedup();
+        // The third repeat is like the second.
+        let [first, second, third] = [[[1, 2], [3, 3]], [[4, 5], [6, 6]], [[4, 5], [6, 6]]];
+        assert_eq!(
+            shown,
+            [first, second, third]
+                .concat()
+                .into_iter()
+                .map(Some)
+                .collect::<Vec<_>>()
+        );
+        let alone = format!("{TO_MEAN}[[block]]\nrepeat = 300\n{}", sine(2.0, 5));
+        let (loops, values) = played(&profile(&alone));
+        assert!(loops.variables.iter().all(|v| v.cycles == Some([1, 1500])) && values.len() == 8);
+    }
+
+    #[test]
+    fn the_model_says_what_each_loop_will_measure() {
+        let (loops, values) = played(&profile(&format!("{TO_MEAN}[[block]]\n{}", sine(4.0, 3))));
+        let of = |value, side| {
+            let is = |v: &LoopVariable| v.value == value && v.side == side;
+            values[loops.variables.iter().position(is).expect("there")]
+        };
+        // 14 mm on the way up, 6 mm on the way down; with friction that follows within 0.2 mm.
+        assert!((of(CycleValue::ForcePeak, LimitSide::Max) - 80.0 * 14.0 * 1.1).abs() < 1.0);
+        assert!((of(CycleValue::ForceValley, LimitSide::Min) - 80.0 * 6.0 * 0.9).abs() < 1.0);
+        // 2 * 0.1 * 800 N * 8 mm = 1.28 J, less what the reversals round off.
+        let energy = of(CycleValue::LoopEnergy, LimitSide::Max);
+        assert!((1.15..1.28).contains(&energy), "{energy}");
+    }
+
+    #[test]
+    fn a_profile_without_cycles_is_one_loop() {
+        let (loops, values) = played(&profile(TO_MEAN));
+        assert!(loops.variables.iter().all(|v| v.cycles.is_none()));
+        assert_eq!(values.len(), 8);
+        let measured = LoopMeasurement {
+            force_n: [0.0, 880.0],
+            displacement_mm: [0.0, 10.0],
+            loop_energy_j: 4.4,
+            secant_rate_n_per_mm: 88.0,
+        };
+        let run = LoopValues::from([(0, measured)]);
+        let values = loops.measured(&run).expect("whole");
+        assert_eq!(values[2..4], [0.0, 0.0]);
+        assert_eq!(loops.measured(&LoopValues::new()), None);
+    }
+}

@@ -225,3 +225,113 @@ fn misfits(count: usize) -> Vec<Vec<f64>> {
     };
     draws(&vec![one; count], Stream::Misfits)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fleet::estimate::EstimateScale;
+    use crate::fleet::predict::band::limits;
+    use crate::model;
+    use crate::profile::Profile;
+
+    fn predicted(quantity: &str, mean: f64, deviation: f64) -> (PredictedQuantity, RunDeviations) {
+        let predicted = PredictedQuantity {
+            quantity: quantity.to_owned(),
+            unit: String::new(),
+            scale: EstimateScale::Relative,
+            predicted: mean,
+            low95: mean,
+            high95: mean,
+            pooled_mean: mean.ln(),
+            pooled_deviation: deviation,
+            degrees: 1e6,
+            runs_of_specimen: 3,
+            runs_of_family: 9,
+            remarks: Vec::new(),
+        };
+        (predicted, RunDeviations::new())
+    }
+
+    fn choice() -> ModelChoice {
+        ModelChoice {
+            model: model::find("equivalent").expect("there"),
+            values: vec![0.0, 50.0, 0.1, 0.1],
+            limits: ProfileLimits {
+                force_min_n: -200.0,
+                force_max_n: 3200.0,
+                displacement_min_mm: -5.0,
+                displacement_max_mm: 45.0,
+                velocity_max_mm_s: 150.0,
+                acceleration_max_mm_s2: 3000.0,
+            },
+        }
+    }
+
+    fn loops() -> ProfileLoops {
+        let text = "name = \"p\"\ncontrol = \"displacement\"\n[[block]]\n[[block.segment]]\nkind = \"sine\"\nmean_mm = 0.0\n\
+                    amplitude_mm = 10.0\nfrequency_hz = 1.0\ncycles = 3\n";
+        ProfileLoops::of(&Profile::from_toml(text, "p").expect("a profile"))
+    }
+
+    #[test]
+    fn the_scatter_of_a_rate_becomes_that_of_the_peak_force() {
+        let quantities = [predicted("rate_n_per_mm", 80.0, 0.01)];
+        let scatter = |misfit: f64| {
+            let drawn = choice()
+                .draws(&loops(), &quantities, &ModelMisfit::assumed(misfit))
+                .expect("played");
+            let peaks: Vec<f64> = drawn.iter().map(|d| d[1]).collect();
+            let mean = peaks.iter().sum::<f64>() / peaks.len() as f64;
+            let square = peaks.iter().map(|p| (p - mean).powi(2)).sum::<f64>() / peaks.len() as f64;
+            (mean, square.sqrt())
+        };
+        // 80 N/mm over 10 mm, 10 % friction; 4000 draws have a standard deviation within 1.1 %.
+        let (mean, deviation) = scatter(0.0);
+        assert!(
+            (mean - 880.0).abs() < 1.0 && (deviation / 8.8 - 1.0).abs() < 0.05,
+            "{mean} {deviation}"
+        );
+        // 1 % of the range of the force, which the model says itself.
+        let (_, with_misfit) = scatter(0.01);
+        let range_n = 880.0
+            - choice()
+                .draws(&loops(), &quantities, &ModelMisfit::assumed(0.0))
+                .expect("played")[0][2];
+        let expected = (deviation.powi(2) + (0.01 * range_n).powi(2)).sqrt();
+        assert!(
+            (with_misfit / expected - 1.0).abs() < 0.05,
+            "{with_misfit} {expected}"
+        );
+    }
+
+    #[test]
+    fn limits_lie_about_what_is_expected() {
+        let quantities = [predicted("rate_n_per_mm", 80.0, 0.01)];
+        let loops = loops();
+        let drawn = choice()
+            .draws(&loops, &quantities, &ModelMisfit::assumed(0.01))
+            .expect("played");
+        let found = limits(&loops.variables, &drawn);
+        assert_eq!(found.len(), 8);
+        for pair in found.chunks(2) {
+            assert!(
+                pair[0].limit < pair[0].expected && pair[1].expected < pair[1].limit,
+                "{pair:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_table_without_a_parameter_of_the_model_is_refused() {
+        let refused = choice().draws(
+            &loops(),
+            &[predicted("backlash", 1.0, 0.1)],
+            &ModelMisfit::assumed(0.0),
+        );
+        let said = refused.expect_err("no parameter").to_string();
+        assert!(
+            said.contains("no parameter of model equivalent") && said.contains("--baseline"),
+            "{said}"
+        );
+    }
+}

@@ -1,7 +1,10 @@
 //! Coverage of predicted quantities on synthetic labs.
 
 use super::synthetic::SyntheticLab;
+use crate::fleet::estimate::EstimateRow;
 use crate::fleet::predict::coverage::{FleetCoverage, coverage};
+use crate::fleet::predict::next_run::{NextRun, NextRunWords};
+use crate::fleet::predict::quantity::{PredictedQuantity, predict_quantities};
 
 /// Estimates inside 50 % and 95 %, those inside 95 % of specimens without earlier runs, and their numbers.
 #[derive(Debug, Default)]
@@ -90,4 +93,56 @@ fn a_run_is_predicted_from_earlier_runs_only() {
             .find(|r| r.run_id == run.run_id && r.predicted.quantity == run.predicted.quantity);
         assert_eq!(again.expect("predicted"), run);
     }
+}
+
+fn next(rows: &[EstimateRow], specimen: &str, bench: &str, family: Option<&str>) -> NextRun {
+    let said = NextRunWords {
+        specimen: specimen.to_owned(),
+        bench: bench.to_owned(),
+        family: family.map(str::to_owned),
+        ..NextRunWords::default()
+    };
+    NextRun::of(&said, rows).expect("known")
+}
+
+fn rate(rows: &[EstimateRow], next: &NextRun) -> PredictedQuantity {
+    let all = predict_quantities(rows, next).into_iter();
+    let mut rates = all.filter(|(predicted, _)| predicted.quantity == "rate_n_per_mm");
+    rates.next().expect("the rate").0
+}
+
+#[test]
+fn what_is_known_of_specimen_and_bench_makes_the_interval_narrower() {
+    let rows = lab(true).table(9301);
+    let known = rate(&rows, &next(&rows, "S000", "B1", None));
+    let unseen = rate(&rows, &next(&rows, "S999", "B1", Some("F1")));
+    let new_bench = rate(&rows, &next(&rows, "S000", "B9", None));
+    // Specimens scatter by 1.2 % and runs by 0.36 %; bench B2 is 1 % off.
+    assert!(known.pooled_deviation < 0.006, "{known:?}");
+    assert!((0.009..0.025).contains(&unseen.pooled_deviation), "{unseen:?}");
+    assert!(
+        new_bench.pooled_deviation > 0.005 && new_bench.remarks.len() == 1,
+        "{new_bench:?}"
+    );
+    assert!(known.remarks.is_empty() && known.runs_of_specimen == 6 && unseen.runs_of_specimen == 0);
+    let [low, high] = known.interval(0.95);
+    assert!((low - known.low95).abs() < 1e-6 * low && (high - known.high95).abs() < 1e-6 * high);
+    assert!((known.level_of(known.high95) - 0.95).abs() < 1e-6 && known.level_of(known.predicted) < 1e-9);
+}
+
+#[test]
+fn a_form_error_that_all_runs_share_does_not_widen_the_interval() {
+    let plain = lab(true).table(9302);
+    let shared: Vec<EstimateRow> = (plain.iter().cloned())
+        .map(|mut row| {
+            // The part of the run stays as it is.
+            row.form_error = 3.0 * row.std_error;
+            row.std_error = row.std_error.hypot(row.form_error);
+            row
+        })
+        .collect();
+    let of =
+        |rows: &[EstimateRow], bench: &str| rate(rows, &next(rows, "S000", bench, None)).pooled_deviation;
+    assert!((of(&plain, "B1") - of(&shared, "B1")).abs() < 1e-9);
+    assert!(of(&shared, "B9").powi(2) - of(&plain, "B9").powi(2) > (3.0f64 * 0.001).powi(2));
 }
