@@ -103,7 +103,7 @@ fn run_vectors(quantities: &[DrawnQuantity]) -> Vec<Vec<f64>> {
         .collect();
     for column in 0..quantities.len() {
         let length = vectors.iter().map(|v| v[column].powi(2)).sum::<f64>().sqrt();
-        if !(length > 0.0) {
+        if length.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
             return Vec::new();
         }
         vectors.iter_mut().for_each(|v| v[column] /= length);

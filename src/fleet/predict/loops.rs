@@ -115,15 +115,16 @@ impl ProfileLoops {
     pub(crate) fn of(profile: &Profile) -> ProfileLoops {
         let (short, mut stretches) = shortened(profile);
         stretches.truncate(MOST_STRETCHES);
-        let loops: Vec<(Option<[u32; 2]>, Option<[u32; 2]>)> = match stretches.is_empty() {
-            true => vec![(None, None)],
+        // Cycles of the profile, and those that are played for them.
+        let loops: Vec<[Option<[u32; 2]>; 2]> = match stretches.is_empty() {
+            true => vec![[None, None]],
             false => stretches
                 .iter()
-                .map(|s| (Some(s.cycles), Some(s.played)))
+                .map(|s| [Some(s.cycles), Some(s.played)])
                 .collect(),
         };
         let (mut variables, mut played) = (Vec::new(), Vec::new());
-        for (cycles, of_short) in loops {
+        for [cycles, of_short] in loops {
             for value in free_values(profile.mode) {
                 for side in [LimitSide::Min, LimitSide::Max] {
                     variables.push(LoopVariable { cycles, value, side });
