@@ -95,11 +95,14 @@ fn a_run_is_predicted_from_earlier_runs_only() {
     }
 }
 
+/// A run that begins when specimen S000 was tested last: a year later the slope with time would be most of what is not known.
 fn next(rows: &[EstimateRow], specimen: &str, bench: &str, family: Option<&str>) -> NextRun {
+    let own = rows.iter().filter(|row| row.specimen == "S000");
     let said = NextRunWords {
         specimen: specimen.to_owned(),
         bench: bench.to_owned(),
         family: family.map(str::to_owned),
+        started_utc: own.map(|row| row.started_utc).max(),
         ..NextRunWords::default()
     };
     NextRun::of(&said, rows).expect("known")
@@ -119,7 +122,11 @@ fn what_is_known_of_specimen_and_bench_makes_the_interval_narrower() {
     let new_bench = rate(&rows, &next(&rows, "S000", "B9", None));
     // Specimens scatter by 1.2 % and runs by 0.36 %; bench B2 is 1 % off.
     assert!(known.pooled_deviation < 0.006, "{known:?}");
-    assert!((0.009..0.025).contains(&unseen.pooled_deviation), "{unseen:?}");
+    let width = |p: &PredictedQuantity| (p.high95 / p.low95).ln();
+    assert!(
+        (0.035..0.12).contains(&width(&unseen)) && width(&known) < 0.02,
+        "{unseen:?}"
+    );
     assert!(
         new_bench.pooled_deviation > 0.005 && new_bench.remarks.len() == 1,
         "{new_bench:?}"
@@ -143,6 +150,7 @@ fn a_form_error_that_all_runs_share_does_not_widen_the_interval() {
         .collect();
     let of =
         |rows: &[EstimateRow], bench: &str| rate(rows, &next(rows, "S000", bench, None)).pooled_deviation;
-    assert!((of(&plain, "B1") - of(&shared, "B1")).abs() < 1e-9);
+    // The search for the variances ends at a relative step of 1e-6.
+    assert!((of(&plain, "B1") / of(&shared, "B1") - 1.0).abs() < 1e-4);
     assert!(of(&shared, "B9").powi(2) - of(&plain, "B9").powi(2) > (3.0f64 * 0.001).powi(2));
 }
