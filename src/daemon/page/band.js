@@ -53,6 +53,8 @@ function showLimits() {
   list.dataset.shown = shown;
   write("limits-title", !text.length ? "" : isPredicted(profile) ? "Limits, with the predicted band" : "Limits of the profile");
   list.replaceChildren(...text.map(line => el("li", line)));
+  // An empty list is no stop for the Tab key.
+  list.parentElement.hidden = !text.length;
   dirty = true;
 }
 

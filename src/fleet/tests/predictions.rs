@@ -116,7 +116,12 @@ fn rate(rows: &[EstimateRow], next: &NextRun) -> PredictedQuantity {
 
 #[test]
 fn what_is_known_of_specimen_and_bench_makes_the_interval_narrower() {
-    let rows = lab(true).table(9301);
+    // Operators work on some benches more than on others: what they differ by would be in the benches' effects.
+    let rows = SyntheticLab {
+        operators: false,
+        ..lab(true)
+    }
+    .table(9301);
     let known = rate(&rows, &next(&rows, "S000", "B1", None));
     let unseen = rate(&rows, &next(&rows, "S999", "B1", Some("F1")));
     let new_bench = rate(&rows, &next(&rows, "S000", "B9", None));
