@@ -65,11 +65,20 @@ pub(in crate::cli) fn run_files(named: &[PathBuf], data: &Path) -> Result<Vec<Pa
     let mut files = Vec::new();
     for place in places {
         match place.is_dir() {
-            true => files.extend(files_of(place)?),
+            true => files.extend(files_of_folder_or_runs(place)?),
             false => files.push(place.clone()),
         }
     }
     Ok(files)
+}
+
+/// The run files of a folder, or of its folder `runs` where it has none itself: data of another lab may be laid out so.
+fn files_of_folder_or_runs(folder: &Path) -> Result<Vec<PathBuf>, CliError> {
+    let (files, runs) = (files_of(folder)?, folder.join("runs"));
+    match files.is_empty() && runs.is_dir() {
+        true => files_of(&runs),
+        false => Ok(files),
+    }
 }
 
 /// The run files of a folder, sorted by name.
@@ -107,4 +116,24 @@ fn text(to: &str, added: &Added) -> String {
     let refused = added.refused.iter();
     lines.extend(refused.map(|reason| format!("NOT ARCHIVED: {reason}")));
     lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_without_run_files_stands_for_its_folder_runs() {
+        let data = tempfile::tempdir().expect("a folder");
+        let runs = data.path().join("runs");
+        std::fs::create_dir(&runs).expect("made");
+        let inner = runs.join("b.leafrun");
+        std::fs::write(&inner, "").expect("written");
+        let found = |folder: &Path| run_files(&[folder.to_owned()], Path::new("none")).expect("listed");
+        assert_eq!(found(data.path()), [inner.clone()]);
+        assert_eq!(found(&runs), [inner]);
+        let outer = data.path().join("a.leafrun");
+        std::fs::write(&outer, "").expect("written");
+        assert_eq!(found(data.path()), [outer]);
+    }
 }

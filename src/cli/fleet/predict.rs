@@ -1,5 +1,6 @@
 //! `leafbench fleet predict`: what the next run of a specimen will measure, as limits of its profile.
 
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::io::Write;
 use std::path::PathBuf;
@@ -288,21 +289,21 @@ impl FleetPrediction {
         for pair in self.limits.chunks(2) {
             text += &pair_words(pair);
         }
-        let mut remarks: Vec<&str> = self
-            .quantities
-            .iter()
-            .flat_map(|q| &q.remarks)
-            .map(String::as_str)
-            .collect();
-        remarks.dedup();
-        remarks
-            .iter()
-            .for_each(|remark| text += &format!("\nNOTE: {remark}"));
+        let remarks = self.quantities.iter().flat_map(|q| &q.remarks);
+        for remark in each_once(remarks) {
+            text += &format!("\nNOTE: {remark}");
+        }
         self.left_out
             .iter()
             .for_each(|reason| text += &format!("\nLEFT OUT: {reason}"));
         format!("{text}\nwritten: {}", self.file.display())
     }
+}
+
+/// Remarks without those that were made before: most are about every quantity.
+fn each_once<'r>(remarks: impl Iterator<Item = &'r String>) -> Vec<&'r str> {
+    let mut made = BTreeSet::new();
+    remarks.map(String::as_str).filter(|r| made.insert(*r)).collect()
 }
 
 /// The lower and the upper limit of one value.
@@ -329,4 +330,15 @@ fn pair_words(pair: &[PredictedLimit]) -> String {
 /// Six significant digits.
 fn rounded(value: f64) -> f64 {
     format!("{value:.5e}").parse().unwrap_or(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_remark_is_said_once_wherever_it_was_made_before() {
+        let remarks = ["bench", "model", "bench", "model"].map(str::to_owned);
+        assert_eq!(each_once(remarks.iter()), ["bench", "model"]);
+    }
 }
