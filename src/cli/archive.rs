@@ -130,7 +130,7 @@ mod tests {
         let inner = runs.join("b.leafrun");
         std::fs::write(&inner, "").expect("written");
         let found = |folder: &Path| run_files(&[folder.to_owned()], Path::new("none")).expect("listed");
-        assert_eq!(found(data.path()), [inner.clone()]);
+        assert_eq!(found(data.path()), std::slice::from_ref(&inner));
         assert_eq!(found(&runs), [inner]);
         let outer = data.path().join("a.leafrun");
         std::fs::write(&outer, "").expect("written");
