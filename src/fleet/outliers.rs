@@ -178,7 +178,7 @@ impl<'d, 'r> RobustFit<'d, 'r> {
 }
 
 /// The middle value; 0 without values.
-fn median(mut values: Vec<f64>) -> f64 {
+pub(super) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     match values.len() {
         0 => 0.0,

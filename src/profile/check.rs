@@ -21,6 +21,19 @@ pub(crate) struct ProfileLimits {
     pub acceleration_max_mm_s2: f64,
 }
 
+#[cfg(test)]
+impl ProfileLimits {
+    /// Limits of a bench of 3200 N and 45 mm.
+    pub(crate) const EXAMPLE: ProfileLimits = ProfileLimits {
+        force_min_n: -200.0,
+        force_max_n: 3200.0,
+        displacement_min_mm: -5.0,
+        displacement_max_mm: 45.0,
+        velocity_max_mm_s: 150.0,
+        acceleration_max_mm_s2: 3000.0,
+    };
+}
+
 /// Time in s over which the acceleration is averaged. The corner of a ramp has no finite acceleration by itself; the oil
 /// rounds it over about this time.
 pub(crate) const ACCELERATION_WINDOW_S: f64 = 0.02;

@@ -27,16 +27,11 @@ pub(crate) fn page(found: &FleetCoverage, source: &str) -> String {
 pub(super) fn section(found: &FleetCoverage) -> Markup {
     let all = &found.all;
     let plot = |of: &QuantityCoverage| {
-        let name = if of.quantity.is_empty() {
-            "all quantities"
-        } else {
-            &of.quantity
-        };
         let runs = found
             .runs
             .iter()
             .filter(|run| of.quantity.is_empty() || run.predicted.quantity == of.quantity);
-        share_plot(name, runs)
+        share_plot(of.name(), runs)
     };
     html! {
         p {
@@ -46,7 +41,7 @@ pub(super) fn section(found: &FleetCoverage) -> Markup {
         table {
             thead { tr { th { "Quantity" } th { "Inside 50 %" } th { "Inside 95 %" } } }
             tbody { @for of in std::iter::once(all).chain(&found.quantities) { tr {
-                td { @if of.quantity.is_empty() { "all" } @else { (of.quantity) } }
+                td { (of.name()) }
                 @for share in &of.shares { td { (share.words()) } }
             } } }
         }

@@ -226,14 +226,7 @@ mod tests {
     use super::*;
     use crate::model;
 
-    const LIMITS: ProfileLimits = ProfileLimits {
-        force_min_n: -200.0,
-        force_max_n: 3200.0,
-        displacement_min_mm: -5.0,
-        displacement_max_mm: 45.0,
-        velocity_max_mm_s: 150.0,
-        acceleration_max_mm_s2: 3000.0,
-    };
+    const LIMITS: ProfileLimits = ProfileLimits::EXAMPLE;
 
     fn spring() -> Box<dyn Plant> {
         model::find("equivalent")

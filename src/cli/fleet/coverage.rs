@@ -1,6 +1,5 @@
 //! `leafbench fleet coverage`: how often predictions of the quantities were right.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -9,7 +8,6 @@ use super::source::EstimateSource;
 use crate::cli::shared::local;
 use crate::cli::{CliError, Done, Output};
 use crate::fleet::predict::coverage::{FleetCoverage, QuantityCoverage, coverage};
-use crate::recording::atomic_file;
 use crate::report::coverage as page;
 
 /// Predict every run from the runs before it, and count how many lie inside the predicted intervals
@@ -51,13 +49,8 @@ impl FleetCoverageArgs {
 
 fn text(found: &FleetCoverage) -> String {
     let line = |of: &QuantityCoverage| {
-        let name = if of.quantity.is_empty() {
-            "all"
-        } else {
-            &of.quantity
-        };
         let shares = of.shares.iter().map(|share| format!("  {:<34}", share.words()));
-        format!("{name:<26}{}\n", shares.collect::<String>())
+        format!("{:<26}{}\n", of.name(), shares.collect::<String>())
     };
     let head = format!("{:<26}  {:<34}  {:<34}\n", "", "inside 50 %", "inside 95 %");
     let all = std::iter::once(&found.all).chain(&found.quantities);
@@ -78,12 +71,6 @@ fn write(found: &FleetCoverage, source: &str, folder: &Path, force: bool) -> Res
         ("coverage.csv", page::table(found)),
         ("coverage.json", json),
     ];
-    let files = files.map(|(name, text)| (folder.join(name), text));
-    local::require_new(&files.each_ref().map(|(path, _)| path), force)?;
-    std::fs::create_dir_all(folder).map_err(CliError::file(folder, "creating the folder"))?;
-    for (path, text) in &files {
-        atomic_file::write(path, |sink| sink.write_all(text.as_bytes()))
-            .map_err(CliError::file(path, "writing"))?;
-    }
-    Ok(files[0].0.clone())
+    local::write_files(folder, &files, force)?;
+    Ok(folder.join(files[0].0))
 }

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
-use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -13,6 +12,7 @@ use crate::acceptance::{digits, with_unit};
 use crate::cli::shared::local::{self, BenchArg, ProfileArgs};
 use crate::cli::{CliError, Done, Output};
 use crate::config::Bench;
+use crate::fleet::estimate::EstimateRow;
 use crate::fleet::predict::band::{KEPT, PredictedLimit, limits};
 use crate::fleet::predict::loops::ProfileLoops;
 use crate::fleet::predict::measured::measured_draws;
@@ -21,9 +21,8 @@ use crate::fleet::predict::next_run::{NextRun, NextRunWords, PredictError};
 use crate::fleet::predict::quantity::{PredictedQuantity, RunDeviations, predict_quantities};
 use crate::profile::Profile;
 use crate::profile::file::rewritten;
-use crate::recording::atomic_file;
 
-/// Misfit of a model of which the archive says nothing: a usual fit of a leaf spring leaves 1 to 2 % of the force range.
+/// Misfit of the model if no archived run shows it: a fit of a leaf spring usually leaves 1 to 2 % of the force range.
 const DEFAULT_MISFIT: f64 = 0.015;
 /// What the name of a predicted profile ends in, and the most characters of a name.
 const ENDING: &str = "-predicted";
@@ -35,8 +34,8 @@ const LONGEST_NAME: usize = 64;
     after_help = "FOLDER gets PROFILE-predicted.toml and prediction.json. A normal run keeps all predicted limits together in 95 % of the cases.\n\
                   Limits that the profile has already stay: a run is judged by both, so the narrower one counts. Run the new profile with\n\
                   `leafbench run FOLDER/PROFILE-predicted.toml`, or write it to the folder profiles of the data folder to have it on the page.\n\
-                  With an archive that has eight runs of the profile by the family, the band is that of their measured loops. Without\n\
-                  them it comes from the model at the predicted parameters. docs/fleet.md explains both."
+                  If the archive has eight or more runs of this profile by the family, the band comes from their measured loops.\n\
+                  Otherwise it comes from the model at the predicted parameters. docs/fleet.md explains both."
 )]
 pub(super) struct FleetPredictArgs {
     #[command(flatten)]
@@ -135,10 +134,10 @@ impl FleetPredictArgs {
         }
         let (limits, basis) = self.band(&bench, &profile, &next, &estimates.rows, &quantities)?;
         let name = predicted_name(&profile.name);
-        let file = self.out.join(format!("{name}.toml"));
+        let file_name = format!("{name}.toml");
         let prediction = FleetPrediction {
             profile: profile.name.clone(),
-            file,
+            file: self.out.join(&file_name),
             specimen: next.specimen,
             family: next.family,
             batch: next.batch,
@@ -158,7 +157,7 @@ impl FleetPredictArgs {
             &prediction.description(),
             &prediction.accept_blocks(),
         )?;
-        self.write(&prediction, &predicted)?;
+        self.write(&prediction, &file_name, &predicted)?;
         output.result(&prediction, || prediction.text())?;
         Ok(Done::Success)
     }
@@ -169,13 +168,14 @@ impl FleetPredictArgs {
         bench: &Bench,
         profile: &Profile,
         next: &NextRun,
-        rows: &[crate::fleet::estimate::EstimateRow],
+        rows: &[EstimateRow],
         quantities: &[(PredictedQuantity, RunDeviations)],
     ) -> Result<(Vec<PredictedLimit>, BandBasis), CliError> {
         let loops = ProfileLoops::of(profile);
         let measured = self.source.measured()?;
-        let of_loops = measured_draws(&loops, profile, &measured, next).filter(|_| !self.from_model);
-        if let Some((draws, runs)) = of_loops {
+        if !self.from_model
+            && let Some((draws, runs)) = measured_draws(&loops, profile, &measured, next)
+        {
             return Ok((limits(&loops.variables, &draws), BandBasis::Measured { runs }));
         }
         let model = self.source.model()?;
@@ -199,16 +199,10 @@ impl FleetPredictArgs {
         Ok((limits(&loops.variables, &draws), BandBasis::Model { misfit }))
     }
 
-    fn write(&self, prediction: &FleetPrediction, profile: &str) -> Result<(), CliError> {
-        let json = self.out.join("prediction.json");
-        local::require_new(&[&prediction.file, &json], self.force)?;
-        let text = serde_json::to_string_pretty(prediction).map_err(|e| CliError::Internal(e.to_string()))?;
-        std::fs::create_dir_all(&self.out).map_err(CliError::file(&self.out, "creating the folder"))?;
-        for (path, text) in [(&prediction.file, profile), (&json, &text)] {
-            atomic_file::write(path, |sink| sink.write_all(text.as_bytes()))
-                .map_err(CliError::file(path, "writing"))?;
-        }
-        Ok(())
+    fn write(&self, prediction: &FleetPrediction, file_name: &str, profile: &str) -> Result<(), CliError> {
+        let json = serde_json::to_string_pretty(prediction).map_err(|e| CliError::Internal(e.to_string()))?;
+        let files = [(file_name, profile), ("prediction.json", &json)];
+        local::write_files(&self.out, &files, self.force)
     }
 }
 
@@ -284,7 +278,7 @@ impl FleetPrediction {
         };
         let _ = writeln!(
             text,
-            "\nLimits that a normal run keeps together in 95 % of the cases ({basis}):"
+            "\nA normal run keeps all of these limits in 95 % of the cases ({basis}):"
         );
         for pair in self.limits.chunks(2) {
             text += &pair_words(pair);

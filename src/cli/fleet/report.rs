@@ -1,6 +1,5 @@
 //! `leafbench fleet report`: what the estimates of many runs say together.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -11,7 +10,6 @@ use crate::cli::{CliError, Done, Output};
 use crate::fleet::findings::FleetFindings;
 use crate::fleet::predict::coverage::coverage;
 use crate::fleet::{FleetOptions, pool};
-use crate::recording::atomic_file;
 use crate::report::{fleet, fleet_tables};
 
 /// Pool the estimates of many runs: print what was found, and write a page with plots and tables
@@ -65,18 +63,8 @@ fn write(findings: &FleetFindings, page: String, folder: &Path, force: bool) -> 
     let json = serde_json::to_string_pretty(findings).map_err(|e| CliError::Internal(e.to_string()))?;
     let mut files = vec![("fleet.html", page), ("fleet.json", json)];
     files.extend(fleet_tables::tables(findings));
-    let files: Vec<(PathBuf, String)> = files
-        .into_iter()
-        .map(|(name, text)| (folder.join(name), text))
-        .collect();
-    let paths: Vec<&PathBuf> = files.iter().map(|(path, _)| path).collect();
-    local::require_new(&paths, force)?;
-    std::fs::create_dir_all(folder).map_err(CliError::file(folder, "creating the folder"))?;
-    for (path, text) in &files {
-        atomic_file::write(path, |sink| sink.write_all(text.as_bytes()))
-            .map_err(CliError::file(path, "writing"))?;
-    }
-    Ok(files[0].0.clone())
+    local::write_files(folder, &files, force)?;
+    Ok(folder.join(files[0].0))
 }
 
 /// The findings for people.

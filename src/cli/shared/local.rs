@@ -1,5 +1,6 @@
 //! What commands find on this computer: benches, profiles, models, links, a mock rig and the folder of shipped configs.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -13,6 +14,7 @@ use crate::mockrig::{MockRig, MockRigConfig};
 use crate::model;
 use crate::nearest;
 use crate::profile::Profile;
+use crate::recording::atomic_file;
 use crate::recording::run_file::RunListing;
 
 /// The bench that needs no hardware, below the folder of shipped configs.
@@ -246,6 +248,22 @@ pub(crate) fn require_new<P: AsRef<Path>>(paths: &[P], force: bool) -> Result<()
         ))),
         _ => Ok(()),
     }
+}
+
+/// Writes some texts into a folder, each as a whole file of its name; refuses to replace files as [`require_new`] does.
+pub(crate) fn write_files<T: AsRef<str>>(
+    folder: &Path,
+    files: &[(&str, T)],
+    force: bool,
+) -> Result<(), CliError> {
+    let paths: Vec<PathBuf> = files.iter().map(|(name, _)| folder.join(name)).collect();
+    require_new(&paths, force)?;
+    std::fs::create_dir_all(folder).map_err(CliError::file(folder, "creating the folder"))?;
+    for (path, (_, text)) in paths.iter().zip(files) {
+        atomic_file::write(path, |file| file.write_all(text.as_ref().as_bytes()))
+            .map_err(CliError::file(path, "writing"))?;
+    }
+    Ok(())
 }
 
 /// The bench's mock rig, loaded with the bench's specimen. `seed` replaces the noise seed of the bench config.

@@ -392,14 +392,7 @@ fn sine_amplitude_mm(range: &TestRange, room_mm: f64, frequency_hz: f64) -> f64 
 mod tests {
     use super::*;
 
-    const LIMITS: ProfileLimits = ProfileLimits {
-        force_min_n: -200.0,
-        force_max_n: 3200.0,
-        displacement_min_mm: -5.0,
-        displacement_max_mm: 45.0,
-        velocity_max_mm_s: 150.0,
-        acceleration_max_mm_s2: 3000.0,
-    };
+    const LIMITS: ProfileLimits = ProfileLimits::EXAMPLE;
 
     #[test]
     fn every_test_is_a_profile_within_the_limits() {

@@ -113,6 +113,14 @@ impl ShareInside {
 }
 
 impl QuantityCoverage {
+    /// Name of the quantity, or `all`.
+    pub(crate) fn name(&self) -> &str {
+        match self.quantity.as_str() {
+            "" => "all",
+            quantity => quantity,
+        }
+    }
+
     fn of<'p>(quantity: &str, runs: impl Iterator<Item = &'p PredictedRun>) -> QuantityCoverage {
         let runs: Vec<&PredictedRun> = runs.collect();
         let at = |level: f64, seen: Option<bool>| {

@@ -77,8 +77,8 @@ impl LoopMeasurement {
         }
     }
 
-    /// What an error of the force by its whole range would change in a value. On the two branches of a loop the error is another one,
-    /// so that it opens the loop.
+    /// Change of a value if the force were wrong by its whole range. The error differs between the two branches of a loop, so it
+    /// changes the area of the loop.
     fn of_full_misfit(&self, value: CycleValue) -> f64 {
         let (range_n, travel_mm) = (
             self.force_n[1] - self.force_n[0],
@@ -275,14 +275,7 @@ mod tests {
     use super::*;
     use crate::model;
 
-    const LIMITS: ProfileLimits = ProfileLimits {
-        force_min_n: -200.0,
-        force_max_n: 3200.0,
-        displacement_min_mm: -5.0,
-        displacement_max_mm: 45.0,
-        velocity_max_mm_s: 150.0,
-        acceleration_max_mm_s2: 3000.0,
-    };
+    const LIMITS: ProfileLimits = ProfileLimits::EXAMPLE;
 
     fn profile(blocks: &str) -> Profile {
         Profile::from_toml(

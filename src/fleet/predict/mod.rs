@@ -1,7 +1,16 @@
 //! What the next run of a specimen will measure, before it runs: each quantity of the table with its uncertainty.
 //!
-//! [`next_run`] asks and [`quantity`] predicts one quantity; [`coverage`] holds all runs of a table against what the runs before them
-//! predicted; [`loops`] plays a profile on a model, and [`band`] makes limits of both. `docs/fleet.md` has the equations.
+//! | file | what it does |
+//! |---|---|
+//! | `next_run` | which run is asked about |
+//! | `quantity` | predicts one quantity of it |
+//! | `coverage` | compares every run of a table with its prediction from earlier runs |
+//! | `loops` | the values of a profile's loops that get limits |
+//! | `measured` | draws of these values from earlier runs of the same profile |
+//! | `modelled` | draws of these values from a model at the predicted parameters |
+//! | `band` | the limits, from such draws |
+//!
+//! `docs/fleet.md` has the equations.
 
 pub(crate) mod band;
 pub(crate) mod coverage;

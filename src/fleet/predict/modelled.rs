@@ -13,6 +13,7 @@ use super::next_run::{NextRun, PredictError};
 use super::quantity::{PredictedQuantity, RunDeviations};
 use crate::effect::attach_all;
 use crate::fleet::estimate::EstimateRow;
+use crate::fleet::outliers::median;
 use crate::model::{BuildError, Model};
 use crate::profile::ProfileLimits;
 
@@ -32,7 +33,8 @@ pub(crate) struct ModelChoice {
     pub limits: ProfileLimits,
 }
 
-/// What a model is wrong by, as standard deviations in shares of what an error of the force by its whole range would change.
+/// Error of a model in each value of a loop: a standard deviation, as a share of the change that a force error of the whole range would
+/// cause in that value.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub(crate) struct ModelMisfit {
     /// One for each value of a loop, in the order of the limits.
@@ -175,11 +177,7 @@ impl ModelChoice {
             false => squares(&mut of_family.into_iter()),
         };
         // The middle run: a recording with a fault does not count for the model.
-        let middle = |value: usize| {
-            let mut of_value: Vec<f64> = found.iter().map(|run| run[value]).collect();
-            of_value.sort_by(f64::total_cmp);
-            of_value[of_value.len() / 2].sqrt()
-        };
+        let middle = |value: usize| median(found.iter().map(|run| run[value]).collect()).sqrt();
         (found.len() >= FEWEST_MISFIT_RUNS).then(|| ModelMisfit {
             shares: std::array::from_fn(middle),
             runs: found.len(),
@@ -256,14 +254,7 @@ mod tests {
         ModelChoice {
             model: model::find("equivalent").expect("there"),
             values: vec![0.0, 50.0, 0.1, 0.1],
-            limits: ProfileLimits {
-                force_min_n: -200.0,
-                force_max_n: 3200.0,
-                displacement_min_mm: -5.0,
-                displacement_max_mm: 45.0,
-                velocity_max_mm_s: 150.0,
-                acceleration_max_mm_s2: 3000.0,
-            },
+            limits: ProfileLimits::EXAMPLE,
         }
     }
 

@@ -6,6 +6,9 @@ use jiff::Timestamp;
 
 use crate::fleet::estimate::EstimateRow;
 
+/// Fewest runs of a family from which anything is predicted.
+pub(super) const FEWEST_RUNS: usize = 4;
+
 /// A run that has not begun.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct NextRun {
@@ -65,7 +68,9 @@ pub(crate) enum PredictError {
         said: String,
     },
     /// No quantity has enough runs.
-    #[error("the table has too few runs of family {family}: test some more of its specimens first")]
+    #[error(
+        "the table has fewer than {FEWEST_RUNS} runs of family {family}: test some more of its specimens first"
+    )]
     TooFewRuns { family: String },
     /// No parameter of the model could be predicted.
     #[error("the table has no parameter of model {model}: give the model of its estimates with --baseline")]
@@ -183,6 +188,13 @@ mod tests {
         );
         assert!(refused("S9", Some("F7")).contains("family F7 is not in the table, which has F1"));
         assert!(refused("S1", Some("F7")).contains("is of family F1 in the table, not of F7"));
+        let few = PredictError::TooFewRuns {
+            family: "F1".to_owned(),
+        };
+        assert!(
+            few.to_string()
+                .starts_with("the table has fewer than 4 runs of family F1:")
+        );
         assert!(matches!(
             NextRun::of(&said("S1", None), &[]),
             Err(PredictError::NoRows)

@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
 
-use super::next_run::NextRun;
+use super::next_run::{FEWEST_RUNS, NextRun};
 use crate::fleet::design::DesignTerm;
 use crate::fleet::estimate::{EstimateRow, EstimateScale};
 use crate::fleet::mixed_model::Contrast;
@@ -18,8 +18,6 @@ use crate::identify::confidence::{student_975, student_quantile, student_within}
 /// Fewest runs and specimens of a family from which its scatter is estimated without the other families. Fewer give intervals of few
 /// degrees of freedom, which are wider than those with the scatter that all families share.
 const OWN_SCATTER: [usize; 2] = [15, 6];
-/// Fewest runs of a family from which anything is predicted.
-const FEWEST_RUNS: usize = 4;
 /// Fewest runs of a family on a bench from which the typical standard error there is taken.
 const TYPICAL_RUNS: usize = 5;
 
@@ -43,7 +41,7 @@ pub(crate) struct PredictedQuantity {
     /// Earlier runs of the specimen and of its family that it rests on.
     pub runs_of_specimen: usize,
     pub runs_of_family: usize,
-    /// What the table does not know and the interval allows for, in words.
+    /// What the table does not know, in words.
     pub remarks: Vec<String>,
 }
 
@@ -153,7 +151,7 @@ impl<'d, 'r> QuantityPredictor<'d, 'r> {
         if there.is_empty() && form > 0.0 {
             place.more_variance += form;
             place.remarks.push(format!(
-                "no run of family {} was on bench {}: the error of the model may be another one there",
+                "no run of family {} was on bench {}: the error of the model may be different there, so the interval is wider",
                 next.family, next.bench
             ));
         }
@@ -222,8 +220,8 @@ fn residuals(robust: &RobustFit) -> Vec<f64> {
     residuals
 }
 
-/// Share of the squared standard errors that the runs scatter by, 1 at most. It is asked for where the fit finds no scatter beyond the
-/// standard errors, and is drawn towards 1 where the runs are few.
+/// Variance of the runs divided by the squares of their standard errors, at most 1. It is below 1 only where the fit finds no scatter
+/// beyond the standard errors, and it is drawn towards 1 where the runs are few.
 fn overstated(robust: &RobustFit) -> f64 {
     let (data, fit) = (&robust.design.data, &robust.fit);
     if fit.variances.y > 0.0 {
@@ -295,10 +293,10 @@ impl NextPlace {
         }
         self.remarks.push(match squares.len() {
             0 | 1 => format!(
-                "the table cannot compare {what} with others: what is special about it is not in the interval"
+                "the table cannot compare {what} with others: the interval does not allow for its difference from them"
             ),
             n => format!(
-                "the table cannot compare {what} with others: it counts as one like the {n} that it knows"
+                "the table cannot compare {what} with others: the interval allows for differences as large as those of the {n} known ones"
             ),
         });
     }

@@ -67,7 +67,7 @@ fn predictions_hold_what_they_say() {
 #[ignore = "takes some minutes"]
 fn predictions_of_many_labs_hold_what_they_say() {
     for normal in [true, false] {
-        let count = inside(&lab(normal), 9100..9200);
+        let count = inside(&lab(normal), 9500..9600);
         assert!((0.93..=0.97).contains(&count.share(1)), "{normal}: {count:?}");
     }
 }
