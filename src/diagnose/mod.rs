@@ -82,12 +82,19 @@ fn whole_diagnosis(
         refitted: &searches.start.refitted,
         base: &searches.first.nodes[0].clone(),
         nominal,
+        of_path: None,
     };
     let (data, search) =
         judgement::search_to_judge(&run, &plain, known.base, searches.first, searches.second);
     let context = run.context(&setup, &data);
-    let judged = judgement::conclude(&context, search, known);
-    let diagnosis = next_test::planned(&context, judged);
+    let judged = judgement::conclude(&context, search, known.clone());
+    let of_path = searches.path.as_ref().and_then(|path| {
+        let context = run.context(&path.setup, &path.data);
+        let search = path.search.clone();
+        let judged = judgement::conclude_of_path(&context, search, known, &judged.diagnosis)?;
+        Some(next_test::planned(&context, judged))
+    });
+    let diagnosis = of_path.unwrap_or_else(|| next_test::planned(&context, judged));
     progress(1.0, "done");
     Ok(diagnosis)
 }

@@ -15,6 +15,7 @@ use crate::model::{Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "backlash",
     stage: Stage::Frame,
+    follows_path: true,
     parameters: &[Parameter {
         name: "gap_mm",
         unit: "mm",

@@ -18,6 +18,7 @@ use crate::model::{Motion, Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "channel_delay",
     stage: Stage::Sensor,
+    follows_path: false,
     parameters: &[Parameter {
         name: "delay_ms",
         unit: "ms",

@@ -17,6 +17,7 @@ use crate::model::{Motion, Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "coulomb_friction",
     stage: Stage::Pusher,
+    follows_path: true,
     parameters: &[
         Parameter {
             name: "friction_n",

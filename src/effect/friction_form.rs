@@ -47,6 +47,7 @@ const fn ratio(name: &'static str) -> Parameter {
 pub(crate) const FORM: Effect = Effect {
     code: "friction_form",
     stage: Stage::Interleaf,
+    follows_path: true,
     parameters: &[
         ratio("ratio_0"),
         ratio("ratio_1"),

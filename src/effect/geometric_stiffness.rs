@@ -16,6 +16,7 @@ use crate::model::{Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "geometric_stiffness",
     stage: Stage::Mounting,
+    follows_path: true,
     parameters: &[
         Parameter {
             name: "curvature_n_per_mm2",

@@ -16,6 +16,7 @@ use crate::units::inertia_force_n;
 pub(crate) const EFFECT: Effect = Effect {
     code: "inertia",
     stage: Stage::Pusher,
+    follows_path: false,
     parameters: &[Parameter {
         name: "mass_kg",
         unit: "kg",

@@ -18,6 +18,7 @@ const NEVER_MM: f64 = -1000.0;
 pub(crate) const EFFECT: Effect = Effect {
     code: "lift_off",
     stage: Stage::Pusher,
+    follows_path: true,
     parameters: &[Parameter {
         name: "contact_mm",
         unit: "mm",

@@ -151,6 +151,8 @@ pub(crate) struct Effect {
     /// Code of physics, as in `docs/formats.md`.
     pub code: &'static str,
     pub stage: Stage,
+    /// True if its force follows from the path of the displacement alone, not from speed, time or the number of cycles.
+    pub follows_path: bool,
     /// Parameters of the effect, in the order that `attach` takes.
     pub parameters: &'static [Parameter],
     /// Values at which the effect changes nothing.

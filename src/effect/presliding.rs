@@ -18,6 +18,7 @@ use crate::model::{Motion, Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "presliding",
     stage: Stage::Interleaf,
+    follows_path: true,
     parameters: &[
         Parameter {
             name: "friction_ratio",

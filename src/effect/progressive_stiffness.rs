@@ -18,6 +18,7 @@ const REFERENCE_MM: f64 = 5.0;
 pub(crate) const EFFECT: Effect = Effect {
     code: "progressive_stiffness",
     stage: Stage::Specimen,
+    follows_path: true,
     parameters: &[
         Parameter {
             name: "extra_rate_n_per_mm",

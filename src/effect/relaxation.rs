@@ -20,6 +20,7 @@ const ARMS: usize = 3;
 pub(crate) const EFFECT: Effect = Effect {
     code: "relaxation",
     stage: Stage::Specimen,
+    follows_path: false,
     parameters: &[
         Parameter {
             name: "arm_rate_n_per_mm",

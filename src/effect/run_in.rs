@@ -22,6 +22,7 @@ const SMALLEST_RATIO: f64 = 1e-3;
 pub(crate) const EFFECT: Effect = Effect {
     code: "run_in",
     stage: Stage::Interleaf,
+    follows_path: false,
     parameters: &[
         Parameter {
             name: "friction_change",

@@ -14,6 +14,7 @@ use crate::model::{Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "sensor_drift",
     stage: Stage::Sensor,
+    follows_path: false,
     parameters: &[
         Parameter {
             name: "drift_n_per_min",

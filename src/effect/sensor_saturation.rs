@@ -14,6 +14,7 @@ use crate::model::{Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "sensor_saturation",
     stage: Stage::Sensor,
+    follows_path: true,
     parameters: &[Parameter {
         name: "limit_n",
         unit: "N",

@@ -17,6 +17,7 @@ use crate::model::{Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "series_compliance",
     stage: Stage::Frame,
+    follows_path: true,
     parameters: &[Parameter {
         name: "compliance_mm_per_kn",
         unit: "mm/kN",

@@ -17,6 +17,7 @@ use crate::model::{Motion, Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "stribeck",
     stage: Stage::Interleaf,
+    follows_path: false,
     parameters: &[
         Parameter {
             name: "extra_ratio",

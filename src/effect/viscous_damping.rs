@@ -22,6 +22,7 @@ const PROPORTIONAL: f64 = 0.1;
 pub(crate) const EFFECT: Effect = Effect {
     code: "viscous_damping",
     stage: Stage::Specimen,
+    follows_path: false,
     parameters: &[
         Parameter {
             name: "damping_n_s_per_mm",

@@ -23,6 +23,7 @@ const J_PER_N_MM: f64 = 1e-3;
 pub(crate) const EFFECT: Effect = Effect {
     code: "warming",
     stage: Stage::Interleaf,
+    follows_path: false,
     parameters: &[
         Parameter {
             name: "friction_change",

@@ -38,6 +38,13 @@ const CURVE_TERMS: usize = 8;
 const CURVE_SHARE: f64 = 0.02;
 /// Sum of squares over all points, in units of the noise, below which one standard deviation of a term moves no point.
 const LEAST_POWER: f64 = 0.01;
+/// Where everything that follows from the path is in doubt: places of the displacement between which the friction of every element is
+/// interpolated, and the standard deviation of that friction as a share of the force range.
+const PATH_PLACES: usize = 5;
+const PATH_FRICTION_SHARE: f64 = 0.02;
+/// The same for the curve.
+const PATH_CURVE_PLACES: usize = 14;
+const PATH_CURVE_SHARE: f64 = 0.05;
 /// Largest RMS of the friction's terms as a share of the friction, and of the curve's as a share of the force range: a larger
 /// difference is no error of shape.
 const MOST_FRICTION: f64 = 0.2;
@@ -50,6 +57,8 @@ pub(in crate::diagnose) enum Doubt {
     Friction,
     /// That, and the spring's curve.
     FrictionAndCurve,
+    /// Everything that follows from the path of the displacement alone.
+    Path,
 }
 
 /// The terms by which the model may deviate, at every point of the recordings.
@@ -101,12 +110,18 @@ impl Discrepancy {
             return None;
         }
         let squares: f64 = force_n.iter().map(|f| f * f).sum();
-        let friction = independent(friction_terms(tracks, weight, force_n, ratio, [low, high]));
+        let friction = independent(match doubt {
+            Doubt::Path => path_terms(tracks, weight, high - low),
+            _ => friction_terms(tracks, weight, force_n, ratio, [low, high]),
+        });
         let of_friction = friction.nrows();
         let terms = match doubt {
             Doubt::Friction => friction,
-            Doubt::FrictionAndCurve => {
-                let curve = independent(curve_terms(tracks, weight, high - low));
+            Doubt::FrictionAndCurve | Doubt::Path => {
+                let curve = independent(match doubt {
+                    Doubt::Path => path_curve_terms(tracks, weight, high - low),
+                    _ => curve_terms(tracks, weight, high - low),
+                });
                 let mut both = friction.insert_rows(of_friction, curve.nrows(), 0.0);
                 both.rows_mut(of_friction, curve.nrows()).copy_from(&curve);
                 both
@@ -120,6 +135,10 @@ impl Discrepancy {
             friction_n: ratio * (squares / force_n.len() as f64).sqrt(),
             range_n: high - low,
         })
+    }
+
+    pub(in crate::diagnose) fn doubt(&self) -> Doubt {
+        self.doubt
     }
 
     /// Number of terms.
@@ -173,7 +192,7 @@ impl Discrepancy {
         let curve = || rms_n(self.of_friction..self.count()) / self.range_n;
         ShapeShares {
             friction: rms_n(0..self.of_friction) / self.friction_n,
-            curve: (self.doubt == Doubt::FrictionAndCurve).then(curve),
+            curve: (self.doubt != Doubt::Friction).then(curve),
         }
     }
 
@@ -260,6 +279,52 @@ fn curve_terms(tracks: &[Track], weight: &[f64], range_n: f64) -> DMatrix<f64> {
     DMatrix::from_iterator(CURVE_TERMS, weight.len(), terms)
 }
 
+/// Weighted forces of any friction that follows from the path, one column per point: the drag of every element times hat functions of
+/// the displacement.
+fn path_terms(tracks: &[Track], weight: &[f64], range_n: f64) -> DMatrix<f64> {
+    let ends_mm = ends_mm(tracks);
+    let count = BANDS * PER_BAND * PATH_PLACES;
+    let mut terms = Vec::with_capacity(count * weight.len());
+    let mut at = 0;
+    for track in tracks {
+        let mut elements = Elements::new(lengths_mm());
+        let mut before_mm = 0.0;
+        for displacement_mm in &track.displacement_mm {
+            let size = PATH_FRICTION_SHARE * range_n * weight[at];
+            let hats = hats::<PATH_PLACES>(*displacement_mm, ends_mm).map(|hat| size * hat);
+            for drag in elements.advance(displacement_mm - before_mm) {
+                terms.extend(hats.map(|hat| hat * drag));
+            }
+            before_mm = *displacement_mm;
+            at += 1;
+        }
+    }
+    DMatrix::from_vec(count, weight.len(), terms)
+}
+
+/// Weighted forces of hat functions of the displacement, one column per point.
+fn path_curve_terms(tracks: &[Track], weight: &[f64], range_n: f64) -> DMatrix<f64> {
+    let ends_mm = ends_mm(tracks);
+    let size = PATH_CURVE_SHARE * range_n;
+    let reached_mm = tracks.iter().flat_map(|t| &t.displacement_mm);
+    let terms = reached_mm.zip(weight).flat_map(|(x, weight)| {
+        hats::<PATH_CURVE_PLACES>(*x, ends_mm).map(|hat| size * weight * hat)
+    });
+    DMatrix::from_iterator(PATH_CURVE_PLACES, weight.len(), terms)
+}
+
+/// Hat functions at equal distances: the share that each place has of a value between them.
+fn hats<const N: usize>(at_mm: f64, [first, last]: [f64; 2]) -> [f64; N] {
+    let at = (at_mm - first) / (last - first).max(f64::MIN_POSITIVE) * (N - 1) as f64;
+    std::array::from_fn(|place| (1.0 - (at - place as f64).abs()).max(0.0))
+}
+
+/// Smallest and largest displacement of all tracks, mm.
+fn ends_mm(tracks: &[Track]) -> [f64; 2] {
+    let reached_mm = tracks.iter().flat_map(|t| &t.displacement_mm);
+    reached_mm.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], x| [l.min(*x), h.max(*x)])
+}
+
 /// Normal matrix of the fitted points, with the prior of every term.
 fn factor(terms: &DMatrix<f64>, split: &[Split]) -> Option<Cholesky<f64, Dyn>> {
     let mut normal = DMatrix::identity(terms.nrows(), terms.nrows());
@@ -312,10 +377,7 @@ struct BandDrags {
 
 impl BandDrags {
     fn new() -> BandDrags {
-        let count = BANDS * PER_BAND;
-        let [shortest, longest] = LENGTHS_MM;
-        let lengths_mm: [f64; BANDS * PER_BAND] =
-            std::array::from_fn(|k| shortest * (longest / shortest).powf((k as f64 + 0.5) / count as f64));
+        let lengths_mm = lengths_mm();
         BandDrags {
             at_mm: 0.0,
             direction: 1.0,
@@ -343,6 +405,13 @@ impl BandDrags {
             [drags[band], *forgetful]
         })
     }
+}
+
+/// Lengths of the elements.
+fn lengths_mm() -> [f64; BANDS * PER_BAND] {
+    let count = (BANDS * PER_BAND) as f64;
+    let [shortest, longest] = LENGTHS_MM;
+    std::array::from_fn(|k| shortest * (longest / shortest).powf((k as f64 + 0.5) / count))
 }
 
 /// Mean over the elements of each band.

@@ -29,7 +29,7 @@ mod yardsticks;
 pub(in crate::diagnose) use alternatives::{DISTINCT_POWER, JudgedEffect, RivalSet, distinguishable_lack};
 pub(crate) use left_out::{left_out, nrmse_leftout};
 pub(in crate::diagnose) use tables::TESTABLE;
-pub(in crate::diagnose) use verdict::{Judgement, Known, conclude};
+pub(in crate::diagnose) use verdict::{Judgement, Known, conclude, conclude_of_path};
 pub(crate) use yardsticks::YARDSTICKS;
 
 use std::borrow::Cow;

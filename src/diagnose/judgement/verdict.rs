@@ -41,6 +41,7 @@ const TENSION_ALARM: f64 = 0.05;
 const MOST_CONFIDENCE: f64 = 0.99;
 
 /// What a verdict needs beside the search.
+#[derive(Clone)]
 pub(in crate::diagnose) struct Known<'a> {
     /// The data without a discrepancy.
     pub plain: &'a FitContext<'a>,
@@ -50,6 +51,36 @@ pub(in crate::diagnose) struct Known<'a> {
     pub base: &'a Node,
     /// Residuals of the baseline before the fit.
     pub nominal: Option<Vec<f64>>,
+    /// Where all that follows from the path is in doubt: what was found of it before.
+    pub of_path: Option<FoundOfPath>,
+}
+
+/// Effects that follow from the path of the displacement, as a search found them in which the path was not in doubt.
+#[derive(Clone, Default)]
+pub(in crate::diagnose) struct FoundOfPath {
+    effects: Vec<Finding>,
+    alternatives: Vec<Alternative>,
+    location: Vec<Location>,
+}
+
+impl FoundOfPath {
+    /// What a diagnosis names; nothing where it explains nothing.
+    fn of(before: &Diagnosis) -> FoundOfPath {
+        if before.verdict == Verdict::Unexplained {
+            return FoundOfPath::default();
+        }
+        let follows = |code: &str| crate::effect::find(code).is_ok_and(|e| e.follows_path);
+        let named = |code: &str| follows(code) && before.effects.iter().any(|e| e.code == code);
+        FoundOfPath {
+            effects: before.effects.iter().filter(|e| follows(&e.code)).cloned().collect(),
+            alternatives: before.alternatives.iter().filter(|a| named(&a.instead_of)).cloned().collect(),
+            location: before.location.clone(),
+        }
+    }
+
+    fn names(&self, code: &str) -> bool {
+        self.effects.iter().any(|e| e.code == code)
+    }
 }
 
 /// A search with what its chosen set was found to be.
@@ -76,6 +107,24 @@ pub(in crate::diagnose) fn conclude(
     }
 }
 
+/// Judges a search in which all that follows from the path was in doubt, after the judgement of the search before it. It decides about
+/// effects of speed and time alone. `None` where it adds nothing: it leaves structure, or it neither names such effects nor refuses one.
+pub(in crate::diagnose) fn conclude_of_path(
+    context: &FitContext<'_>,
+    search: SearchResult,
+    known: Known<'_>,
+    before: &Diagnosis,
+) -> Option<Judgement> {
+    let of_path = FoundOfPath::of(before);
+    let found = search.nodes[search.chosen].attached.len() > context.setup.extras.len();
+    let refused = before.effects.len() > of_path.effects.len();
+    if !is_explained(context, &search, known.base) || !(found || refused) {
+        return None;
+    }
+    let of_path = Some(of_path);
+    Some(conclude(context, search, Known { of_path, ..known }))
+}
+
 /// The diagnosis without a next test.
 fn diagnosis(
     context: &FitContext<'_>,
@@ -89,28 +138,41 @@ fn diagnosis(
     let beside_names = unexplained_share(before, after, left);
     let unexplained_share = unexplained_share(base, after, left);
     // The rest is also compared with what the shape of the friction law left to explain: of the whole it may be a small share.
-    let unexplained = is_unexplained(context, search, base, left) || repeats(search, beside_names, left);
-    let verdict = verdict_of(unexplained, judged);
+    let of_path = known.of_path.unwrap_or_default();
+    let shape = shape_shares(context, after);
+    let beyond_shape = shape.is_some_and(|s| !s.are_errors_of_shape());
+    let nothing_named = judged.is_empty() && of_path.effects.is_empty();
+    let unexplained = is_unexplained(context, search, base, left)
+        || repeats(search, beside_names, left)
+        || (beyond_shape && nothing_named);
+    let verdict = verdict_of(unexplained, nothing_named);
     let named = if unexplained { before } else { after };
     let courses = courses(context.data);
-    let delivered = delivered(plain, &as_written(context, plain, named), unexplained, &courses);
+    let written = as_written(context, plain, named, &of_path);
+    let delivered = delivered(plain, &written, [unexplained, beyond_shape], &courses);
     let confidence = intervals(context, named, search.likelihood);
     let named_effects = if unexplained { &[] } else { judged };
-    let effects = findings(context, search, named_effects, &confidence, unexplained_share);
+    let mut effects = of_path.effects;
+    effects.extend(findings(context, search, named_effects, &confidence, unexplained_share));
     let location = if unexplained {
         unexplained_locations(context, [refitted, before, after])
     } else {
-        effect_locations(context, [before, after], judged)
+        let mut list = of_path.location;
+        list.extend(effect_locations(context, [before, after], judged));
+        list
     };
     let fit = errors(plain, search, refitted, delivered.errors, known.nominal);
-    let shape = shape_shares(context, after);
     let of_shape = shape.filter(|_| !unexplained);
     let residuals = [&refitted.residuals[..], &delivered.residuals];
     Diagnosis {
         verdict,
         summary: summary(verdict, &effects, delivered.modelled_by(), &location, &fit)
             + &limits_in_words(of_shape, search.cut_short),
-        alternatives: alternatives(context, search, refitted, judged, unexplained),
+        alternatives: [
+            of_path.alternatives,
+            alternatives(context, search, refitted, judged, unexplained),
+        ]
+        .concat(),
         location,
         next_test: None,
         no_next_test: None,
@@ -165,10 +227,15 @@ impl Delivered {
     }
 }
 
-/// The named set; where the difference is unexplained, the baseline (`named`) with a law read off the recordings, or a two-sided
-/// device. What is refused is neither written nor quoted.
-fn delivered(context: &FitContext<'_>, named: &Node, unexplained: bool, courses: &[Course]) -> Delivered {
-    let found = unexplained.then(|| law::discover(context, named)).flatten();
+/// The named set; where the difference is unexplained or more than an error of shape, with a law read off the recordings; where it is
+/// unexplained, or a two-sided device. What is refused is neither written nor quoted.
+fn delivered(
+    context: &FitContext<'_>,
+    named: &Node,
+    [unexplained, beyond_shape]: [bool; 2],
+    courses: &[Course],
+) -> Delivered {
+    let found = (unexplained || beyond_shape).then(|| law::discover(context, named)).flatten();
     let with_law = found.as_ref().map(|found| context.with_setup(&found.setup));
     let node = found.as_ref().map_or(named, |found| &found.node).clone();
     if unexplained && let Some(device) = two_sided::better_than(context, courses, &node.residuals) {
@@ -193,22 +260,40 @@ fn delivered(context: &FitContext<'_>, named: &Node, unexplained: bool, courses:
 }
 
 /// The node as it can be written: a file has no discrepancy, so the baseline is fitted again without it. The effects keep their
-/// values.
-fn as_written(context: &FitContext<'_>, plain: &FitContext<'_>, node: &Node) -> Node {
+/// values, and those that are not named are taken out.
+fn as_written(
+    context: &FitContext<'_>,
+    plain: &FitContext<'_>,
+    node: &Node,
+    of_path: &FoundOfPath,
+) -> Node {
     if context.data.discrepancy.is_none() {
         return node.clone();
     }
-    let mut held = node.attached.clone();
-    for (k, effect) in held.iter_mut().enumerate().skip(context.setup.extras.len()) {
+    let extras = context.setup.extras.len();
+    let (mut written, mut held) = (Vec::new(), Vec::new());
+    let mut values = node.values[..context.setup.model.parameters.len()].to_vec();
+    for (k, attached) in node.attached.iter().enumerate() {
+        if k < extras && !attached.own && !of_path.names(attached.effect.code) {
+            continue;
+        }
         let from = context.offset(&node.attached, k);
-        for (parameter, value) in effect.parameters.iter_mut().zip(&node.values[from..]) {
-            parameter.bounds = [*value; 2];
+        let own = &node.values[from..from + attached.parameters.len()];
+        values.extend(own);
+        written.push(attached.clone());
+        held.push(attached.clone());
+        if k >= extras {
+            let parameters = held.iter_mut().last().map(|h| &mut h.parameters);
+            for (parameter, value) in parameters.into_iter().flatten().zip(own) {
+                parameter.bounds = [*value; 2];
+            }
         }
     }
-    converge(&plain.structure(held), node.values.clone()).map_or_else(
+    values.extend(node.values.last());
+    converge(&plain.structure(held), values).map_or_else(
         || node.clone(),
         |(fitted, _)| Node {
-            attached: node.attached.clone(),
+            attached: written,
             ..fitted
         },
     )
@@ -232,6 +317,14 @@ fn limits_in_words(shape: Option<ShapeShares>, cut_short: bool) -> String {
 }
 
 fn rest_in_words(shares: ShapeShares) -> String {
+    if let (false, Some(curve)) = (shares.are_errors_of_shape(), shares.curve) {
+        return format!(
+            " The rest follows from the path of the displacement alone, {:.1} % of the force range as a curve and {:.0} % of the \
+             friction: these recordings do not tell which effect it is, so it is not named.",
+            100.0 * curve,
+            100.0 * shares.friction
+        );
+    }
     let friction = 100.0 * shares.friction;
     let (size, shape) = match shares.curve {
         None => (format!("{friction:.1} % of the friction"), "the friction law"),
@@ -252,8 +345,8 @@ pub(super) fn is_explained(context: &FitContext<'_>, search: &SearchResult, base
     !is_unexplained(context, search, base, left)
 }
 
-fn verdict_of(unexplained: bool, judged: &[JudgedEffect]) -> Verdict {
-    match (unexplained, judged.is_empty()) {
+fn verdict_of(unexplained: bool, nothing_named: bool) -> Verdict {
+    match (unexplained, nothing_named) {
         (true, _) => Verdict::Unexplained,
         (false, false) => Verdict::MissingPhysics,
         (false, true) => Verdict::Adequate,
@@ -565,8 +658,9 @@ fn summary(
             let codes: Vec<String> = effects.iter().map(name).collect();
             let baseline = percent(fit.baseline.nrmse_heldout);
             format!(
-                "Missing: {}. The error on held-out cycles falls from {baseline} to {improved}, noise {noise}.",
-                codes.join(" and ")
+                "Missing: {}. The error on held-out cycles falls from {baseline} to {improved}{}, noise {noise}.",
+                codes.join(" and "),
+                modelled.map_or(String::new(), |what| format!(" with {what}"))
             )
         }
         Verdict::Unexplained => {

@@ -11,6 +11,7 @@
 //! | `backward_elimination` | the set that is chosen: largest penalised gain, then effects that bring too little are removed |
 //! | `simplest_form` | shapes of laws that the recordings do not ask for go back to their neutral values |
 //! | `on_the_model` | the choice on a slow model itself |
+//! | `path_search` | a search for effects of speed and time in which everything that follows from the path is in doubt |
 //! | `second_search` | a search in which the shape of the friction law is in doubt |
 
 mod backward_elimination;
@@ -22,6 +23,7 @@ mod friction_law;
 mod lack_of_fit;
 mod near_replicates;
 mod on_the_model;
+mod path_search;
 mod second_search;
 mod simplest_form;
 
@@ -33,6 +35,7 @@ pub(in crate::diagnose) use confounding::{
 };
 pub(in crate::diagnose) use lack_of_fit::{LACK_GAIN, LACK_POWER, LackOfFit, lack_of_fit, rest};
 pub(in crate::diagnose) use on_the_model::refit_rivals;
+pub(in crate::diagnose) use path_search::PathSearch;
 pub(in crate::diagnose) use second_search::{DoubtedSearch, in_doubt};
 pub(in crate::diagnose) use simplest_form::simplify;
 
@@ -43,12 +46,14 @@ use friction_law::SearchStart;
 /// Share of the budget after which the first search compares no larger sets: what is in doubt needs the rest.
 const FIRST_SHARE: f64 = 0.4;
 
-/// Both searches, with what they started from.
+/// The searches, with what they started from.
 pub(in crate::diagnose) struct Searches {
     pub start: SearchStart,
     pub first: SearchResult,
     /// `None` where the friction law is not in doubt, or the doubt makes the search no better.
     pub second: Option<DoubtedSearch>,
+    /// `None` where no law is in doubt, or the doubt makes the search no better.
+    pub path: Option<PathSearch>,
 }
 
 /// Searches from the fitted baseline (`fitted`); `None` if the model has no finite force. `progress` gets the share of the diagnosis.
@@ -80,7 +85,10 @@ pub(in crate::diagnose) fn searches(
         first = on_the_model::confirm(setup, data, run, fits, first, budget);
     }
     let second = second_search::search_again(run, setup, data, &start, &first, &mut |share, step| {
-        progress(0.75 + 0.05 * share, step);
+        progress(0.75 + 0.03 * share, step);
     });
-    Some(Searches { start, first, second })
+    let path = path_search::path_search(run, setup, data, &first, second.as_ref(), &mut |share, step| {
+        progress(0.78 + 0.02 * share, step);
+    });
+    Some(Searches { start, first, second, path })
 }

@@ -23,7 +23,7 @@ pub(in crate::diagnose) struct DoubtedSearch {
     pub data: Data,
     pub search: SearchResult,
     /// What the freedom of the discrepancy costs in log-likelihood.
-    freedom: f64,
+    pub(super) freedom: f64,
 }
 
 /// Searches again with the shape of the friction law in doubt, then with the spring's curve in doubt as well: each where
@@ -40,7 +40,7 @@ pub(super) fn search_again(
         return None;
     }
     let mut best: Option<DoubtedSearch> = None;
-    for (doubt, share) in [(Doubt::Friction, 0.7), (Doubt::FrictionAndCurve, 1.0)] {
+    for (doubt, share) in [(Doubt::Friction, 0.6), (Doubt::FrictionAndCurve, 0.8)] {
         let (before, known, freedom_before) = best
             .as_ref()
             .map_or((first, data, 0.0), |b| (&b.search, &b.data, b.freedom));
@@ -73,7 +73,7 @@ pub(super) fn search_again(
 }
 
 /// What a set leaves, its effects and the freedom of a discrepancy cost in log-likelihood.
-fn cost(context: &FitContext<'_>, likelihood: LikelihoodScale, node: &Node, freedom: f64) -> f64 {
+pub(super) fn cost(context: &FitContext<'_>, likelihood: LikelihoodScale, node: &Node, freedom: f64) -> f64 {
     likelihood.gain(node.cost()) + penalty(&node.attached[context.setup.extras.len()..]) + freedom
 }
 
@@ -89,10 +89,10 @@ fn chosen_and_without_one(context: &FitContext<'_>, of: &SearchResult) -> Vec<No
 }
 
 /// Data with a discrepancy, and what is known of it before a search.
-struct DoubtedData {
-    data: Data,
+pub(super) struct DoubtedData {
+    pub data: Data,
     /// The set that the search before chose, refitted.
-    chosen: Node,
+    pub chosen: Node,
     likelihood: LikelihoodScale,
     /// Cost of the likeliest set.
     cost: f64,
@@ -100,7 +100,7 @@ struct DoubtedData {
 
 /// The discrepancy at the scale at which the likeliest of some sets is likeliest (empirical Bayes). At one fixed scale, a law that is
 /// nearly right pays for freedom that it does not use, and a further name is cheaper than the doubt.
-fn at_likeliest_scale(
+pub(super) fn at_likeliest_scale(
     run: &RunSettings,
     setup: &Setup,
     data: &Data,
@@ -193,7 +193,7 @@ pub(in crate::diagnose) fn in_doubt(
 }
 
 /// The discrepancy of the model in a set.
-fn of_set(context: &FitContext<'_>, node: &Node, doubt: Doubt) -> Option<Discrepancy> {
+pub(super) fn of_set(context: &FitContext<'_>, node: &Node, doubt: Doubt) -> Option<Discrepancy> {
     let mut force_n = vec![0.0; context.data.len()];
     let structure = context.structure(node.attached.clone());
     structure.predict(&node.values, &mut force_n).ok()?;
