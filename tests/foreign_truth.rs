@@ -39,6 +39,9 @@ enum Hidden {
     Damping(f64, f64),
     /// Force behind the displacement, s.
     Delay(f64),
+    /// A curve with waves and a friction that grows along the travel, which no effect has; beside it a delay in s and a damping in N
+    /// at 10 mm/s.
+    Waves(f64, f64),
     /// Three relaxing arms of this rate in N/mm each, which had relaxed before the recording.
     Arms(f64),
     /// An elastic-plastic element, N and mm.
@@ -199,6 +202,7 @@ impl Specimen {
         let load_n = self.preload_n + self.rate_n_per_mm * x_mm;
         match self.hidden {
             Knee(from_mm, n, power) => load_n + n * (x_mm - from_mm).max(0.0).powf(power),
+            Waves(..) => load_n + 60.0 * (TAU * x_mm / 36.0).sin(),
             BumpStop(from_mm) if x_mm > from_mm => load_n + 3.0 * (((x_mm - from_mm) / 1.5).exp() - 1.0),
             _ => load_n,
         }
@@ -217,8 +221,12 @@ impl Specimen {
             self.heat += (state * self.ratio * load_n * by_mm).abs() * 1e-3 - self.heat * step_s / 20.0;
             share *= 1.0 - by * (1.0 - (-self.heat / 15.0).exp());
         }
+        if let Waves(..) = self.hidden {
+            share *= 0.6 + x_mm / 30.0;
+        }
         load_n * (1.0 + share * state)
             + match self.hidden {
+                Waves(_, n_at_10) => n_at_10 * speed / 10.0,
                 Damping(n_at_10, power) => n_at_10 * (speed.abs() / 10.0).powf(power) * speed.signum(),
                 Slider(limit_n, length_mm) => {
                     self.slider = (self.slider + by_mm / length_mm).clamp(-1.0, 1.0);
@@ -248,7 +256,10 @@ fn recording(
 ) -> Recording {
     let parts = (2000.0 / hz).ceil();
     let step_s = 1.0 / (hz * parts);
-    let delay_s = if let Delay(s) = hidden { s } else { 0.0 };
+    let delay_s = match hidden {
+        Delay(s) | Waves(s, _) => s,
+        _ => 0.0,
+    };
     let at_mm = |t: f64| path((t - delay_s).max(0.0));
     let mut specimen = Specimen {
         hidden,
@@ -411,6 +422,34 @@ fn bouc_wen_and_bristles() {
             Knee(19.0, 20.0, 1.0),
             Exactly(&["progressive_stiffness"]),
             "progressive_stiffness 0.99",
+        ),
+    ]);
+}
+
+/// An effect of the speed shows beside a curve and a friction that no effect has.
+#[test]
+fn effects_of_speed_beside_a_curve_that_nobody_knows() {
+    check(vec![
+        (
+            "waves alone",
+            Bristle(1.1),
+            Waves(0.0, 0.0),
+            NotSureOfAnythingWrong(&[]),
+            "unexplained",
+        ),
+        (
+            "waves and a pure delay",
+            Bristle(1.1),
+            Waves(5e-3, 0.0),
+            Exactly(&["channel_delay"]),
+            "channel_delay",
+        ),
+        (
+            "waves and damping",
+            Plays(0.9),
+            Waves(0.0, 2.0),
+            Exactly(&["viscous_damping"]),
+            "unexplained",
         ),
     ]);
 }

@@ -12,6 +12,7 @@ use crate::model::{Parameter, Plant};
 pub(crate) const EFFECT: Effect = Effect {
     code: "fixture_stiffness",
     stage: Stage::Frame,
+    follows_path: true,
     parameters: &[Parameter {
         name: "fixture_rate_n_per_mm",
         unit: "N/mm",

@@ -13,6 +13,8 @@
 //! its drag there; l: mean length of the band, mm.
 //! The first kind of term changes how much friction reverses over which travel, at each load. The second lets the two directions
 //! differ after a reversal. The third lets the contact forget small nested loops.
+//! Where everything that follows from the path is in doubt, the terms need no model: `r_l h_p(x)` and `h_p(x)`, with the drag r_l of every
+//! single element and hat functions h_p of the displacement; shares of R: [`PATH_FRICTION_SHARE`] and [`PATH_CURVE_SHARE`].
 //! The terms are linear, so they are solved for inside the residuals, like the zero of each recording.
 
 use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dyn, SymmetricEigen};
@@ -135,10 +137,6 @@ impl Discrepancy {
             friction_n: ratio * (squares / force_n.len() as f64).sqrt(),
             range_n: high - low,
         })
-    }
-
-    pub(in crate::diagnose) fn doubt(&self) -> Doubt {
-        self.doubt
     }
 
     /// Number of terms.
@@ -485,6 +483,24 @@ mod tests {
             both < 0.01 * before && both < 0.2 * friction,
             "{before} {friction} {both}"
         );
+    }
+
+    /// A curve with a corner and friction that is three times as high at one end; then a change over time.
+    #[test]
+    fn what_follows_from_the_path_is_explained_and_time_is_not() {
+        let of_path = |data: &Data, i: usize| {
+            let track = &data.tracks[0];
+            let x = track.displacement_mm[i];
+            let drag = track.direction[i] * (1.0 - 2.0 * (-track.since_reversal_mm[i] / 0.7).exp());
+            40.0 * (x - 4.0).max(0.0) + 10.0 * x * drag
+        };
+        let [before, after] = powers(Doubt::Path, of_path);
+        let [_, known] = powers(Doubt::FrictionAndCurve, of_path);
+        assert!(after < 1e-3 * before && after < 0.2 * known, "{before} {known} {after}");
+        let [late, left] = powers(Doubt::Path, |data, i| {
+            if data.tracks[0].cycle[i] > 5 { 3.0 } else { -3.0 }
+        });
+        assert!(left > 0.9 * late, "a change after five cycles: {late} {left}");
     }
 
     #[test]

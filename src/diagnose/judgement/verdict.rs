@@ -149,7 +149,7 @@ fn diagnosis(
     let named = if unexplained { before } else { after };
     let courses = courses(context.data);
     let written = as_written(context, plain, named, &of_path);
-    let delivered = delivered(plain, &written, [unexplained, beyond_shape], &courses);
+    let delivered = delivered(plain, [&written, refitted], [unexplained, beyond_shape], &courses);
     let confidence = intervals(context, named, search.likelihood);
     let named_effects = if unexplained { &[] } else { judged };
     let mut effects = of_path.effects;
@@ -231,11 +231,17 @@ impl Delivered {
 /// unexplained, or a two-sided device. What is refused is neither written nor quoted.
 fn delivered(
     context: &FitContext<'_>,
-    named: &Node,
+    [named, refitted]: [&Node; 2],
     [unexplained, beyond_shape]: [bool; 2],
     courses: &[Course],
 ) -> Delivered {
-    let found = (unexplained || beyond_shape).then(|| law::discover(context, named)).flatten();
+    let heldout = |context: &FitContext<'_>, node: &Node| errors_of_model(context, node).nrmse_heldout;
+    let without_law = heldout(context, named).min(heldout(context, refitted));
+    let found = (unexplained || beyond_shape)
+        .then(|| law::discover(context, named))
+        .flatten()
+        // Both errors are quoted, so a law that raises the error is refused, however well it fits the fitted cycles.
+        .filter(|found| heldout(&context.with_setup(&found.setup), &found.node) < without_law);
     let with_law = found.as_ref().map(|found| context.with_setup(&found.setup));
     let node = found.as_ref().map_or(named, |found| &found.node).clone();
     if unexplained && let Some(device) = two_sided::better_than(context, courses, &node.residuals) {
