@@ -88,10 +88,9 @@ fn whole_diagnosis(
         judgement::search_to_judge(&run, &plain, known.base, searches.first, searches.second);
     let context = run.context(&setup, &data);
     let judged = judgement::conclude(&context, search, known.clone());
-    let of_path = searches.path.as_ref().and_then(|path| {
+    let of_path = searches.path.and_then(|path| {
         let context = run.context(&path.setup, &path.data);
-        let search = path.search.clone();
-        let judged = judgement::conclude_of_path(&context, search, known, &judged.diagnosis)?;
+        let judged = judgement::conclude_of_path(&context, path.search, known, &judged.diagnosis)?;
         Some(next_test::planned(&context, judged))
     });
     let diagnosis = of_path.unwrap_or_else(|| next_test::planned(&context, judged));

@@ -305,9 +305,9 @@ fn path_curve_terms(tracks: &[Track], weight: &[f64], range_n: f64) -> DMatrix<f
     let ends_mm = ends_mm(tracks);
     let size = PATH_CURVE_SHARE * range_n;
     let reached_mm = tracks.iter().flat_map(|t| &t.displacement_mm);
-    let terms = reached_mm.zip(weight).flat_map(|(x, weight)| {
-        hats::<PATH_CURVE_PLACES>(*x, ends_mm).map(|hat| size * weight * hat)
-    });
+    let terms = reached_mm
+        .zip(weight)
+        .flat_map(|(x, weight)| hats::<PATH_CURVE_PLACES>(*x, ends_mm).map(|hat| size * weight * hat));
     DMatrix::from_iterator(PATH_CURVE_PLACES, weight.len(), terms)
 }
 
@@ -320,7 +320,9 @@ fn hats<const N: usize>(at_mm: f64, [first, last]: [f64; 2]) -> [f64; N] {
 /// Smallest and largest displacement of all tracks, mm.
 fn ends_mm(tracks: &[Track]) -> [f64; 2] {
     let reached_mm = tracks.iter().flat_map(|t| &t.displacement_mm);
-    reached_mm.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], x| [l.min(*x), h.max(*x)])
+    reached_mm.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], x| {
+        [l.min(*x), h.max(*x)]
+    })
 }
 
 /// Normal matrix of the fitted points, with the prior of every term.
@@ -496,10 +498,16 @@ mod tests {
         };
         let [before, after] = powers(Doubt::Path, of_path);
         let [_, known] = powers(Doubt::FrictionAndCurve, of_path);
-        assert!(after < 1e-3 * before && after < 0.2 * known, "{before} {known} {after}");
-        let [late, left] = powers(Doubt::Path, |data, i| {
-            if data.tracks[0].cycle[i] > 5 { 3.0 } else { -3.0 }
-        });
+        assert!(
+            after < 1e-3 * before && after < 0.2 * known,
+            "{before} {known} {after}"
+        );
+        let [late, left] = powers(
+            Doubt::Path,
+            |data, i| {
+                if data.tracks[0].cycle[i] > 5 { 3.0 } else { -3.0 }
+            },
+        );
         assert!(left > 0.9 * late, "a change after five cycles: {late} {left}");
     }
 

@@ -37,6 +37,8 @@ const FAR_OFF_POWER: f64 = 25.0;
 const ZERO_ALARM: f64 = 4.0;
 /// A tensile force above this share of the range raises an alarm.
 const TENSION_ALARM: f64 = 0.05;
+/// Axes that follow from the path of the displacement.
+const OF_PATH: [Axis; 3] = [Axis::DisplacementMm, Axis::ForceN, Axis::DistanceFromReversalMm];
 /// Highest confidence that is reported.
 const MOST_CONFIDENCE: f64 = 0.99;
 
@@ -72,9 +74,24 @@ impl FoundOfPath {
         let follows = |code: &str| crate::effect::find(code).is_ok_and(|e| e.follows_path);
         let named = |code: &str| follows(code) && before.effects.iter().any(|e| e.code == code);
         FoundOfPath {
-            effects: before.effects.iter().filter(|e| follows(&e.code)).cloned().collect(),
-            alternatives: before.alternatives.iter().filter(|a| named(&a.instead_of)).cloned().collect(),
-            location: before.location.clone(),
+            effects: before
+                .effects
+                .iter()
+                .filter(|e| follows(&e.code))
+                .cloned()
+                .collect(),
+            alternatives: before
+                .alternatives
+                .iter()
+                .filter(|a| named(&a.instead_of))
+                .cloned()
+                .collect(),
+            location: before
+                .location
+                .iter()
+                .filter(|l| OF_PATH.contains(&l.axis))
+                .cloned()
+                .collect(),
         }
     }
 
@@ -153,12 +170,24 @@ fn diagnosis(
     let confidence = intervals(context, named, search.likelihood);
     let named_effects = if unexplained { &[] } else { judged };
     let mut effects = of_path.effects;
-    effects.extend(findings(context, search, named_effects, &confidence, unexplained_share));
+    effects.extend(findings(
+        context,
+        search,
+        named_effects,
+        &confidence,
+        unexplained_share,
+    ));
     let location = if unexplained {
         unexplained_locations(context, [refitted, before, after])
     } else {
+        // What was located before on an axis of the path is better known: here that axis is in doubt.
         let mut list = of_path.location;
-        list.extend(effect_locations(context, [before, after], judged));
+        let before_count = list.len();
+        for found in effect_locations(context, [before, after], judged) {
+            if list[..before_count].iter().all(|known| known.axis != found.axis) {
+                list.push(found);
+            }
+        }
         list
     };
     let fit = errors(plain, search, refitted, delivered.errors, known.nominal);
@@ -267,12 +296,7 @@ fn delivered(
 
 /// The node as it can be written: a file has no discrepancy, so the baseline is fitted again without it. The effects keep their
 /// values, and those that are not named are taken out.
-fn as_written(
-    context: &FitContext<'_>,
-    plain: &FitContext<'_>,
-    node: &Node,
-    of_path: &FoundOfPath,
-) -> Node {
+fn as_written(context: &FitContext<'_>, plain: &FitContext<'_>, node: &Node, of_path: &FoundOfPath) -> Node {
     if context.data.discrepancy.is_none() {
         return node.clone();
     }

@@ -22,7 +22,6 @@ const STEPS: [&str; MOST_EFFECTS] = [
 ];
 
 /// All fitted sets and the one that is chosen.
-#[derive(Clone)]
 pub(in crate::diagnose) struct SearchResult {
     /// Fitted sets; the baseline alone is the first.
     pub nodes: Vec<Node>,

@@ -90,5 +90,10 @@ pub(in crate::diagnose) fn searches(
     let path = path_search::path_search(run, setup, data, &first, second.as_ref(), &mut |share, step| {
         progress(0.78 + 0.02 * share, step);
     });
-    Some(Searches { start, first, second, path })
+    Some(Searches {
+        start,
+        first,
+        second,
+        path,
+    })
 }

@@ -44,7 +44,12 @@ pub(super) fn path_search(
     let search = search(&context, doubted.chosen, &[], Budget::up_to(1.0), progress);
     let gain = search.likelihood.gain(1.0);
     let freedom = doubted.data.discrepancy.as_ref()?.freedom(gain);
-    let cost_before = cost(&run.context(setup, known), search.likelihood, chosen, freedom_before);
+    let cost_before = cost(
+        &run.context(setup, known),
+        search.likelihood,
+        chosen,
+        freedom_before,
+    );
     // The effects that are kept were paid for before.
     let kept = &setup_of_path.extras[setup.extras.len()..];
     let found = &search.nodes[search.chosen];
