@@ -95,6 +95,12 @@ impl FoundOfPath {
         }
     }
 
+    fn clear_if(&mut self, unexplained: bool) {
+        if unexplained {
+            *self = FoundOfPath::default();
+        }
+    }
+
     fn names(&self, code: &str) -> bool {
         self.effects.iter().any(|e| e.code == code)
     }
@@ -139,7 +145,8 @@ pub(in crate::diagnose) fn conclude_of_path(
         return None;
     }
     let of_path = Some(of_path);
-    Some(conclude(context, search, Known { of_path, ..known }))
+    let judged = conclude(context, search, Known { of_path, ..known });
+    (judged.diagnosis.verdict != Verdict::Unexplained || !found).then_some(judged)
 }
 
 /// The diagnosis without a next test.
@@ -151,57 +158,32 @@ fn diagnosis(
 ) -> Diagnosis {
     let (plain, refitted, base) = (known.plain, known.refitted, known.base);
     let (before, after) = (&search.nodes[0], &search.nodes[search.chosen]);
-    let left = lack_of_fit(context.data, &after.residuals);
-    let beside_names = unexplained_share(before, after, left);
-    let unexplained_share = unexplained_share(base, after, left);
-    // The rest is also compared with what the shape of the friction law left to explain: of the whole it may be a small share.
-    let of_path = known.of_path.unwrap_or_default();
-    let shape = shape_shares(context, after);
-    let beyond_shape = shape.is_some_and(|s| !s.are_errors_of_shape());
+    let mut of_path = known.of_path.unwrap_or_default();
     let nothing_named = judged.is_empty() && of_path.effects.is_empty();
-    let unexplained = is_unexplained(context, search, base, left)
-        || repeats(search, beside_names, left)
-        || (beyond_shape && nothing_named);
+    let rest = Rest::of(context, search, base, nothing_named);
+    let unexplained = rest.unexplained;
+    of_path.clear_if(unexplained);
     let verdict = verdict_of(unexplained, nothing_named);
     let named = if unexplained { before } else { after };
     let courses = courses(context.data);
     let written = as_written(context, plain, named, &of_path);
-    let delivered = delivered(plain, [&written, refitted], [unexplained, beyond_shape], &courses);
+    let delivered = delivered(plain, [&written, refitted], &rest, &courses);
     let confidence = intervals(context, named, search.likelihood);
     let named_effects = if unexplained { &[] } else { judged };
-    let mut effects = of_path.effects;
-    effects.extend(findings(
-        context,
-        search,
-        named_effects,
-        &confidence,
-        unexplained_share,
-    ));
-    let location = if unexplained {
-        unexplained_locations(context, [refitted, before, after])
-    } else {
-        // What was located before on an axis of the path is better known: here that axis is in doubt.
-        let mut list = of_path.location;
-        let before_count = list.len();
-        for found in effect_locations(context, [before, after], judged) {
-            if list[..before_count].iter().all(|known| known.axis != found.axis) {
-                list.push(found);
-            }
-        }
-        list
-    };
+    let found = findings(context, search, named_effects, &confidence, rest.share);
+    let effects = [of_path.effects, found].concat();
+    let located = locations(context, unexplained, [refitted, before, after], judged);
+    let location = with_path(of_path.location, located);
+    let alternatives = alternatives(context, search, refitted, judged, unexplained);
+    let alternatives = [of_path.alternatives, alternatives].concat();
     let fit = errors(plain, search, refitted, delivered.errors, known.nominal);
-    let of_shape = shape.filter(|_| !unexplained);
+    let of_shape = rest.shape.filter(|_| !unexplained);
     let residuals = [&refitted.residuals[..], &delivered.residuals];
     Diagnosis {
         verdict,
         summary: summary(verdict, &effects, delivered.modelled_by(), &location, &fit)
             + &limits_in_words(of_shape, search.cut_short),
-        alternatives: [
-            of_path.alternatives,
-            alternatives(context, search, refitted, judged, unexplained),
-        ]
-        .concat(),
+        alternatives,
         location,
         next_test: None,
         no_next_test: None,
@@ -210,11 +192,11 @@ fn diagnosis(
         notes: context.data.tracks.iter().flat_map(|t| t.notes.clone()).collect(),
         candidates: candidates(context, search),
         not_testable: not_testable(context, before),
-        unexplained_share,
+        unexplained_share: rest.share,
         search_cut_short: search.cut_short,
         model_steps: context.setup.steps(),
-        friction_shape_share: shape.map(|s| s.friction),
-        curve_shape_share: shape.and_then(|s| s.curve),
+        friction_shape_share: rest.shape.map(|s| s.friction),
+        curve_shape_share: rest.shape.and_then(|s| s.curve),
         curves: curves(context.data, residuals),
         maps: maps(context.data, residuals[0], residuals[1]),
         improved: delivered.model,
@@ -226,6 +208,36 @@ fn diagnosis(
         courses,
         effects,
         fit,
+    }
+}
+
+/// What the chosen set leaves.
+struct Rest {
+    unexplained: bool,
+    /// Its share of what the baseline left.
+    share: f64,
+    /// How much of the difference was left to the shape of the laws in doubt.
+    shape: Option<ShapeShares>,
+}
+
+impl Rest {
+    /// `base`: the baseline without a discrepancy.
+    fn of(context: &FitContext<'_>, search: &SearchResult, base: &Node, nothing_named: bool) -> Rest {
+        let (before, after) = (&search.nodes[0], &search.nodes[search.chosen]);
+        let left = lack_of_fit(context.data, &after.residuals);
+        let mut rest = Rest {
+            unexplained: is_unexplained(context, search, base, left),
+            share: unexplained_share(base, after, left),
+            shape: shape_shares(context, after),
+        };
+        // The rest is also compared with what the shape of the friction law left to explain: of the whole it may be a small share.
+        rest.unexplained |= repeats(search, unexplained_share(before, after, left), left);
+        rest.unexplained |= nothing_named && rest.is_beyond_shape();
+        rest
+    }
+
+    fn is_beyond_shape(&self) -> bool {
+        self.shape.is_some_and(|s| !s.are_errors_of_shape())
     }
 }
 
@@ -261,19 +273,21 @@ impl Delivered {
 fn delivered(
     context: &FitContext<'_>,
     [named, refitted]: [&Node; 2],
-    [unexplained, beyond_shape]: [bool; 2],
+    rest: &Rest,
     courses: &[Course],
 ) -> Delivered {
     let heldout = |context: &FitContext<'_>, node: &Node| errors_of_model(context, node).nrmse_heldout;
     let without_law = heldout(context, named).min(heldout(context, refitted));
-    let found = (unexplained || beyond_shape)
+    let found = (rest.unexplained || rest.is_beyond_shape())
         .then(|| law::discover(context, named))
         .flatten()
         // Both errors are quoted, so a law that raises the error is refused, however well it fits the fitted cycles.
         .filter(|found| heldout(&context.with_setup(&found.setup), &found.node) < without_law);
     let with_law = found.as_ref().map(|found| context.with_setup(&found.setup));
     let node = found.as_ref().map_or(named, |found| &found.node).clone();
-    if unexplained && let Some(device) = two_sided::better_than(context, courses, &node.residuals) {
+    if rest.unexplained
+        && let Some(device) = two_sided::better_than(context, courses, &node.residuals)
+    {
         return Delivered {
             model: device.model,
             node: named.clone(),
@@ -597,6 +611,26 @@ fn effect_locations(
         }
     }
     list
+}
+
+/// Where the effects act, or where the baseline differs if nothing explains it.
+fn locations(
+    context: &FitContext<'_>,
+    unexplained: bool,
+    [refitted, before, after]: [&Node; 3],
+    judged: &[JudgedEffect],
+) -> Vec<Location> {
+    match unexplained {
+        true => unexplained_locations(context, [refitted, before, after]),
+        false => effect_locations(context, [before, after], judged),
+    }
+}
+
+/// Locations, where those on an axis of the path were found before: in this search that axis is in doubt.
+fn with_path(of_path: Vec<Location>, found: Vec<Location>) -> Vec<Location> {
+    let axes: Vec<Axis> = of_path.iter().map(|l| l.axis).collect();
+    let beside = found.into_iter().filter(|l| !axes.contains(&l.axis));
+    of_path.into_iter().chain(beside).collect()
 }
 
 /// Parameters that are suspect, and remarks on the recordings: findings about the input.
