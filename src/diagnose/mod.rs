@@ -77,11 +77,14 @@ fn whole_diagnosis(
     let searches = searches.ok_or(DiagnoseError::OutOfDomain)?;
     progress(0.8, "checking alternatives and planning the next test");
     let plain = run.context(&setup, &data);
+    let courses = judgement::courses(&data);
     let known = Known {
         plain: &plain,
         refitted: &searches.start.refitted,
         base: &searches.first.nodes[0].clone(),
         nominal,
+        yardsticks: judgement::yardstick_errors(&courses, plain.threads()),
+        courses,
         of_path: None,
     };
     let (data, search) =

@@ -13,22 +13,21 @@
 //! its drag there; l: mean length of the band, mm.
 //! The first kind of term changes how much friction reverses over which travel, at each load. The second lets the two directions
 //! differ after a reversal. The third lets the contact forget small nested loops.
-//! Where everything that follows from the path is in doubt, the terms need no model: `r_l h_p(x)` and `h_p(x)`, with the drag r_l of every
-//! single element and hat functions h_p of the displacement; shares of R: [`PATH_FRICTION_SHARE`] and [`PATH_CURVE_SHARE`].
+//! Where everything that follows from the path is in doubt, the terms are those of [`path_terms`].
 //! The terms are linear, so they are solved for inside the residuals, like the zero of each recording.
 
 use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dyn, SymmetricEigen};
 
+use super::path_terms::{self, ELEMENTS, ends_mm, lengths_mm};
 use crate::diagnose::conditioning::Track;
 use crate::diagnose::course::Split;
 use crate::model::friction::elements::Elements;
 
 /// Largest standard deviation of a term as a share of the friction.
 const SHARE: f64 = 0.1;
-/// Bands of lengths, elements in each, and the range of the lengths in mm, spaced by a constant factor.
+/// Bands of the elements' lengths, and elements in each.
 const BANDS: usize = 8;
-const PER_BAND: usize = 2;
-const LENGTHS_MM: [f64; 2] = [0.01, 8.0];
+const PER_BAND: usize = ELEMENTS / BANDS;
 /// Orders of the polynomial of the load.
 const ORDERS: usize = 3;
 /// Number of terms of the friction.
@@ -40,13 +39,6 @@ const CURVE_TERMS: usize = 8;
 const CURVE_SHARE: f64 = 0.02;
 /// Sum of squares over all points, in units of the noise, below which one standard deviation of a term moves no point.
 const LEAST_POWER: f64 = 0.01;
-/// Where everything that follows from the path is in doubt: places of the displacement between which the friction of every element is
-/// interpolated, and the standard deviation of that friction as a share of the force range.
-const PATH_PLACES: usize = 5;
-const PATH_FRICTION_SHARE: f64 = 0.02;
-/// The same for the curve.
-const PATH_CURVE_PLACES: usize = 14;
-const PATH_CURVE_SHARE: f64 = 0.05;
 /// Largest RMS of the friction's terms as a share of the friction, and of the curve's as a share of the force range: a larger
 /// difference is no error of shape.
 const MOST_FRICTION: f64 = 0.2;
@@ -112,23 +104,22 @@ impl Discrepancy {
             return None;
         }
         let squares: f64 = force_n.iter().map(|f| f * f).sum();
-        let friction = independent(match doubt {
-            Doubt::Path => path_terms(tracks, weight, high - low),
-            _ => friction_terms(tracks, weight, force_n, ratio, [low, high]),
-        });
-        let of_friction = friction.nrows();
-        let terms = match doubt {
-            Doubt::Friction => friction,
-            Doubt::FrictionAndCurve | Doubt::Path => {
-                let curve = independent(match doubt {
-                    Doubt::Path => path_curve_terms(tracks, weight, high - low),
-                    _ => curve_terms(tracks, weight, high - low),
-                });
-                let mut both = friction.insert_rows(of_friction, curve.nrows(), 0.0);
-                both.rows_mut(of_friction, curve.nrows()).copy_from(&curve);
-                both
-            }
+        let range_n = high - low;
+        let by_load = || friction_terms(tracks, weight, force_n, ratio, [low, high]);
+        let (friction, curve) = match doubt {
+            Doubt::Friction => (by_load(), None),
+            Doubt::FrictionAndCurve => (by_load(), Some(curve_terms(tracks, weight, range_n))),
+            Doubt::Path => (
+                path_terms::friction(tracks, weight, range_n),
+                Some(path_terms::curve(tracks, weight, range_n)),
+            ),
         };
+        let mut terms = independent(friction);
+        let of_friction = terms.nrows();
+        if let Some(curve) = curve.map(independent) {
+            terms = terms.insert_rows(of_friction, curve.nrows(), 0.0);
+            terms.rows_mut(of_friction, curve.nrows()).copy_from(&curve);
+        }
         Some(Discrepancy {
             factor: factor(&terms, split)?,
             terms,
@@ -263,66 +254,14 @@ fn friction_terms(
 
 /// Weighted forces of the curve's terms, one column per point.
 fn curve_terms(tracks: &[Track], weight: &[f64], range_n: f64) -> DMatrix<f64> {
-    let reached_mm: Vec<f64> = tracks.iter().flat_map(|t| t.displacement_mm.clone()).collect();
-    let [first, last] = reached_mm
-        .iter()
-        .fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], x| {
-            [l.min(*x), h.max(*x)]
-        });
+    let [first, last] = ends_mm(tracks);
+    let reached_mm = tracks.iter().flat_map(|t| &t.displacement_mm);
     let travel_mm = (last - first).max(f64::MIN_POSITIVE);
-    let terms = reached_mm.iter().zip(weight).flat_map(|(x, weight)| {
+    let terms = reached_mm.zip(weight).flat_map(|(x, weight)| {
         let size = CURVE_SHARE * range_n * weight;
         curve((2.0 * x - last - first) / travel_mm).map(|term| size * term)
     });
     DMatrix::from_iterator(CURVE_TERMS, weight.len(), terms)
-}
-
-/// Weighted forces of any friction that follows from the path, one column per point: the drag of every element times hat functions of
-/// the displacement.
-fn path_terms(tracks: &[Track], weight: &[f64], range_n: f64) -> DMatrix<f64> {
-    let ends_mm = ends_mm(tracks);
-    let count = BANDS * PER_BAND * PATH_PLACES;
-    let mut terms = Vec::with_capacity(count * weight.len());
-    let mut at = 0;
-    for track in tracks {
-        let mut elements = Elements::new(lengths_mm());
-        let mut before_mm = 0.0;
-        for displacement_mm in &track.displacement_mm {
-            let size = PATH_FRICTION_SHARE * range_n * weight[at];
-            let hats = hats::<PATH_PLACES>(*displacement_mm, ends_mm).map(|hat| size * hat);
-            for drag in elements.advance(displacement_mm - before_mm) {
-                terms.extend(hats.map(|hat| hat * drag));
-            }
-            before_mm = *displacement_mm;
-            at += 1;
-        }
-    }
-    DMatrix::from_vec(count, weight.len(), terms)
-}
-
-/// Weighted forces of hat functions of the displacement, one column per point.
-fn path_curve_terms(tracks: &[Track], weight: &[f64], range_n: f64) -> DMatrix<f64> {
-    let ends_mm = ends_mm(tracks);
-    let size = PATH_CURVE_SHARE * range_n;
-    let reached_mm = tracks.iter().flat_map(|t| &t.displacement_mm);
-    let terms = reached_mm
-        .zip(weight)
-        .flat_map(|(x, weight)| hats::<PATH_CURVE_PLACES>(*x, ends_mm).map(|hat| size * weight * hat));
-    DMatrix::from_iterator(PATH_CURVE_PLACES, weight.len(), terms)
-}
-
-/// Hat functions at equal distances: the share that each place has of a value between them.
-fn hats<const N: usize>(at_mm: f64, [first, last]: [f64; 2]) -> [f64; N] {
-    let at = (at_mm - first) / (last - first).max(f64::MIN_POSITIVE) * (N - 1) as f64;
-    std::array::from_fn(|place| (1.0 - (at - place as f64).abs()).max(0.0))
-}
-
-/// Smallest and largest displacement of all tracks, mm.
-fn ends_mm(tracks: &[Track]) -> [f64; 2] {
-    let reached_mm = tracks.iter().flat_map(|t| &t.displacement_mm);
-    reached_mm.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], x| {
-        [l.min(*x), h.max(*x)]
-    })
 }
 
 /// Normal matrix of the fitted points, with the prior of every term.
@@ -405,13 +344,6 @@ impl BandDrags {
             [drags[band], *forgetful]
         })
     }
-}
-
-/// Lengths of the elements.
-fn lengths_mm() -> [f64; BANDS * PER_BAND] {
-    let count = (BANDS * PER_BAND) as f64;
-    let [shortest, longest] = LENGTHS_MM;
-    std::array::from_fn(|k| shortest * (longest / shortest).powf((k as f64 + 0.5) / count))
 }
 
 /// Mean over the elements of each band.

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `baseline` | the model with the physics that is known, and the candidates |
 //! | `data`, `discrepancy` | all tracks end to end, with weights; by what the model may deviate along them |
+//! | `path_terms` | the terms of the discrepancy for every force that follows from the path |
 //! | `coarse` | fewer points of the same tracks, to screen sets on |
 //! | `structure` | one set of effects against the data |
 //! | `surrogate`, `surrogate_plant` | replaces a slow model along the recordings |
@@ -29,6 +30,7 @@ mod general_law;
 mod likelihood;
 mod mains_hum;
 mod node;
+mod path_terms;
 mod repeats;
 mod score;
 mod structure;

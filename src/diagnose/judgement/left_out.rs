@@ -7,7 +7,7 @@ use crate::diagnose::fitting::Data;
 use crate::recording::Recording;
 
 /// All tracks as courses.
-pub(super) fn courses(data: &Data) -> Vec<Course> {
+pub(in crate::diagnose) fn courses(data: &Data) -> Vec<Course> {
     let mut from = 0;
     let course = |(track, &length): (&Track, &usize)| {
         let points = from..from + length;

@@ -11,15 +11,23 @@
 //! | `yardsticks` | the errors of simple models on the same points |
 //! | `two_sided` | the model of a device that pushes and pulls, where that is better than a spring |
 //! | `left_out` | errors on points that no parameter was fitted to |
+//! | `rest` | what the chosen set leaves: structure above the noise, the shape of laws in doubt |
+//! | `delivered` | what is written as the improved model |
+//! | `summary` | the diagnosis in a few sentences |
+//! | `of_path` | effects of the path, as they were judged before the path was in doubt |
 //! | `verdict` | the diagnosis, but for the next test |
 
 mod alternatives;
+mod delivered;
 mod groups;
 mod intervals;
 mod law;
 mod left_out;
 mod location;
 mod look_alikes;
+mod of_path;
+mod rest;
+mod summary;
 mod tables;
 mod two_sided;
 mod varying_coefficient;
@@ -27,10 +35,12 @@ mod verdict;
 mod yardsticks;
 
 pub(in crate::diagnose) use alternatives::{DISTINCT_POWER, JudgedEffect, RivalSet, distinguishable_lack};
+pub(in crate::diagnose) use left_out::courses;
 pub(crate) use left_out::{left_out, nrmse_leftout};
 pub(in crate::diagnose) use tables::TESTABLE;
 pub(in crate::diagnose) use verdict::{Judgement, Known, conclude, conclude_of_path};
 pub(crate) use yardsticks::YARDSTICKS;
+pub(in crate::diagnose) use yardsticks::errors as yardstick_errors;
 
 use std::borrow::Cow;
 
@@ -48,7 +58,7 @@ pub(in crate::diagnose) fn search_to_judge<'a>(
 ) -> (Cow<'a, Data>, SearchResult) {
     let explains = |doubted: &DoubtedSearch| {
         let context = run.context(plain.setup, &doubted.data);
-        verdict::is_explained(&context, &doubted.search, base)
+        rest::is_explained(&context, &doubted.search, base)
     };
     match second.filter(explains) {
         Some(doubted) => (Cow::Owned(doubted.data), doubted.search),

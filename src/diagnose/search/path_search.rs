@@ -1,5 +1,5 @@
-//! The search for effects of speed and time beside any force that follows from the path of the displacement alone: it needs no
-//! friction law and no spring's curve. What follows from the path is not judged here.
+//! The search for effects of speed and time. Every force that follows from the path of the displacement alone is given away, so it needs
+//! no friction law and no spring's curve, and it says nothing about effects of the path.
 
 use super::beam_search::{SearchResult, search};
 use super::budget::Budget;
@@ -50,7 +50,7 @@ pub(super) fn path_search(
         chosen,
         freedom_before,
     );
-    // The effects that are kept were paid for before.
+    // As extras, the kept effects are not in its cost, but they are in that of the search before.
     let kept = &setup_of_path.extras[setup.extras.len()..];
     let found = &search.nodes[search.chosen];
     let cost = cost(&context, search.likelihood, found, freedom) + super::penalty(kept);

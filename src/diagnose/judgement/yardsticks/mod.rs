@@ -34,7 +34,7 @@ pub(crate) static YARDSTICKS: &[Yardstick] =
     &[cubic::YARDSTICK, bouc_wen::YARDSTICK, maxwell_slip::YARDSTICK];
 
 /// Errors of all yardsticks on the points that errors are reported on.
-pub(super) fn errors(courses: &[Course], threads: usize) -> Vec<YardstickError> {
+pub(in crate::diagnose) fn errors(courses: &[Course], threads: usize) -> Vec<YardstickError> {
     let error = |yardstick: &Yardstick| {
         let fitted = (yardstick.fit)(courses, threads)?;
         Some(YardstickError {

@@ -1,0 +1,122 @@
+//! What a chosen set leaves: whether that is structure above the noise, and how much of it was left to the shape of laws in doubt.
+
+use crate::diagnose::course::Split;
+use crate::diagnose::fitting::{FitContext, ModelStructure, Node, ShapeShares, converge};
+use crate::diagnose::search::{LACK_GAIN, LACK_POWER, LackOfFit, SearchResult, lack_of_fit};
+
+/// The lack of fit is unexplained structure if it exceeds [`LACK_POWER`], [`LACK_GAIN`] and this share of what the effects explain.
+pub(super) const LACK_SHARE: f64 = 0.15;
+/// Mean square above the noise on reporting cycles that chance and the inexact form of an effect do not reach.
+const REPORT_POWER: f64 = 0.45;
+/// A set does not fit if it leaves this mean square on selecting cycles, in units of the noise, and this share of the baseline's.
+const NO_FIT_POWER: f64 = 3.0;
+const NO_FIT_SHARE: f64 = 0.5;
+/// Such residuals must also be correlated over this many samples: a noise that was estimated too low is not.
+const NO_FIT_CORRELATION: f64 = 4.0;
+/// If a set leaves this mean square, the verdict is `unexplained`, even if the set explains a large share.
+const FAR_OFF_POWER: f64 = 25.0;
+
+/// What the chosen set leaves.
+pub(super) struct Rest {
+    pub unexplained: bool,
+    /// Its share of what the baseline left.
+    pub share: f64,
+    /// How much of the difference was left to the shape of the laws in doubt.
+    pub shape: Option<ShapeShares>,
+}
+
+impl Rest {
+    /// `base`: the baseline without a discrepancy.
+    pub(super) fn of(
+        context: &FitContext<'_>,
+        search: &SearchResult,
+        base: &Node,
+        nothing_named: bool,
+    ) -> Rest {
+        let (before, after) = (&search.nodes[0], &search.nodes[search.chosen]);
+        let left = lack_of_fit(context.data, &after.residuals);
+        let mut rest = Rest {
+            unexplained: is_unexplained(context, search, base, left),
+            share: unexplained_share(base, after, left),
+            shape: shape_shares(context, after),
+        };
+        // The rest is also compared with what the shape of the friction law left to explain: of the whole it may be a small share.
+        rest.unexplained |= repeats(search, unexplained_share(before, after, left), left);
+        rest.unexplained |= nothing_named && rest.is_beyond_shape();
+        rest
+    }
+
+    pub(super) fn is_beyond_shape(&self) -> bool {
+        self.shape.is_some_and(|s| !s.are_errors_of_shape())
+    }
+}
+
+/// How much of the difference a set leaves to the shape of the friction law and of the spring's curve.
+fn shape_shares(context: &FitContext<'_>, node: &Node) -> Option<ShapeShares> {
+    let discrepancy = context.data.discrepancy.as_ref()?;
+    let structure = context.structure(node.attached.clone());
+    let (_, sizes) = structure.compared(&node.values)?;
+    Some(discrepancy.shares(&sizes, &context.data.weight))
+}
+
+/// True if the chosen set leaves no structure above the noise; `base` is the baseline without a discrepancy.
+pub(super) fn is_explained(context: &FitContext<'_>, search: &SearchResult, base: &Node) -> bool {
+    let left = lack_of_fit(context.data, &search.nodes[search.chosen].residuals);
+    !is_unexplained(context, search, base, left)
+}
+
+/// Share of the baseline's residuals above the noise that the chosen set leaves.
+fn unexplained_share(before: &Node, after: &Node, left: LackOfFit) -> f64 {
+    let explained = (before.select - after.select).max(0.0);
+    (left.sum.max(0.0) / (explained + left.sum.max(1e-9))).clamp(0.0, 1.0)
+}
+
+/// True if the chosen set leaves structure above the noise.
+fn is_unexplained(context: &FitContext<'_>, search: &SearchResult, before: &Node, left: LackOfFit) -> bool {
+    let data = context.data;
+    let correlation_time = search.likelihood.correlation_time;
+    let after = &search.nodes[search.chosen];
+    let repeats = repeats(search, unexplained_share(before, after, left), left);
+    // Structure that does not repeat from cycle to cycle is not found by regressions, but it exceeds the noise.
+    let counted = data.count(Split::Select).max(1) as f64;
+    let (power, power_before) = (after.select / counted, before.select / counted);
+    let no_fit = power > NO_FIT_POWER
+        && correlation_time > NO_FIT_CORRELATION
+        && power - 1.0 > NO_FIT_SHARE * (power_before - 1.0);
+    // A change that only the reporting cycles show, as of a specimen that changed late.
+    let reporting = data.count(Split::Report).max(1) as f64;
+    let reported = data.sum(&after.residuals, Split::Report) / reporting;
+    let changed = reported > NO_FIT_POWER.max(2.0 * power);
+    // The rest on reporting cycles exceeds the noise and is a considerable share of what the baseline leaves there.
+    let reported_before = data.sum(&before.residuals, Split::Report) / reporting;
+    let above_noise = reported > 1.0 + REPORT_POWER && reported - 1.0 > LACK_SHARE * (reported_before - 1.0);
+    let late = (changed || above_noise) && !fits_every_cycle(context, after);
+    repeats || no_fit || late || power > FAR_OFF_POWER
+}
+
+/// True if the structure that is left is larger than chance and than the error of an effect's form; `share`: its share of what was to
+/// be explained.
+fn repeats(search: &SearchResult, share: f64, left: LackOfFit) -> bool {
+    left.power > LACK_POWER
+        && share > LACK_SHARE
+        && 0.5 * left.sum / search.likelihood.correlation_time > LACK_GAIN
+}
+
+/// True if one set of values fits the cycles of every split to within the noise. What the fitted cycles leave undetermined, such as
+/// the friction where only unloading was fitted, is then no structure. A slow model is not fitted again.
+fn fits_every_cycle(context: &FitContext<'_>, node: &Node) -> bool {
+    if context.setup.model.slow {
+        return false;
+    }
+    let every = context.data.all_fitted();
+    let structure = ModelStructure::new(context.setup, &every, node.attached.clone());
+    let Some((refitted, _)) = converge(&structure, node.values.clone()) else {
+        return false;
+    };
+    [Split::Fit, Split::Select, Split::Report]
+        .into_iter()
+        .all(|split| {
+            let counted = context.data.count(split).max(1) as f64;
+            context.data.sum(&refitted.residuals, split) / counted < 1.0 + REPORT_POWER
+        })
+}
