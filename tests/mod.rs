@@ -8,6 +8,7 @@ mod calibrate;
 mod clean_runs;
 mod cli;
 mod command_line;
+mod constants;
 mod control;
 mod control_faults;
 mod daemon;

@@ -162,6 +162,7 @@ impl<'a> Cells<'a> {
     }
 }
 
+/// Columns of a peak force, with their units in N.
 const PEAK: [(&str, f64); 4] = [
     ("peak_force_n", 1.0),
     ("fmax_n", 1.0),
