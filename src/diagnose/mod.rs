@@ -90,8 +90,15 @@ fn whole_diagnosis(
     let (data, search) =
         judgement::search_to_judge(&run, &plain, known.base, searches.first, searches.second);
     let context = run.context(&setup, &data);
+    let search = match &searches.path {
+        Some(path) => {
+            let beside = (&run.context(&path.setup, &path.data), &path.search);
+            judgement::confirmed_beside_path(&context, search, beside)
+        }
+        None => search,
+    };
     let judged = judgement::conclude(&context, search, known.clone());
-    let of_path = searches.path.and_then(|path| {
+    let of_path = searches.path.filter(|path| path.likelier).and_then(|path| {
         let context = run.context(&path.setup, &path.data);
         let judged = judgement::conclude_of_path(&context, path.search, known, &judged.diagnosis)?;
         Some(next_test::planned(&context, judged))

@@ -1,9 +1,10 @@
 //! Friction or stiffness that changes with the number of cycles.
 //!
 //! ```text
-//! F = F_in + g(n) (c E r(x) + k F_in),  g(n) = 1 - exp(-(n / n_c)^p)
+//! F = F_in + g(n) (c E r(x) + k F_in),  g(n) = 1 - exp(-(n / n_c)^p),  n = sum of (s / 10 mm)^q / 2 over the strokes s
 //! ```
-//! n: cycles since the start of the recording. n_c: `cycles`. p: `power`. c: `friction_change`, final change of friction divided by load.
+//! n: cycles since the start of the recording, each stroke of them counted by its length. q: `stroke_power`; 0 counts cycles, 1 their
+//! travel, 2 about the work of a friction that grows with the load. n_c: `cycles`, of strokes of 10 mm if q is not 0. p: `power`. c: `friction_change`, final change of friction divided by load.
 //! k: `rate_change`, final change of the force as a share of the force. E: load that the contacts carry, N (F_in if the
 //! plant has none). F_in: force of the plant inside, N. r: drag of the friction inside, -1 to 1, that is its ratio to
 //! the load relative to that ratio where the friction was largest; if the plant has no friction, a drag of its own over
@@ -11,12 +12,16 @@
 //! Source: run-in of dry contacts, exponential in the number of cycles (empirical). Range: monotonic run-in; the count
 //! starts again with each recording.
 
-use super::motion::{Drag, Reversals};
+use super::motion::{BandedTravel, Drag, Reversals};
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, load_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// Friction divided by load below which the plant inside counts as frictionless.
 const SMALLEST_RATIO: f64 = 1e-3;
+/// Power of the stroke that the search starts from, beside 0: about that of work.
+const WORK_POWER: f64 = 1.5;
+/// Stroke that counts as half a cycle whatever the power, mm.
+const REFERENCE_STROKE_MM: f64 = 10.0;
 
 /// The entry of [`super::EFFECTS`].
 pub(crate) const EFFECT: Effect = Effect {
@@ -64,19 +69,39 @@ pub(crate) const EFFECT: Effect = Effect {
             belief: [0.4, 1.5],
             what: "shape of the change: 1 is exponential, below 1 it begins fast and goes on for long",
         },
+        Parameter {
+            name: "stroke_power",
+            unit: "",
+            start: 0.0,
+            bounds: [0.0, 4.0],
+            belief: [0.0, 3.0],
+            what: "what runs the contacts in: 0 the number of cycles, 1 their travel, 2 about the work of the friction",
+        },
     ],
-    neutral: &[0.0, 0.0, 10.0, 0.3, 1.0],
+    neutral: &[0.0, 0.0, 10.0, 0.3, 1.0, 0.0],
     amplitudes: &[0, 1],
     kinks: &[],
-    shapes: &[4],
+    shapes: &[4, 5],
     starts: |s| {
-        [0.2, 1.0]
-            .map(|p| vec![0.01, 0.0, (p * s.cycles).clamp(0.5, 1e4), 0.3, 1.0])
+        let by_stroke = (s.travel_mm() / REFERENCE_STROKE_MM).powf(WORK_POWER);
+        [(0.2, 0.0), (1.0, 0.0), (0.2, WORK_POWER), (1.0, WORK_POWER)]
+            .map(|(share, stroke_power)| {
+                let counted = share * s.cycles * if stroke_power > 0.0 { by_stroke } else { 1.0 };
+                vec![0.01, 0.0, counted.clamp(0.5, 1e4), 0.3, 1.0, stroke_power]
+            })
             .to_vec()
     },
     statement: |v| {
+        let counted = if v[5] == 0.0 {
+            "cycles".to_owned()
+        } else {
+            format!(
+                "cycles of 10 mm (a stroke counts by its length to the power {:.1})",
+                v[5]
+            )
+        };
         format!(
-            "Over about {2:.0} cycles the friction changes by {0:+.2} % of the load and the force by {1:+.2} %.",
+            "Over about {2:.0} {counted} the friction changes by {0:+.2} % of the load and the force by {1:+.2} %.",
             100.0 * v[0],
             100.0 * v[1],
             v[2]
@@ -89,6 +114,8 @@ pub(crate) const EFFECT: Effect = Effect {
                 rate_change: v[1],
                 cycles: v[2],
                 power: v[4],
+                stroke_power: v[5],
+                stroke: Stroke::default(),
                 drag: Drag::new(v[3], 1.0),
                 largest: LargestFriction::default(),
                 reversals: Reversals::default(),
@@ -124,11 +151,38 @@ struct RunIn {
     rate_change: f64,
     cycles: f64,
     power: f64,
+    stroke_power: f64,
+    stroke: Stroke,
     drag: Drag,
     largest: LargestFriction,
     reversals: Reversals,
     /// Number of reversals, and the share of the change that is done then.
     done: (u32, f64),
+}
+
+/// The strokes so far.
+#[derive(Clone, Default)]
+struct Stroke {
+    travel: BandedTravel,
+    /// Travel since the last reversal, mm.
+    length_mm: f64,
+    /// Cycles that are counted.
+    cycles: f64,
+}
+
+impl Stroke {
+    /// Cycles with the stroke that has begun. A number of cycles steps at the reversals; travel and work grow along the stroke, and a
+    /// power between has a share of both.
+    fn cycles_so_far(&self, power: f64) -> f64 {
+        let along = 0.5 * (self.length_mm / REFERENCE_STROKE_MM).powf(power);
+        self.cycles + power.clamp(0.0, 1.0) * along
+    }
+
+    /// Counts the stroke that ends as half a cycle, by its length.
+    fn end(&mut self, power: f64) {
+        self.cycles += 0.5 * (self.length_mm / REFERENCE_STROKE_MM).powf(power);
+        self.length_mm = 0.0;
+    }
 }
 
 /// Largest friction of the plant inside so far. At that instant, all contacts slid.
@@ -159,19 +213,27 @@ impl Wrap for RunIn {
         self.drag.reset();
         self.largest = LargestFriction::default();
         self.reversals = Reversals::default();
+        self.stroke = Stroke::default();
         self.done = (0, 0.0);
     }
 
     fn told(&mut self, motion: &Motion) {
         self.drag.tell();
+        self.stroke.travel.tell();
         self.reversals.tell(motion);
     }
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let force_n = inside.step(displacement_mm, dt_s);
         self.reversals.step(displacement_mm);
-        if self.reversals.count != self.done.0 {
-            let done = -(-(self.reversals.cycles() / self.cycles).powf(self.power)).exp_m1();
+        let reversed = self.reversals.count != self.done.0;
+        if reversed {
+            self.stroke.end(self.stroke_power);
+        }
+        self.stroke.length_mm += self.stroke.travel.advance(displacement_mm).abs();
+        if reversed || self.stroke_power > 0.0 {
+            let cycles = self.stroke.cycles_so_far(self.stroke_power);
+            let done = -(-(cycles / self.cycles).powf(self.power)).exp_m1();
             self.done = (self.reversals.count, done);
         }
         let carried_n = load_n(&**inside, force_n);
@@ -198,10 +260,19 @@ mod tests {
     #[test]
     fn force_by_hand() {
         // Path 9, 0, 9, 0, 5: three reversals. Full sliding upwards: 500 N times 1 + 0.15 g.
-        let mut plant = (EFFECT.attach)(&[0.1, 0.05, 4.0, 0.3, 1.0], spring());
+        let mut plant = (EFFECT.attach)(&[0.1, 0.05, 4.0, 0.3, 1.0, 0.0], spring());
         let force_n = [9.0, 0.0, 9.0, 0.0, 5.0].map(|x| plant.step(x, 0.1))[4];
         let reversals = 3.0;
         let gain = 0.15 * (1.0 - (-0.5 * reversals / 4.0f64).exp());
+        assert!((force_n - 500.0 * (1.0 + gain)).abs() < 1e-3, "{force_n}");
+    }
+
+    #[test]
+    fn a_longer_stroke_runs_the_contacts_in_faster() {
+        // Strokes of 20, 20 and 5 mm: with power 2, 4, 4 and a quarter halves of a cycle are counted.
+        let mut plant = (EFFECT.attach)(&[0.1, 0.05, 4.0, 0.3, 1.0, 2.0], spring());
+        let force_n = [0.0, 20.0, 0.0, 5.0].map(|x| plant.step(x, 0.1))[3];
+        let gain = 0.15 * (1.0 - (-0.5 * 8.25 / 4.0f64).exp());
         assert!((force_n - 500.0 * (1.0 + gain)).abs() < 1e-3, "{force_n}");
     }
 
@@ -213,7 +284,10 @@ mod tests {
                 .plant(&[100.0, 80.0, 0.1, 0.5], &toml::Table::new())
                 .expect("valid")
         };
-        let (mut plain, mut run_in) = (inside(), (EFFECT.attach)(&[0.1, 0.0, 1e-3, 0.3, 1.0], inside()));
+        let (mut plain, mut run_in) = (
+            inside(),
+            (EFFECT.attach)(&[0.1, 0.0, 1e-3, 0.3, 1.0, 0.0], inside()),
+        );
         // Run-in is complete at once: the friction is doubled, also while it reverses.
         for x in [20.0, 0.0, 20.0, 0.0, 10.0, 9.6] {
             let (force_n, more_n) = (plain.step(x, 0.1), run_in.step(x, 0.1));
@@ -227,6 +301,6 @@ mod tests {
 
     #[test]
     fn parameters_are_recovered_from_clean_data() {
-        parameters_are_recovered(&EFFECT, &[0.05, -0.02, 3.0, 0.4, 0.8]);
+        parameters_are_recovered(&EFFECT, &[0.05, -0.02, 3.0, 0.4, 0.8, 0.7]);
     }
 }

@@ -8,7 +8,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::baseline::Setup;
+use super::baseline::{Attached, Setup};
 use super::context::{FitContext, RunSettings};
 use super::data::Data;
 use super::fit::converge;
@@ -192,7 +192,8 @@ pub(super) fn physics_suffices(context: &FitContext<'_>, node: &Node, found: &Of
     let node = parent.0.clone();
     let needed = PHYSICS_SHARE * (node.cost() - found.cost);
     let explains = |other: &Node| node.cost() - other.cost() >= needed;
-    let form = context.setup.form.as_ref();
+    let has = |form: &Attached| node.attached.iter().any(|a| a.effect.code == form.effect.code);
+    let form = context.setup.form.as_ref().filter(|form| !has(form));
     let general =
         form.and_then(|form| generalise(context, &node, form, &(form.effect.starts)(&context.span)));
     general.is_some_and(|general| explains(&general))
@@ -428,7 +429,8 @@ pub(super) fn notes(name: &str, offset: &FileOffsets) -> Vec<Note> {
             "sample both channels with one clock; viscous damping cannot be told from such a delay",
         ),
     ];
-    let different = sizes.into_iter().filter(|(size, ..)| *size != 0.0);
+    // What would be printed as zero is none.
+    let different = sizes.into_iter().filter(|(size, ..)| size.abs() >= 5e-4);
     different
         .map(|(size, unit, kind, what, advice)| {
             let text = format!(

@@ -85,16 +85,22 @@ pub(in crate::diagnose) fn fitted_input(
         first = first_fit(setup, &mut data, &run)?;
     }
     let recordings = if zero_mm.is_some() { &shifted } else { recordings };
-    let structure = ModelStructure::new(setup, &data, first.attached.clone());
-    let found = file_offsets::find(&structure, &first)
-        .filter(|found| !file_offsets::physics_suffices(&run.context(setup, &data), &first, found));
-    if let Some(mut found) = found {
+    let found = [FrictionLaw::OfBaseline, FrictionLaw::General]
+        .into_iter()
+        .find_map(|law| {
+            let context = run.context(setup, &data);
+            let node = with_law(&context, &first, law)?;
+            let found = file_offsets::find(&context.structure(node.attached.clone()), &node)?;
+            (!file_offsets::physics_suffices(&context, &node, &found)).then_some((found, law))
+        });
+    if let Some((mut found, law)) = found {
         for _ in 0..2 {
             let corrected = file_offsets::corrected(recordings, &found.offsets);
             (data, run) = again(&corrected)?;
             first = first_fit(setup, &mut data, &run)?;
-            let structure = ModelStructure::new(setup, &data, first.attached.clone());
-            file_offsets::refine(&structure, &first, &mut found);
+            let context = run.context(setup, &data);
+            let node = with_law(&context, &first, law).unwrap_or_else(|| first.clone());
+            file_offsets::refine(&context.structure(node.attached.clone()), &node, &mut found);
         }
         for (recording, offset) in recordings.iter().zip(&found.offsets) {
             data.add_notes(file_offsets::notes(&recording.name, offset));
@@ -114,6 +120,24 @@ pub(in crate::diagnose) fn fitted_input(
     let notes = repeats::disagreements(&data);
     data.add_notes(notes);
     Ok((data, run, first))
+}
+
+/// The friction law beside which offsets of single recordings are looked for.
+#[derive(Clone, Copy)]
+enum FrictionLaw {
+    OfBaseline,
+    General,
+}
+
+/// The fitted baseline with a friction law; `None` if the recordings do not support the general one.
+fn with_law(context: &FitContext<'_>, first: &Node, law: FrictionLaw) -> Option<Node> {
+    match law {
+        FrictionLaw::OfBaseline => Some(first.clone()),
+        FrictionLaw::General => {
+            let form = context.setup.form.as_ref()?;
+            generalise(context, first, form, &(form.effect.starts)(&context.span))
+        }
+    }
 }
 
 /// Fits the baseline, then removes mains hum and sets the weights by what the fit leaves.

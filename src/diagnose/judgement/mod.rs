@@ -15,9 +15,11 @@
 //! | `delivered` | what is written as the improved model |
 //! | `summary` | the diagnosis in a few sentences |
 //! | `of_path` | effects of the path, as they were judged before the path was in doubt |
+//! | `beside_path` | names of speed and time that bring nothing beside every force of the path are taken back |
 //! | `verdict` | the diagnosis, but for the next test |
 
 mod alternatives;
+mod beside_path;
 mod delivered;
 mod groups;
 mod intervals;
@@ -35,6 +37,7 @@ mod verdict;
 mod yardsticks;
 
 pub(in crate::diagnose) use alternatives::{DISTINCT_POWER, JudgedEffect, RivalSet, distinguishable_lack};
+pub(in crate::diagnose) use beside_path::confirmed_beside_path;
 pub(in crate::diagnose) use left_out::courses;
 pub(crate) use left_out::{left_out, nrmse_leftout};
 pub(in crate::diagnose) use tables::TESTABLE;

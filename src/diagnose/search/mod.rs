@@ -52,7 +52,7 @@ pub(in crate::diagnose) struct Searches {
     pub first: SearchResult,
     /// `None` where the friction law is not in doubt, or the doubt makes the search no better.
     pub second: Option<DoubtedSearch>,
-    /// `None` where no law is in doubt, or the doubt makes the search no better.
+    /// `None` where no law is in doubt.
     pub path: Option<PathSearch>,
 }
 

@@ -13,10 +13,12 @@ pub(in crate::diagnose) struct PathSearch {
     pub setup: Setup,
     pub data: Data,
     pub search: SearchResult,
+    /// True where it is likelier than what was found before.
+    pub likelier: bool,
 }
 
 /// Searches for effects of speed and time where a law is in doubt: where the second search was likelier than the first, or the first
-/// leaves structure. `None` if the result is no likelier than what was found before.
+/// leaves structure.
 pub(super) fn path_search(
     run: &RunSettings,
     setup: &Setup,
@@ -54,10 +56,11 @@ pub(super) fn path_search(
     let kept = &setup_of_path.extras[setup.extras.len()..];
     let found = &search.nodes[search.chosen];
     let cost = cost(&context, search.likelihood, found, freedom) + super::penalty(kept);
-    (cost < cost_before).then_some(PathSearch {
+    Some(PathSearch {
         setup: setup_of_path,
         data: doubted.data,
         search,
+        likelier: cost < cost_before,
     })
 }
 
