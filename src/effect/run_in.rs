@@ -1,10 +1,10 @@
 //! Friction or stiffness that changes with the number of cycles.
 //!
 //! ```text
-//! F = F_in + g(n) (c E r(x) + k F_in),  g(n) = 1 - exp(-(n / n_c)^p),  n = sum of (s / 10 mm)^q / 2 over the strokes s
+//! F = F_in + g(n) (c E r(x) + k F_in),  g(n) = 1 - exp(-(n / n_c)^p),  n = sum of (s / 30 mm)^q / 2 over the strokes s
 //! ```
 //! n: cycles since the start of the recording, each stroke of them counted by its length. q: `stroke_power`; 0 counts cycles, 1 their
-//! travel, 2 about the work of a friction that grows with the load. n_c: `cycles`, of strokes of 10 mm if q is not 0. p: `power`. c: `friction_change`, final change of friction divided by load.
+//! travel, 2 about the work of a friction that grows with the load. n_c: `cycles`, of strokes of 30 mm if q is not 0. p: `power`. c: `friction_change`, final change of friction divided by load.
 //! k: `rate_change`, final change of the force as a share of the force. E: load that the contacts carry, N (F_in if the
 //! plant has none). F_in: force of the plant inside, N. r: drag of the friction inside, -1 to 1, that is its ratio to
 //! the load relative to that ratio where the friction was largest; if the plant has no friction, a drag of its own over
@@ -20,8 +20,9 @@ use crate::model::{Motion, Parameter, Plant};
 const SMALLEST_RATIO: f64 = 1e-3;
 /// Power of the stroke that the search starts from, beside 0: about that of work.
 const WORK_POWER: f64 = 1.5;
-/// Stroke that counts as half a cycle whatever the power, mm.
-const REFERENCE_STROKE_MM: f64 = 10.0;
+/// Stroke that counts as half a cycle whatever the power, mm. With a short one, a few strokes would count as many cycles, and the change
+/// would be done at once, like a friction that is there from the start: with 10 mm a drift of the sensor was called run-in.
+const REFERENCE_STROKE_MM: f64 = 30.0;
 
 /// The entry of [`super::EFFECTS`].
 pub(crate) const EFFECT: Effect = Effect {
@@ -73,8 +74,8 @@ pub(crate) const EFFECT: Effect = Effect {
             name: "stroke_power",
             unit: "",
             start: 0.0,
-            bounds: [0.0, 4.0],
-            belief: [0.0, 3.0],
+            bounds: [0.0, 2.0],
+            belief: [0.0, 2.0],
             what: "what runs the contacts in: 0 the number of cycles, 1 their travel, 2 about the work of the friction",
         },
     ],
@@ -96,7 +97,7 @@ pub(crate) const EFFECT: Effect = Effect {
             "cycles".to_owned()
         } else {
             format!(
-                "cycles of 10 mm (a stroke counts by its length to the power {:.1})",
+                "cycles of 30 mm (a stroke counts by its length to the power {:.1})",
                 v[5]
             )
         };
@@ -269,10 +270,10 @@ mod tests {
 
     #[test]
     fn a_longer_stroke_runs_the_contacts_in_faster() {
-        // Strokes of 20, 20 and 5 mm: with power 2, 4, 4 and a quarter halves of a cycle are counted.
+        // Strokes of 60, 60 and 5 mm: with power 2, they count as 4, 4 and 1/36 halves of a cycle.
         let mut plant = (EFFECT.attach)(&[0.1, 0.05, 4.0, 0.3, 1.0, 2.0], spring());
-        let force_n = [0.0, 20.0, 0.0, 5.0].map(|x| plant.step(x, 0.1))[3];
-        let gain = 0.15 * (1.0 - (-0.5 * 8.25 / 4.0f64).exp());
+        let force_n = [0.0, 60.0, 0.0, 5.0].map(|x| plant.step(x, 0.1))[3];
+        let gain = 0.15 * (1.0 - (-0.5 * (8.0 + 1.0 / 36.0) / 4.0f64).exp());
         assert!((force_n - 500.0 * (1.0 + gain)).abs() < 1e-3, "{force_n}");
     }
 
