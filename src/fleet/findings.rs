@@ -79,7 +79,7 @@ pub(crate) struct GainFit {
     pub misfit_p: f64,
 }
 
-/// Kinds of questions. Each kind has the same share of the family-wise error.
+/// Kinds of questions. Each kind has a share of the family-wise error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum QuestionKind {
@@ -87,12 +87,26 @@ pub(crate) enum QuestionKind {
     Bench,
     /// Does an operator measure differently from the others?
     Operator,
-    /// Is an effect present in a family or batch, or does a batch differ from its family?
+    /// Is an effect present in a family or batch?
     Group,
+    /// Does a batch differ from the others of its family?
+    Batch,
     /// Does a quantity change with cycles or years?
     Age,
-    /// Does a specimen differ from its family?
+    /// Does a specimen differ from its family in a parameter?
     Specimen,
+    /// Has a specimen more of an effect than its family, or less?
+    SpecimenEffect,
+}
+
+impl QuestionKind {
+    /// The kind of a question about a specimen in a quantity of this role.
+    pub(crate) fn about_specimens(role: QuantityRole) -> QuestionKind {
+        match role {
+            QuantityRole::Parameter => QuestionKind::Specimen,
+            QuantityRole::Effect | QuantityRole::InstrumentEffect => QuestionKind::SpecimenEffect,
+        }
+    }
 }
 
 /// What pooling says about one quantity. Values of a `relative` quantity are fractions (0.01 is 1 %), except levels.

@@ -2,6 +2,7 @@
 //!
 //! A table of [`estimate`] rows goes quantity by quantity through [`quantity_data`] (who belongs to whom), [`design`] (the columns),
 //! [`mixed_model`] (the fit), [`outliers`] (the fit that outliers do not spoil), [`levels`] and [`quantity`] (values and questions).
+//! What is compared within a family goes through [`within_benches`] first, with the scatter of [`run_scatter`].
 //! Then [`questions`] corrects all p values together, [`bench_cause`] explains the benches, and [`sentences`] and [`cannot_tell`] say
 //! it in words. `docs/fleet.md` has the equations.
 
@@ -19,18 +20,22 @@ pub(crate) mod predict;
 mod quantity;
 mod quantity_data;
 mod questions;
+mod run_scatter;
 mod sentences;
 #[cfg(test)]
 mod tests;
+mod within_benches;
 mod wording;
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use estimate::EstimateRow;
 use findings::{FleetFindings, PooledValue, QuantityFindings, QuestionKind};
-use outliers::RobustFit;
+use outliers::{QuantityFits, RobustFit};
 use quantity_data::QuantityData;
 use questions::FAMILY_WISE_ERROR;
+
+use crate::diagnose::{FORCE_AT_ZERO, PARTS_OF_FORCE_AT_ZERO};
 
 /// What pooling is told beside the table.
 #[derive(Debug, Clone, Default)]
@@ -76,10 +81,12 @@ pub(crate) fn pool(rows: &[EstimateRow], options: &FleetOptions) -> Result<Fleet
         rows_of.entry(&row.quantity).or_default().push(row);
     }
     let data: Vec<QuantityData> = rows_of.into_values().map(QuantityData::of).collect();
+    let operators = !options.ignore_operators;
+    let compared = within_benches::comparisons(&data, operators);
     let mut fits = Vec::new();
     let mut too_few: Vec<&str> = Vec::new();
-    for data in &data {
-        match RobustFit::of(data, !options.ignore_operators) {
+    for (data, compared) in data.iter().zip(&compared) {
+        match fits_of(data, compared, operators) {
             Some(fit) => fits.push(fit),
             None => too_few.push(&data.rows[0].quantity),
         }
@@ -88,6 +95,7 @@ pub(crate) fn pool(rows: &[EstimateRow], options: &FleetOptions) -> Result<Fleet
         .iter()
         .map(|fit| quantity::quantity_findings(fit, reference))
         .collect();
+    leave_unasked(&mut quantities);
     let questions = questions::answer(quantities.iter_mut().flat_map(asked).collect());
     let count = |name: fn(&EstimateRow) -> &str| {
         let names: BTreeSet<&str> = rows.iter().map(name).filter(|n| !n.is_empty()).collect();
@@ -109,8 +117,34 @@ pub(crate) fn pool(rows: &[EstimateRow], options: &FleetOptions) -> Result<Fleet
     })
 }
 
+/// The fits of one quantity. A table with too few rows for a bench effect of each family has one for all.
+fn fits_of<'d, 'r>(
+    data: &'d QuantityData<'r>,
+    compared: &'d QuantityData<'r>,
+    operators: bool,
+) -> Option<QuantityFits<'d, 'r>> {
+    let within =
+        RobustFit::within_benches(compared, operators).or_else(|| RobustFit::of(compared, operators));
+    Some(QuantityFits {
+        lab: RobustFit::of(data, operators)?,
+        within: within?,
+    })
+}
+
+/// Asks nothing about the two parts of a sum that is in the table, too: one run can hardly tell preload from zero of the force.
+fn leave_unasked(quantities: &mut [QuantityFindings]) {
+    if !quantities.iter().any(|q| q.quantity == FORCE_AT_ZERO) {
+        return;
+    }
+    let parts = quantities
+        .iter_mut()
+        .filter(|q| PARTS_OF_FORCE_AT_ZERO.contains(&q.quantity.as_str()));
+    parts.flat_map(asked).for_each(|(_, value)| value.p = None);
+}
+
 /// The values of a quantity that answer questions.
 fn asked(quantity: &mut QuantityFindings) -> Vec<(QuestionKind, &mut PooledValue)> {
+    let about_specimens = QuestionKind::about_specimens(quantity.role);
     let benches = quantity
         .benches
         .iter_mut()
@@ -118,17 +152,17 @@ fn asked(quantity: &mut QuantityFindings) -> Vec<(QuestionKind, &mut PooledValue
     let operators = quantity.operators.iter_mut();
     let operators = operators.map(|o| (QuestionKind::Operator, &mut o.effect));
     let groups = quantity.groups.iter_mut().flat_map(|group| {
-        let values = std::iter::once(&mut group.level)
-            .chain(&mut group.on_least_sure_bench)
-            .chain(&mut group.from_other_batches);
-        values.map(|value| (QuestionKind::Group, value))
+        let levels = std::iter::once(&mut group.level).chain(&mut group.on_least_sure_bench);
+        let levels = levels.map(|value| (QuestionKind::Group, value));
+        let batches = group.from_other_batches.iter_mut();
+        levels.chain(batches.map(|value| (QuestionKind::Batch, value)))
     });
     let slopes = quantity
         .slopes
         .iter_mut()
         .map(|s| (QuestionKind::Age, &mut s.slope));
     let specimens = quantity.specimen_deviations.iter_mut();
-    let specimens = specimens.map(|s| (QuestionKind::Specimen, &mut s.deviation));
+    let specimens = specimens.map(|s| (about_specimens, &mut s.deviation));
     benches
         .chain(operators)
         .chain(groups)

@@ -6,7 +6,9 @@
 //! in place of this would hide the outliers that the report has to name.
 //!
 //! How specimens of a family scatter is not known to be normal, and a skewed law has specimens at five standard deviations that are no
-//! outliers. So the p value of an outlier is that of Laplace's law, whose tails fall as exponentials, where that is the larger one.
+//! outliers. So the p value of an outlier is that of Laplace's law, whose tails fall as exponentials, where that is the larger one. A fit
+//! within benches sets aside what a normal law would not have: an outlier enlarges the scatter that it is measured in, and being set
+//! aside is no finding.
 
 use super::design::{Design, DesignChoice, DesignTerm};
 use super::mixed_model::{Contrast, MixedFit, SpecimenEffect};
@@ -16,7 +18,7 @@ use crate::identify::confidence::student_within;
 /// Robust z value from which a specimen is doubtful at first. It costs only fits: every doubt is tested.
 const DOUBTFUL: f64 = 3.0;
 /// Standard deviation of a normal law over its median absolute deviation.
-const SIGMA_OF_MEDIAN: f64 = 1.4826;
+pub(super) const SIGMA_OF_MEDIAN: f64 = 1.4826;
 /// Chance that a quantity without outliers has one set aside (Bonferroni over its specimens).
 const SET_ASIDE_AT: f64 = 0.05;
 /// At most one of so many specimens of a group is set aside: more are no outliers but another family.
@@ -29,6 +31,14 @@ pub(super) struct RobustFit<'d, 'r> {
     pub choice: DesignChoice,
 }
 
+/// The fits of one quantity.
+pub(super) struct QuantityFits<'d, 'r> {
+    /// One bench effect for all families: benches against each other, and levels.
+    pub lab: RobustFit<'d, 'r>,
+    /// Bench effects of each family: batches, specimens, operators and ageing.
+    pub within: RobustFit<'d, 'r>,
+}
+
 /// Two-sided p value of a t statistic.
 pub(super) fn p_value(contrast: &Contrast) -> f64 {
     if contrast.std_error <= 0.0 {
@@ -37,9 +47,17 @@ pub(super) fn p_value(contrast: &Contrast) -> f64 {
     1.0 - student_within(contrast.degrees, (contrast.estimate / contrast.std_error).abs())
 }
 
-/// p value of a specimen's deviation from its family: of Student's t or of Laplace's law, whichever is larger. The second is that of
-/// an exponential law over the mean of as many others as there are degrees of freedom.
+/// p value of a specimen's deviation from its family: of Student's t or of Laplace's law of the same variance, whichever is larger.
 pub(super) fn outlier_p(deletion: &Contrast) -> f64 {
+    if deletion.std_error <= 0.0 {
+        return 1.0;
+    }
+    let t = (deletion.estimate / deletion.std_error).abs();
+    p_value(deletion).max((-std::f64::consts::SQRT_2 * t).exp())
+}
+
+/// The same where the scatter is the mean of as many exponential deviations as there are degrees of freedom. It sets fewer aside.
+fn wary_p(deletion: &Contrast) -> f64 {
     if deletion.std_error <= 0.0 {
         return 1.0;
     }
@@ -51,10 +69,28 @@ pub(super) fn outlier_p(deletion: &Contrast) -> f64 {
 impl<'d, 'r> RobustFit<'d, 'r> {
     /// Fits and sets outliers aside. `None` if there are too few rows.
     pub(super) fn of(data: &'d QuantityData<'r>, operators: bool) -> Option<RobustFit<'d, 'r>> {
-        let choice = DesignChoice {
-            operators,
-            ..DesignChoice::default()
-        };
+        RobustFit::search(
+            data,
+            DesignChoice {
+                operators,
+                ..DesignChoice::default()
+            },
+        )
+    }
+
+    /// The same with a bench effect of each group: for what is compared within a family.
+    pub(super) fn within_benches(data: &'d QuantityData<'r>, operators: bool) -> Option<RobustFit<'d, 'r>> {
+        RobustFit::search(
+            data,
+            DesignChoice {
+                operators,
+                bench_of_each_group: true,
+                ..DesignChoice::default()
+            },
+        )
+    }
+
+    fn search(data: &'d QuantityData<'r>, choice: DesignChoice) -> Option<RobustFit<'d, 'r>> {
         let plain = RobustFit::with(data, choice)?;
         let doubtful = plain.doubtful();
         // A design that the doubtful specimens leave too few rows is not better.
@@ -97,16 +133,33 @@ impl<'d, 'r> RobustFit<'d, 'r> {
 
     /// What is known about a specimen: about the outlier's own mean, or about its random effect.
     pub(super) fn specimen(&self, specimen: usize) -> SpecimenEffect {
+        let data = self.design.of;
+        let unit = data.unit_of_group[data.specimens[specimen].group];
+        let tau2 = self.fit.variances.x * unit * unit;
         match self.own_mean(specimen) {
             Some(own) => SpecimenEffect {
                 // The scatter of the family is no uncertainty of where this specimen is.
                 predicted: Contrast {
-                    std_error: (own.std_error.powi(2) - self.fit.variances.x).max(0.0).sqrt(),
+                    std_error: (own.std_error.powi(2) - tau2).max(0.0).sqrt(),
                     ..own
                 },
                 deletion: own,
             },
-            None => self.fit.specimen(&self.design.data, specimen),
+            None => {
+                let effect = self.fit.specimen(&self.design.data, specimen);
+                SpecimenEffect {
+                    predicted: effect.predicted.times(unit),
+                    deletion: effect.deletion.times(unit),
+                }
+            }
+        }
+    }
+
+    /// p value by which a specimen is set aside.
+    fn set_aside_p(&self, deletion: &Contrast) -> f64 {
+        match self.choice.bench_of_each_group {
+            true => p_value(deletion),
+            false => wary_p(deletion),
         }
     }
 
@@ -162,7 +215,7 @@ impl<'d, 'r> RobustFit<'d, 'r> {
     /// The specimens set aside with too little reason for it, and the others. With fewer set aside the scatter only grows, so that all
     /// weak ones can be taken back at once.
     fn weak_and_confirmed(&self) -> (Vec<usize>, Vec<usize>) {
-        let p = |s: usize| self.own_mean(s).map_or(1.0, |own| outlier_p(&own));
+        let p = |s: usize| self.own_mean(s).map_or(1.0, |own| self.set_aside_p(&own));
         self.choice.outliers.iter().partition(|s| p(**s) > self.level())
     }
 
@@ -171,7 +224,7 @@ impl<'d, 'r> RobustFit<'d, 'r> {
         let aside = &self.choice.outliers;
         let all = (0..self.design.of.specimens.len())
             .filter(|s| !aside.contains(s) && !taken_back.contains(s) && self.has_room(*s, aside));
-        let p = all.map(|s| (s, outlier_p(&self.specimen(s).deletion)));
+        let p = all.map(|s| (s, self.set_aside_p(&self.specimen(s).deletion)));
         let strongest = p.min_by(|a, b| a.1.total_cmp(&b.1))?;
         (strongest.1 < self.level()).then_some(strongest.0)
     }

@@ -58,7 +58,7 @@ fn answers<'q>(quantity: &'q QuantityFindings, reference: Option<&str>) -> Vec<A
     });
     let groups = quantity.groups.iter().flat_map(|group| {
         let said = group_answers(quantity, group).into_iter();
-        said.map(|(value, text)| answer(QuestionKind::Group, &group_name(group), value, text))
+        said.map(|(kind, value, text)| answer(kind, &group_name(group), value, text))
     });
     let slopes = quantity.slopes.iter().map(|slope| {
         let subject = slope.family.as_deref().unwrap_or_default();
@@ -72,7 +72,7 @@ fn answers<'q>(quantity: &'q QuantityFindings, reference: Option<&str>) -> Vec<A
     let specimens = quantity.specimen_deviations.iter().map(|specimen| {
         let text = of_specimen(quantity, specimen);
         answer(
-            QuestionKind::Specimen,
+            QuestionKind::about_specimens(quantity.role),
             &specimen.specimen,
             &specimen.deviation,
             text,
@@ -87,16 +87,23 @@ fn answers<'q>(quantity: &'q QuantityFindings, reference: Option<&str>) -> Vec<A
 }
 
 /// What is said about a group, each with the value that decides whether it is.
-fn group_answers<'q>(quantity: &QuantityFindings, group: &'q GroupLevel) -> Vec<(&'q PooledValue, String)> {
+fn group_answers<'q>(
+    quantity: &QuantityFindings,
+    group: &'q GroupLevel,
+) -> Vec<(QuestionKind, &'q PooledValue, String)> {
     let mut said = Vec::new();
     match &group.on_least_sure_bench {
-        Some(sure) if sure.found => said.push((sure, of_group(quantity, group))),
+        Some(sure) if sure.found => said.push((QuestionKind::Group, sure, of_group(quantity, group))),
         // That the group or one of its benches has it follows from the finding about the bench.
         _ if bench_is_found(quantity, group) => {}
-        _ => said.push((&group.level, of_group_or_bench(quantity, group))),
+        _ => said.push((
+            QuestionKind::Group,
+            &group.level,
+            of_group_or_bench(quantity, group),
+        )),
     }
     let difference = group.from_other_batches.iter();
-    said.extend(difference.map(|value| (value, of_batch(quantity, group, value))));
+    said.extend(difference.map(|value| (QuestionKind::Batch, value, of_batch(quantity, group, value))));
     said
 }
 
