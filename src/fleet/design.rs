@@ -77,9 +77,7 @@ impl<'d, 'r> Design<'d, 'r> {
         let columns = independent(&full, terms.len());
         let unit = of.unit_of_row();
         let kept = |(row, unit): (&SparseRow, &f64)| {
-            let columns = row
-                .iter()
-                .filter_map(|&(c, v)| Some((columns[c]?, v / unit)));
+            let columns = row.iter().filter_map(|&(c, v)| Some((columns[c]?, v / unit)));
             columns.collect()
         };
         let variances = of.known_variance.iter().zip(&unit);
@@ -180,10 +178,7 @@ fn coded(of: &QuantityData, term: DesignTerm) -> Vec<(DesignTerm, f64)> {
 fn is_single(term: DesignTerm) -> bool {
     !matches!(
         term,
-        DesignTerm::Bench(_)
-            | DesignTerm::BenchOfGroup(..)
-            | DesignTerm::Operator(_)
-            | DesignTerm::Batch(..)
+        DesignTerm::Bench(_) | DesignTerm::BenchOfGroup(..) | DesignTerm::Operator(_) | DesignTerm::Batch(..)
     )
 }
 

@@ -2,7 +2,7 @@
 
 use super::estimate::EstimateScale;
 use crate::archive::{DiagnosedRun, DiagnosisRow, Estimated};
-use crate::diagnose::{FORCE_AT_ZERO, Baseline, DiagnoseOptions, Diagnosis, Estimates, diagnose, estimate};
+use crate::diagnose::{Baseline, DiagnoseOptions, Diagnosis, Estimates, FORCE_AT_ZERO, diagnose, estimate};
 use crate::model::Model;
 use crate::recording::Recording;
 

@@ -28,7 +28,9 @@ pub(super) fn calibrated<'r>(data: &QuantityData<'r>, operators: bool) -> Quanti
     let mut calibrated = data.clone();
     let mut base: Vec<f64> = data.known_variance.clone();
     if !is_parameter {
-        base.iter_mut().zip(&data.form_variance).for_each(|(v, f)| *v += f);
+        base.iter_mut()
+            .zip(&data.form_variance)
+            .for_each(|(v, f)| *v += f);
         calibrated.unit_of_group = units(data, &base);
     }
     for round in 0..ROUNDS {
@@ -164,6 +166,9 @@ mod tests {
         let fit = RobustFit::within_benches(&data, false).expect("a fit");
         let number = data.specimens.iter().position(|s| s.name == specimen);
         let deletion = fit.specimen(number.expect("the specimen")).deletion;
-        assert!((deletion.estimate / deletion.std_error).abs() < 3.5, "{deletion:?}");
+        assert!(
+            (deletion.estimate / deletion.std_error).abs() < 3.5,
+            "{deletion:?}"
+        );
     }
 }

@@ -44,10 +44,11 @@ pub(super) fn comparisons<'r>(data: &[QuantityData<'r>], operators: bool) -> Vec
             .flat_map(|(q, fit)| scatter_of_groups(q, &fit))
             .collect();
         let prior = prior_degrees(&scatters);
-        for data in &mut compared {
-            data.degrees_of_group
-                .iter_mut()
-                .for_each(|d| *d = d.max(if is_parameter(data) == parameters { prior } else { 0.0 }));
+        for data in compared
+            .iter_mut()
+            .filter(|data| is_parameter(data) == parameters)
+        {
+            data.degrees_of_group.fill(prior);
         }
         for (scatter, factor) in scatters.iter().zip(moderated(&scatters, prior)) {
             let data = &mut compared[scatter.quantity];

@@ -181,7 +181,13 @@ pub(crate) fn sigma_of_sum(
     let weight = |i: &usize| if summed.contains(i) { scale[*i] } else { 0.0 };
     let weights = DVector::from_iterator(inside.len(), inside.iter().map(weight));
     // Along a null direction the sum must not change.
-    let moved = |direction: &NullDirection| direction.components.iter().map(|(i, x)| weight(i) * x).sum::<f64>();
+    let moved = |direction: &NullDirection| {
+        direction
+            .components
+            .iter()
+            .map(|(i, x)| weight(i) * x)
+            .sum::<f64>()
+    };
     let undetermined = null.iter().any(|d| moved(d).abs() > 1e-3 * weights.amax());
     let stretches = problem.stretches();
     let noise = ResidualNoise::new(residuals, &stretches, inside.len());

@@ -1,7 +1,7 @@
 //! Tests of pooling on synthetic labs. `docs/fleet.md` has the figures of larger simulations with the same generator.
 
 mod predictions;
-pub(super) mod synthetic;
+pub(in crate::fleet) mod synthetic;
 
 use super::findings::{AgeUnit, BenchError, FleetFinding, GroupLevel};
 use super::*;
