@@ -97,6 +97,7 @@ pub(crate) fn pool(rows: &[EstimateRow], options: &FleetOptions) -> Result<Fleet
         .collect();
     leave_unasked(&mut quantities);
     let questions = questions::answer(quantities.iter_mut().flat_map(asked).collect());
+    mark_worth_a_look(&mut quantities);
     let count = |name: fn(&EstimateRow) -> &str| {
         let names: BTreeSet<&str> = rows.iter().map(name).filter(|n| !n.is_empty()).collect();
         names.len()
@@ -131,15 +132,36 @@ fn fits_of<'d, 'r>(
     })
 }
 
+/// True for one of the two parameters whose sum is another quantity of the table.
+fn is_part_of_sum<'q>(quantity: &str, mut all: impl Iterator<Item = &'q str>) -> bool {
+    PARTS_OF_FORCE_AT_ZERO.contains(&quantity) && all.any(|other| other == FORCE_AT_ZERO)
+}
+
 /// Asks nothing about the two parts of a sum that is in the table, too: one run can hardly tell preload from zero of the force.
 fn leave_unasked(quantities: &mut [QuantityFindings]) {
-    if !quantities.iter().any(|q| q.quantity == FORCE_AT_ZERO) {
-        return;
-    }
+    let names: Vec<String> = quantities.iter().map(|q| q.quantity.clone()).collect();
     let parts = quantities
         .iter_mut()
-        .filter(|q| PARTS_OF_FORCE_AT_ZERO.contains(&q.quantity.as_str()));
+        .filter(|q| is_part_of_sum(&q.quantity, names.iter().map(String::as_str)));
     parts.flat_map(asked).for_each(|(_, value)| value.p = None);
+}
+
+/// Marks the specimens that are no findings but would be if specimens followed the normal law.
+fn mark_worth_a_look(quantities: &mut [QuantityFindings]) {
+    let mut questions: BTreeMap<QuestionKind, usize> = BTreeMap::new();
+    for quantity in &*quantities {
+        let asked = quantity.specimen_deviations.iter();
+        let asked = asked.filter(|s| s.deviation.p.is_some()).count();
+        *questions
+            .entry(QuestionKind::about_specimens(quantity.role))
+            .or_default() += asked;
+    }
+    for quantity in quantities {
+        let of_kind = questions[&QuestionKind::about_specimens(quantity.role)];
+        for specimen in &mut quantity.specimen_deviations {
+            specimen.worth_a_look = specimen.is_worth_a_look(of_kind);
+        }
+    }
 }
 
 /// The values of a quantity that answer questions.

@@ -319,5 +319,7 @@ fn specimen_deviation(robust: &RobustFit, specimen: usize, asked: bool) -> Speci
         runs: own.rows.len(),
         deviation,
         deletion_t: effect.deletion.estimate / effect.deletion.std_error,
+        normal_p: asked.then(|| p_value(&effect.deletion)),
+        worth_a_look: false,
     }
 }

@@ -6,6 +6,7 @@ use super::findings::{
     QuestionKind, SpecimenDeviation,
 };
 use super::wording::{counted, interval, named};
+use crate::effect::{EFFECTS, Effect};
 
 /// All findings, in the order of their kinds, the surest first. `reference`: the bench that counts as right.
 pub(super) fn sentences(quantities: &[QuantityFindings], reference: Option<&str>) -> Vec<FleetFinding> {
@@ -114,7 +115,7 @@ pub(super) fn worth_a_look(quantities: &[QuantityFindings]) -> Vec<String> {
         let doubtful = quantity
             .specimen_deviations
             .iter()
-            .filter(|specimen| specimen.is_worth_a_look());
+            .filter(|specimen| specimen.worth_a_look);
         seen.extend(doubtful.map(|s| (s.deletion_t.abs(), of_specimen(quantity, s))));
     }
     seen.sort_by(|a, b| b.0.total_cmp(&a.0).then_with(|| a.1.cmp(&b.1)));
@@ -243,11 +244,28 @@ fn group_evidence(quantity: &QuantityFindings, group: &GroupLevel) -> String {
 fn of_batch(quantity: &QuantityFindings, group: &GroupLevel, difference: &PooledValue) -> String {
     let direction = if difference.value > 0.0 { "higher" } else { "lower" };
     format!(
-        "{} has a {direction} {} than the other batches of its family by {}.",
+        "{} has a {direction} {} than the other batches of its family by {}.{}",
         group_words(group),
         quantity.quantity,
-        size(quantity, difference)
+        size(quantity, difference),
+        alike(&quantity.quantity)
     )
+}
+
+/// The effects that look like an effect, as a sentence. One step from the model cannot tell them apart.
+fn alike(code: &str) -> String {
+    let Some(effect) = EFFECTS.iter().find(|effect| effect.code == code) else {
+        return String::new();
+    };
+    let looks_like = |a: &Effect, b: &Effect| a.confusable_with.iter().any(|l| l.code == b.code);
+    let others = EFFECTS
+        .iter()
+        .filter(|o| looks_like(effect, o) || looks_like(o, effect));
+    let codes: Vec<&str> = others.map(|o| o.code).collect();
+    match codes.is_empty() {
+        true => String::new(),
+        false => format!(" What looks like it in such tests: {}.", named(&codes)),
+    }
 }
 
 fn of_slope(quantity: &QuantityFindings, slope: &AgeSlope) -> String {

@@ -13,12 +13,22 @@
 use statrs::function::gamma::digamma;
 
 use super::findings::QuantityRole;
+use super::is_part_of_sum;
 use super::outliers::RobustFit;
 use super::quantity_data::QuantityData;
 use super::run_scatter::calibrated;
 
 /// Degrees of freedom that stand for "families are alike".
 const ALIKE: f64 = 1e6;
+
+/// Quantities whose families are alike or unlike to the same degree.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum ScatterKind {
+    /// A parameter that one run hardly tells from another.
+    Part,
+    Parameter,
+    Effect,
+}
 
 /// How the specimens of one group scatter in one quantity.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,21 +43,26 @@ struct GroupScatter {
 /// The quantities with calibrated runs and with units of the groups, for fits within benches.
 pub(super) fn comparisons<'r>(data: &[QuantityData<'r>], operators: bool) -> Vec<QuantityData<'r>> {
     let mut compared: Vec<QuantityData> = data.iter().map(|data| calibrated(data, operators)).collect();
-    let is_parameter =
-        |data: &QuantityData| QuantityRole::of(&data.rows[0].quantity) == QuantityRole::Parameter;
-    for parameters in [true, false] {
+    let kind_of = |of: &QuantityData| {
+        let quantity = &of.rows[0].quantity;
+        let mut all = data.iter().map(|other| other.rows[0].quantity.as_str());
+        match QuantityRole::of(quantity) {
+            // What one run cannot tell scatters otherwise than the other parameters.
+            QuantityRole::Parameter if is_part_of_sum(quantity, &mut all) => ScatterKind::Part,
+            QuantityRole::Parameter => ScatterKind::Parameter,
+            QuantityRole::Effect | QuantityRole::InstrumentEffect => ScatterKind::Effect,
+        }
+    };
+    for kind in [ScatterKind::Part, ScatterKind::Parameter, ScatterKind::Effect] {
         let scatters: Vec<GroupScatter> = compared
             .iter()
             .enumerate()
-            .filter(|(_, data)| is_parameter(data) == parameters)
+            .filter(|(_, data)| kind_of(data) == kind)
             .filter_map(|(q, data)| Some((q, RobustFit::within_benches(data, operators)?)))
             .flat_map(|(q, fit)| scatter_of_groups(q, &fit))
             .collect();
         let prior = prior_degrees(&scatters);
-        for data in compared
-            .iter_mut()
-            .filter(|data| is_parameter(data) == parameters)
-        {
+        for data in compared.iter_mut().filter(|data| kind_of(data) == kind) {
             data.degrees_of_group.fill(prior);
         }
         for (scatter, factor) in scatters.iter().zip(moderated(&scatters, prior)) {
