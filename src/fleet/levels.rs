@@ -42,7 +42,8 @@ impl RobustFit<'_, '_> {
             .flat_map(|s| data.specimens[s].rows.clone())
             .filter(|i| data.benches.of_row[*i] == level)
             .collect();
-        Some(contrast.with_form_variance(data.form_variance_of(&rows)))
+        let form = data.bench_form_share.powi(2) * data.form_variance_of(&rows);
+        Some(contrast.with_form_variance(form))
     }
 }
 

@@ -2,11 +2,13 @@
 //!
 //! A table of [`estimate`] rows goes quantity by quantity through [`quantity_data`] (who belongs to whom), [`design`] (the columns),
 //! [`mixed_model`] (the fit), [`outliers`] (the fit that outliers do not spoil), [`levels`] and [`quantity`] (values and questions).
-//! What is compared within a family goes through [`within_benches`] first, with the scatter of [`run_scatter`].
+//! What is compared within a family goes through [`within_benches`] first, with the scatter of [`run_scatter`];
+//! [`bench_form`] measures how far families disagree about a bench.
 //! Then [`questions`] corrects all p values together, [`bench_cause`] explains the benches, and [`sentences`] and [`cannot_tell`] say
 //! it in words. `docs/fleet.md` has the equations.
 
 mod bench_cause;
+mod bench_form;
 mod cannot_tell;
 mod design;
 pub(crate) mod diagnosed;
@@ -80,14 +82,23 @@ pub(crate) fn pool(rows: &[EstimateRow], options: &FleetOptions) -> Result<Fleet
     for row in rows {
         rows_of.entry(&row.quantity).or_default().push(row);
     }
-    let data: Vec<QuantityData> = rows_of.into_values().map(QuantityData::of).collect();
+    let mut data: Vec<QuantityData> = rows_of.into_values().map(QuantityData::of).collect();
     let operators = !options.ignore_operators;
     let compared = within_benches::comparisons(&data, operators);
+    // A table with too few rows for a bench effect of each family has one for all.
+    let fit_within =
+        |data| RobustFit::within_benches(data, operators).or_else(|| RobustFit::of(data, operators));
+    let within: Vec<Option<RobustFit>> = compared.iter().map(fit_within).collect();
+    let share = bench_form::bench_form_share(&within.iter().flatten().collect::<Vec<_>>());
+    for (data, compared) in data.iter_mut().zip(&compared) {
+        data.known_variance.clone_from(&compared.known_variance);
+        data.bench_form_share = share;
+    }
     let mut fits = Vec::new();
     let mut too_few: Vec<&str> = Vec::new();
-    for (data, compared) in data.iter().zip(&compared) {
-        match fits_of(data, compared, operators) {
-            Some(fit) => fits.push(fit),
+    for (data, within) in data.iter().zip(within) {
+        match RobustFit::of(data, operators).zip(within) {
+            Some((lab, within)) => fits.push(QuantityFits { lab, within }),
             None => too_few.push(&data.rows[0].quantity),
         }
     }
@@ -115,20 +126,6 @@ pub(crate) fn pool(rows: &[EstimateRow], options: &FleetOptions) -> Result<Fleet
         bench_causes: bench_cause::bench_causes(&fits, &quantities, reference),
         cannot_tell: cannot_tell::cannot_tell(&fits, &too_few),
         quantities,
-    })
-}
-
-/// The fits of one quantity. A table with too few rows for a bench effect of each family has one for all.
-fn fits_of<'d, 'r>(
-    data: &'d QuantityData<'r>,
-    compared: &'d QuantityData<'r>,
-    operators: bool,
-) -> Option<QuantityFits<'d, 'r>> {
-    let within =
-        RobustFit::within_benches(compared, operators).or_else(|| RobustFit::of(compared, operators));
-    Some(QuantityFits {
-        lab: RobustFit::of(data, operators)?,
-        within: within?,
     })
 }
 

@@ -100,10 +100,10 @@ impl<'d, 'r> RobustFit<'d, 'r> {
         };
         let mut taken_back = Vec::new();
         for _ in 0..2 * data.specimens.len() {
-            let (weak, mut next) = here.weak_and_confirmed();
-            taken_back.extend(&weak);
+            let (weakest, mut next) = here.weakest_and_confirmed();
+            taken_back.extend(weakest);
             match here.strongest(&taken_back) {
-                _ if !weak.is_empty() => {}
+                _ if weakest.is_some() => {}
                 Some(strongest) => next.push(strongest),
                 None => break,
             };
@@ -212,11 +212,18 @@ impl<'d, 'r> RobustFit<'d, 'r> {
         SET_ASIDE_AT / self.design.of.specimens.len() as f64
     }
 
-    /// The specimens set aside with too little reason for it, and the others. With fewer set aside the scatter only grows, so that all
-    /// weak ones can be taken back at once.
-    fn weak_and_confirmed(&self) -> (Vec<usize>, Vec<usize>) {
+    /// The specimen set aside with the least reason for it, if that is too little, and the others. One at a time: a specimen beside an
+    /// outlier looks doubtful because of it, and hides it if both are set aside.
+    fn weakest_and_confirmed(&self) -> (Option<usize>, Vec<usize>) {
         let p = |s: usize| self.own_mean(s).map_or(1.0, |own| self.set_aside_p(&own));
-        self.choice.outliers.iter().partition(|s| p(**s) > self.level())
+        let aside = &self.choice.outliers;
+        let weakest = aside
+            .iter()
+            .map(|s| (*s, p(*s)))
+            .max_by(|a, b| a.1.total_cmp(&b.1));
+        let weakest = weakest.filter(|(_, p)| *p > self.level()).map(|(s, _)| s);
+        let others = aside.iter().copied().filter(|s| Some(*s) != weakest);
+        (weakest, others.collect())
     }
 
     /// The specimen of the fit that has the most reason to be set aside, if that is enough.

@@ -33,6 +33,8 @@ pub(super) struct QuantityData<'r> {
     pub unit_of_group: Vec<f64>,
     /// Most degrees of freedom with which the scatter of each group is known beside that of the fit.
     pub degrees_of_group: Vec<f64>,
+    /// Share of the form errors that counts between benches, 0 to 1.
+    pub bench_form_share: f64,
     pub benches: Levels<'r>,
     /// Runs without an operator have the level "".
     pub operators: Levels<'r>,
@@ -119,6 +121,7 @@ impl<'r> QuantityData<'r> {
             years: years.collect(),
             known_variance: known_variance.collect(),
             form_variance,
+            bench_form_share: 1.0,
             operators: Levels::of(&rows, |row| &row.operator),
             y,
             specimens,
