@@ -92,14 +92,24 @@ impl<'d, 'r> RobustFit<'d, 'r> {
 
     fn search(data: &'d QuantityData<'r>, choice: DesignChoice) -> Option<RobustFit<'d, 'r>> {
         let plain = RobustFit::with(data, choice)?;
+        // Within benches few specimens share a cell, and an outlier makes its neighbours doubtful: it is named before they are.
+        if plain.choice.bench_of_each_group && plain.strongest(&[]).is_some() {
+            return Some(plain.improved());
+        }
         let doubtful = plain.doubtful();
         // A design that the doubtful specimens leave too few rows is not better.
-        let mut here = match plain.with_outliers(doubtful) {
+        let start = match plain.with_outliers(doubtful) {
             Some(fit) => fit,
             None => plain,
         };
+        Some(start.improved())
+    }
+
+    /// Takes specimens back and sets others aside, one at a time, until each has the reason that it needs.
+    fn improved(self) -> RobustFit<'d, 'r> {
+        let mut here = self;
         let mut taken_back = Vec::new();
-        for _ in 0..2 * data.specimens.len() {
+        for _ in 0..2 * here.design.of.specimens.len() {
             let (weakest, mut next) = here.weakest_and_confirmed();
             taken_back.extend(weakest);
             match here.strongest(&taken_back) {
@@ -112,7 +122,7 @@ impl<'d, 'r> RobustFit<'d, 'r> {
             };
             here = fit;
         }
-        Some(here)
+        here
     }
 
     /// Fits one design.

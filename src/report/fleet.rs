@@ -237,7 +237,7 @@ pub(super) mod tests {
             deviation: value(-0.03, false),
             deletion_t: -5.0,
             normal_p: Some(1e-5),
-            worth_a_look: false,
+            worth_a_look: true,
         };
         QuantityFindings {
             quantity: "rate_n_per_mm".to_owned(),
