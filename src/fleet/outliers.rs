@@ -14,6 +14,7 @@ use super::design::{Design, DesignChoice, DesignTerm};
 use super::mixed_model::{Contrast, MixedFit, SpecimenEffect};
 use super::quantity_data::QuantityData;
 use crate::identify::confidence::student_within;
+use statrs::function::gamma::gamma_ur;
 
 /// Robust z value from which a specimen is doubtful at first. It costs only fits: every doubt is tested.
 const DOUBTFUL: f64 = 3.0;
@@ -23,6 +24,9 @@ pub(super) const SIGMA_OF_MEDIAN: f64 = 1.4826;
 const SET_ASIDE_AT: f64 = 0.05;
 /// At most one of so many specimens of a group is set aside: more are no outliers but another family.
 const ONE_IN: usize = 3;
+
+/// Shape of a gamma law from which its tails are those of a normal law within a factor of 2 at four standard deviations.
+const NORMAL_SHAPE: f64 = 1000.0;
 
 /// A fit with its outliers.
 pub(super) struct RobustFit<'d, 'r> {
@@ -47,23 +51,32 @@ pub(super) fn p_value(contrast: &Contrast) -> f64 {
     1.0 - student_within(contrast.degrees, (contrast.estimate / contrast.std_error).abs())
 }
 
-/// p value of a specimen's deviation from its family: of Student's t or of Laplace's law of the same variance, whichever is larger.
+/// p value of a specimen's deviation from its family: of Student's t or of Laplace's law, whichever is larger. The second is that of
+/// an exponential law over the mean of as many others as there are degrees of freedom.
 pub(super) fn outlier_p(deletion: &Contrast) -> f64 {
-    if deletion.std_error <= 0.0 {
-        return 1.0;
-    }
-    let t = (deletion.estimate / deletion.std_error).abs();
-    p_value(deletion).max((-std::f64::consts::SQRT_2 * t).exp())
-}
-
-/// The same where the scatter is the mean of as many exponential deviations as there are degrees of freedom. It sets fewer aside.
-fn wary_p(deletion: &Contrast) -> f64 {
     if deletion.std_error <= 0.0 {
         return 1.0;
     }
     let t = (deletion.estimate / deletion.std_error).abs();
     let laplace = (1.0 + std::f64::consts::SQRT_2 * t / deletion.degrees).powf(-deletion.degrees);
     p_value(deletion).max(laplace)
+}
+
+/// p value of a mean over `specimens` specimens, which bring the share `of_specimens` of its variance: of Student's t or of the gamma law
+/// with the skewness that specimens of an exponential law give the mean, whichever is larger.
+pub(super) fn mean_p(mean: &Contrast, specimens: f64, of_specimens: f64) -> f64 {
+    let student = p_value(mean);
+    if mean.std_error <= 0.0 || of_specimens <= 0.0 {
+        return student;
+    }
+    let t = (mean.estimate / mean.std_error).abs();
+    // Skewness of the mean of m exponential deviations: 2 / sqrt(m); of a gamma law: 2 / sqrt(shape).
+    let shape = specimens / of_specimens.min(1.0).powi(3);
+    // With a large shape the gamma law is normal, and Student's t has the wider tails.
+    if shape > NORMAL_SHAPE {
+        return student;
+    }
+    student.max(gamma_ur(shape, shape + t * shape.sqrt()))
 }
 
 impl<'d, 'r> RobustFit<'d, 'r> {
@@ -169,7 +182,7 @@ impl<'d, 'r> RobustFit<'d, 'r> {
     fn set_aside_p(&self, deletion: &Contrast) -> f64 {
         match self.choice.bench_of_each_group {
             true => p_value(deletion),
-            false => wary_p(deletion),
+            false => outlier_p(deletion),
         }
     }
 
@@ -254,5 +267,26 @@ pub(super) fn median(mut values: Vec<f64>) -> f64 {
         0 => 0.0,
         n if n % 2 == 1 => values[n / 2],
         n => 0.5 * (values[n / 2 - 1] + values[n / 2]),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: the mean of one specimen is exponential, exp(-(1 + t)); without a share of specimens Student's law is left.
+    #[test]
+    fn a_mean_of_few_specimens_has_the_tail_of_their_law() {
+        let contrast = Contrast {
+            estimate: 5.0,
+            std_error: 1.0,
+            degrees: 1e6,
+        };
+        assert!((mean_p(&contrast, 1.0, 1.0) - (-6.0f64).exp()).abs() < 1e-9);
+        let normal = p_value(&contrast);
+        assert!((mean_p(&contrast, 2.0, 0.0) - normal).abs() < 1e-15);
+        let (two, ten) = (mean_p(&contrast, 2.0, 1.0), mean_p(&contrast, 10.0, 1.0));
+        assert!((-6.0f64).exp() > two && two > ten && ten > normal);
+        assert!(mean_p(&contrast, 5.0, 0.3) < ten);
     }
 }

@@ -8,7 +8,7 @@ use super::findings::{
 };
 use super::levels::{Factor, level_effects};
 use super::mixed_model::Contrast;
-use super::outliers::{QuantityFits, RobustFit, outlier_p, p_value};
+use super::outliers::{QuantityFits, RobustFit, mean_p, outlier_p, p_value};
 use crate::effect::{EFFECTS, Stage};
 use crate::identify::confidence::student_975;
 
@@ -248,7 +248,18 @@ fn from_other_batches(robust: &RobustFit, group: usize, batch: usize, asked: boo
         degrees: contrast.degrees.min(data.degrees_of_group[group]),
         ..contrast
     };
-    Some(PooledValue::difference(&contrast, data.rows[0].scale, asked))
+    let members = |of_batch: bool| {
+        let specimens = data.specimens.iter().enumerate();
+        let kept = specimens.filter(|(s, p)| p.group == group && !robust.choice.outliers.contains(s));
+        let name = data.groups[group].batches[batch];
+        kept.filter(|(_, p)| (p.batch == name) == of_batch).count().max(1) as f64
+    };
+    let (own, others) = (members(true), members(false));
+    let tau = robust.fit.between_specimens() * data.unit_of_group[group];
+    let of_specimens = tau * tau * (1.0 / own + 1.0 / others) / contrast.std_error.powi(2);
+    let mut difference = PooledValue::difference(&contrast, data.rows[0].scale, false);
+    difference.p = asked.then(|| mean_p(&contrast, own.min(others), of_specimens));
+    Some(difference)
 }
 
 /// Mean of the rows of one specimen over its standard error with the form error: what this specimen alone says.

@@ -10,17 +10,17 @@ use super::findings::{PooledValue, QuestionKind};
 /// Chance that a report of a lab with no effect at all names one or more.
 pub(crate) const FAMILY_WISE_ERROR: f64 = 0.05;
 
-/// Share of the error that a kind of question has where all kinds are asked. The hardest questions have most of it: a specimen is one of
-/// many, and nobody knows the law that it scatters by, while a bench or a batch is judged by the mean of many runs.
+/// Weight of a kind in the shares of the error. The hardest questions have twice the share: a specimen is one of many, and nobody knows the
+/// law that it scatters by, while a bench or a batch is judged by the mean of many runs.
 fn share(kind: QuestionKind) -> f64 {
     match kind {
-        QuestionKind::Specimen => 0.4,
+        QuestionKind::Specimen => 2.0,
         QuestionKind::Bench
         | QuestionKind::Operator
         | QuestionKind::Group
         | QuestionKind::Batch
         | QuestionKind::Age
-        | QuestionKind::SpecimenEffect => 0.1,
+        | QuestionKind::SpecimenEffect => 1.0,
     }
 }
 
@@ -88,15 +88,15 @@ mod tests {
         let all = bench.iter_mut().map(|v| (QuestionKind::Bench, v));
         let all = all.chain(specimens.iter_mut().map(|v| (QuestionKind::Specimen, v)));
         assert_eq!(answer(all.collect()), 101, "what was not asked does not count");
-        // A tenth for the bench and four tenths for the specimens: 0.02 times 5.
-        assert!((bench[0].adjusted_p.expect("asked") - 0.1).abs() < 1e-12);
+        // A third for the bench and two thirds for the specimens: 0.02 times 3.
+        assert!((bench[0].adjusted_p.expect("asked") - 0.06).abs() < 1e-12);
         assert!(specimens.iter().all(|v| !v.found));
         // One of a hundred would be 200 times p if all questions had the same share.
         specimens[0].p = Some(3e-4);
         let all = bench.iter_mut().map(|v| (QuestionKind::Bench, v));
         let all = all.chain(specimens.iter_mut().map(|v| (QuestionKind::Specimen, v)));
         answer(all.collect());
-        assert!((specimens[0].adjusted_p.expect("asked") - 3e-4 * 125.0).abs() < 1e-12);
+        assert!((specimens[0].adjusted_p.expect("asked") - 3e-4 * 150.0).abs() < 1e-12);
         assert!(specimens[0].found);
     }
 }

@@ -1,8 +1,8 @@
 //! Comparisons within benches: the data by which batches, specimens and ageing are judged.
 //!
-//! Families differ in how much their specimens scatter, most of all in the amplitudes of effects, which follow how well the model fits. One
-//! tau for all would hide a batch of a quiet family, and report specimens of a restless one. A tau of each family alone would rest on
-//! few specimens. So the variance of each family is drawn towards that of all, as far as families are alike over all quantities
+//! Families share tau of a parameter in percent. In the amplitudes of effects they differ, because these follow how well the model fits.
+//! One tau for all would hide a batch of a quiet family, and report specimens of a restless one. A tau of each family alone would rest
+//! on few specimens. So the variance of each family is drawn towards that of all, as far as families are alike over all effects
 //! (empirical Bayes; G. K. Smyth 2004, section 6.2):
 //!
 //! ```text
@@ -13,22 +13,12 @@
 use statrs::function::gamma::digamma;
 
 use super::findings::QuantityRole;
-use super::is_part_of_sum;
 use super::outliers::RobustFit;
 use super::quantity_data::QuantityData;
 use super::run_scatter::calibrated;
 
 /// Degrees of freedom that stand for "families are alike".
 const ALIKE: f64 = 1e6;
-
-/// Quantities whose families are alike or unlike to the same degree.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum ScatterKind {
-    /// A parameter that one run hardly tells from another.
-    Part,
-    Parameter,
-    Effect,
-}
 
 /// Standard errors of the excess at its upper limit.
 const LIMIT: f64 = 2.0;
@@ -46,33 +36,22 @@ struct GroupScatter {
 /// The quantities with calibrated runs and with units of the groups, for fits within benches.
 pub(super) fn comparisons<'r>(data: &[QuantityData<'r>], operators: bool) -> Vec<QuantityData<'r>> {
     let mut compared: Vec<QuantityData> = data.iter().map(|data| calibrated(data, operators)).collect();
-    let kind_of = |of: &QuantityData| {
-        let quantity = &of.rows[0].quantity;
-        let mut all = data.iter().map(|other| other.rows[0].quantity.as_str());
-        match QuantityRole::of(quantity) {
-            // What one run cannot tell scatters otherwise than the other parameters.
-            QuantityRole::Parameter if is_part_of_sum(quantity, &mut all) => ScatterKind::Part,
-            QuantityRole::Parameter => ScatterKind::Parameter,
-            QuantityRole::Effect | QuantityRole::InstrumentEffect => ScatterKind::Effect,
-        }
-    };
-    for kind in [ScatterKind::Part, ScatterKind::Parameter, ScatterKind::Effect] {
-        let scatters: Vec<GroupScatter> = compared
-            .iter()
-            .enumerate()
-            .filter(|(_, data)| kind_of(data) == kind)
-            .filter_map(|(q, data)| Some((q, RobustFit::within_benches(data, operators)?)))
-            .flat_map(|(q, fit)| scatter_of_groups(q, &fit))
-            .collect();
-        let prior = prior_degrees(&scatters);
-        for data in compared.iter_mut().filter(|data| kind_of(data) == kind) {
-            data.degrees_of_group.fill(prior);
-        }
-        for (scatter, factor) in scatters.iter().zip(moderated(&scatters, prior)) {
-            let data = &mut compared[scatter.quantity];
-            data.unit_of_group[scatter.group] *= factor.sqrt();
-            data.degrees_of_group[scatter.group] = prior + scatter.degrees;
-        }
+    let is_effect = |data: &QuantityData| QuantityRole::of(&data.rows[0].quantity) != QuantityRole::Parameter;
+    let scatters: Vec<GroupScatter> = compared
+        .iter()
+        .enumerate()
+        .filter(|(_, data)| is_effect(data))
+        .filter_map(|(q, data)| Some((q, RobustFit::within_benches(data, operators)?)))
+        .flat_map(|(q, fit)| scatter_of_groups(q, &fit))
+        .collect();
+    let prior = prior_degrees(&scatters);
+    for data in compared.iter_mut().filter(|data| is_effect(data)) {
+        data.degrees_of_group.fill(prior);
+    }
+    for (scatter, factor) in scatters.iter().zip(moderated(&scatters, prior)) {
+        let data = &mut compared[scatter.quantity];
+        data.unit_of_group[scatter.group] *= factor.sqrt();
+        data.degrees_of_group[scatter.group] = prior + scatter.degrees;
     }
     compared
 }
