@@ -249,12 +249,12 @@ impl FleetFindings {
 
 impl SpecimenDeviation {
     /// True for a deviation that is no finding and that somebody should look at: it would be one of `questions` deviations of its kind that
-    /// chance explains in at most 5 % of the labs with specimens of a normal law, and its interval does not hold 0. Where there is no scatter
+    /// chance explains in at most the share `level` of the labs with specimens of a normal law, and its interval does not hold 0. Where there is no scatter
     /// between specimens the deviation is drawn to 0, and there is nothing to look at.
-    pub(super) fn is_worth_a_look(&self, questions: usize) -> bool {
+    pub(super) fn is_worth_a_look(&self, questions: usize, level: f64) -> bool {
         let value = &self.deviation;
         let holds_zero = value.low95 <= 0.0 && value.high95 >= 0.0;
-        let rare = |p: f64| p * (questions as f64) < super::FAMILY_WISE_ERROR;
+        let rare = |p: f64| p * (questions as f64) < level;
         value.p.is_some() && !value.found && !holds_zero && self.normal_p.is_some_and(rare)
     }
 }
@@ -284,12 +284,15 @@ mod tests {
             normal_p: Some(normal_p),
             worth_a_look: false,
         };
-        assert!(specimen(0.1, 0.3, false, 1e-4).is_worth_a_look(160));
-        assert!(specimen(-0.3, -0.1, false, 1e-4).is_worth_a_look(160));
-        assert!(!specimen(-0.1, 0.38, false, 1e-4).is_worth_a_look(160));
-        assert!(!specimen(0.1, 0.3, true, 1e-4).is_worth_a_look(160), "a finding");
+        assert!(specimen(0.1, 0.3, false, 1e-4).is_worth_a_look(160, 0.05));
+        assert!(specimen(-0.3, -0.1, false, 1e-4).is_worth_a_look(160, 0.05));
+        assert!(!specimen(-0.1, 0.38, false, 1e-4).is_worth_a_look(160, 0.05));
         assert!(
-            !specimen(0.1, 0.3, false, 1e-4).is_worth_a_look(640),
+            !specimen(0.1, 0.3, true, 1e-4).is_worth_a_look(160, 0.05),
+            "a finding"
+        );
+        assert!(
+            !specimen(0.1, 0.3, false, 1e-4).is_worth_a_look(640, 0.05),
             "one of many"
         );
     }

@@ -156,7 +156,7 @@ fn mark_worth_a_look(quantities: &mut [QuantityFindings]) {
     for quantity in quantities {
         let of_kind = questions[&QuestionKind::about_specimens(quantity.role)];
         for specimen in &mut quantity.specimen_deviations {
-            specimen.worth_a_look = specimen.is_worth_a_look(of_kind);
+            specimen.worth_a_look = specimen.is_worth_a_look(of_kind, FAMILY_WISE_ERROR);
         }
     }
 }
