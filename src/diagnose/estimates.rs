@@ -30,12 +30,17 @@ use super::judgement::TESTABLE;
 use super::search::in_doubt;
 use crate::effect::Effect;
 use crate::identify::Residuals;
-use crate::identify::confidence::{confidence, correlation_time, long_run_variance};
+use crate::identify::confidence::{confidence, correlation_time, long_run_variance, sigma_of_sum};
 use crate::identify::evaluator::Evaluator;
 
 /// Form error divided by standard error. In two synthetic labs without an effect (`docs/fleet.md`) the mean amplitude of a family was off by
 /// 0.8 standard errors of one run (RMS over effects and families), and runs scattered about it by 0.4 to 1.
 const FORM_SHARE: f64 = 0.9;
+/// Preload plus zero of the force channel, N: the force without friction at displacement 0. One run tells the sum a hundred times better
+/// than its parts, which only the growth of the friction with the load tells apart.
+pub(crate) const FORCE_AT_ZERO: &str = "force_at_zero_n";
+/// The two parameters whose sum [`FORCE_AT_ZERO`] is.
+pub(crate) const PARTS_OF_FORCE_AT_ZERO: [&str; 2] = ["preload_n", "force_zero_n"];
 /// Code of a delay between the channels.
 const DELAY: &str = "channel_delay";
 /// Step of the difference quotients as a share of a parameter's scale.
@@ -50,7 +55,8 @@ const PLACES: usize = 12;
 /// What some recordings of one specimen say about the baseline and about every effect of the library.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Estimates {
-    /// Parameters of the baseline with its own friction law, then the zero of the force channel.
+    /// Parameters of the baseline with its own friction law, then the zero of the force channel, then [`FORCE_AT_ZERO`] if there is a
+    /// preload.
     pub baseline: Vec<ParameterEstimate>,
     /// Every effect that the baseline does not have, sorted by code.
     pub effects: Vec<EffectEstimate>,
@@ -67,6 +73,8 @@ pub struct ParameterEstimate {
     pub value: f64,
     /// Standard error in `unit`; `None` at a bound, or where the recordings do not determine the parameter.
     pub std_error: Option<f64>,
+    /// The part of the standard error that runs of specimens of the same drawing share; in `unit`, not above `std_error`.
+    pub form_error: Option<f64>,
 }
 
 /// The one-step amplitude of an effect.
@@ -158,14 +166,24 @@ fn parameters(context: &FitContext<'_>, node: &Node) -> Vec<ParameterEstimate> {
         delays.any(|delay| delay.parameters.iter().any(|parameter| parameter.name == name))
     };
     let baseline = listed.filter(|((parameter, _), _)| !of_delay(parameter.name));
-    baseline
-        .map(|((parameter, &value), sigma)| ParameterEstimate {
-            name: parameter.name.to_owned(),
-            unit: parameter.unit.to_owned(),
-            value,
-            std_error: sigma.is_finite().then_some(*sigma),
-        })
-        .collect()
+    let estimate = |name: &str, unit: &str, value: f64, sigma: f64| ParameterEstimate {
+        name: name.to_owned(),
+        unit: unit.to_owned(),
+        value,
+        std_error: sigma.is_finite().then_some(sigma),
+        form_error: sigma.is_finite().then_some(FORM_SHARE * sigma),
+    };
+    let mut estimates: Vec<ParameterEstimate> = baseline
+        .map(|((parameter, &value), sigma)| estimate(parameter.name, parameter.unit, value, *sigma))
+        .collect();
+    let place = |name: &&str| structure.parameters().iter().position(|p| p.name == *name);
+    let parts: Vec<usize> = PARTS_OF_FORCE_AT_ZERO.iter().filter_map(place).collect();
+    if parts.len() == PARTS_OF_FORCE_AT_ZERO.len() {
+        let sum = parts.iter().map(|i| node.values[*i]).sum();
+        let sigma = sigma_of_sum(&mut evaluator, &node.values, &residuals, RELATIVE_STEP, &parts);
+        estimates.push(estimate(FORCE_AT_ZERO, "N", sum, sigma));
+    }
+    estimates
 }
 
 /// A converged baseline from which one step is taken towards each effect.

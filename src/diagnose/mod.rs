@@ -36,6 +36,7 @@ pub(crate) use course::Split;
 pub use diagnosis::{Diagnosis, Finding, Verdict};
 pub(crate) use error::{ConditionError, DiagnoseError};
 pub use estimates::{EffectEstimate, Estimates, ParameterEstimate};
+pub(crate) use estimates::{FORCE_AT_ZERO, PARTS_OF_FORCE_AT_ZERO};
 pub use fitting::Baseline;
 pub(crate) use judgement::{YARDSTICKS, left_out, nrmse_leftout};
 pub use options::DiagnoseOptions;

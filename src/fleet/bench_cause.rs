@@ -11,7 +11,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 use super::estimate::EstimateScale;
 use super::findings::{BenchCause, BenchError, GainFit, QuantityFindings, QuantityRole};
 use super::levels::Factor;
-use super::outliers::RobustFit;
+use super::outliers::{QuantityFits, RobustFit};
 use super::wording::{interval, named};
 use crate::identify::confidence::student_975;
 
@@ -32,7 +32,7 @@ struct Deviation<'q> {
 
 /// The causes of all benches with a finding in a quantity that a gain moves. Fits and findings belong together one by one.
 pub(super) fn bench_causes(
-    fits: &[RobustFit],
+    fits: &[QuantityFits],
     quantities: &[QuantityFindings],
     reference: Option<&str>,
 ) -> Vec<BenchCause> {
@@ -43,7 +43,8 @@ pub(super) fn bench_causes(
         let against = against(bench, fits, &deviating, reference);
         let pairs = fits.iter().zip(quantities);
         let deviations: Vec<Deviation> = pairs
-            .filter_map(|(fit, quantity)| deviation(fit, quantity, bench, &against))
+            .filter(|(_, quantity)| quantity.benches.iter().any(|b| b.effect.p.is_some()))
+            .filter_map(|(fit, quantity)| deviation(&fit.lab, quantity, bench, &against))
             .collect();
         judged(bench, against, &deviations)
     };
@@ -90,12 +91,12 @@ fn unit_powers(unit: &str) -> Option<[f64; 2]> {
 /// The benches to compare with: the reference, or those of the same part that do not deviate, or all of it.
 fn against(
     bench: &str,
-    fits: &[RobustFit],
+    fits: &[QuantityFits],
     deviating: &BTreeSet<&str>,
     reference: Option<&str>,
 ) -> Vec<String> {
     let mut beside = BTreeSet::new();
-    for data in fits.iter().map(|fit| fit.design.of) {
+    for data in fits.iter().map(|fit| fit.lab.design.of) {
         if let Some(number) = data.benches.names.iter().position(|b| *b == bench) {
             let part = data.benches_of_part(data.part_of_bench[number]).into_iter();
             beside.extend(part.map(|b| data.benches.names[b]).filter(|b| *b != bench));

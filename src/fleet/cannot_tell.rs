@@ -3,20 +3,21 @@
 use std::collections::BTreeMap;
 
 use super::design::DesignTerm;
-use super::outliers::RobustFit;
+use super::outliers::{QuantityFits, RobustFit};
 use super::quantity::FEWEST_SPECIMENS;
 use super::quantity_data::PooledSpecimen;
 use super::wording::named;
 
 /// One sentence for each thing that cannot be told, with the quantities for which it holds. `too_few`: quantities without a fit.
-pub(super) fn cannot_tell(fits: &[RobustFit], too_few: &[&str]) -> Vec<String> {
+pub(super) fn cannot_tell(fits: &[QuantityFits], too_few: &[&str]) -> Vec<String> {
     let mut quantities_of: BTreeMap<String, Vec<&str>> = BTreeMap::new();
-    for robust in fits {
+    for robust in fits.iter().map(|fit| &fit.within) {
         let reasons = [
             benches(robust),
             confounded(robust),
             small_groups(robust),
             alone_in_batch(robust),
+            alone_on_bench(robust),
             not_asked(robust),
         ];
         for reason in reasons.into_iter().flatten() {
@@ -128,6 +129,28 @@ fn alone_in_batch(robust: &RobustFit) -> Vec<String> {
         true => Vec::new(),
         false => vec![format!(
             "a difference of {} from its family is one of its batch, of which there is no other specimen: test another one of the batch",
+            named(&alone)
+        )],
+    }
+}
+
+/// Specimens that are the only one of their family on the only bench on which they were tested.
+fn alone_on_bench(robust: &RobustFit) -> Vec<String> {
+    let data = robust.design.of;
+    let bench = |s: usize| data.benches.of_row[data.specimens[s].rows.start];
+    let is_alone = |s: &usize| {
+        let (own, members) = (&data.specimens[*s], data.specimens.iter());
+        let mut others = members.filter(|o| o.group == own.group && o.name != own.name);
+        let is_there = |o: &PooledSpecimen| data.benches.of_row[o.rows.clone()].contains(&bench(*s));
+        !data.travels(*s) && data.groups[own.group].benches.len() > 1 && !others.any(is_there)
+    };
+    let alone = (0..data.specimens.len()).filter(is_alone);
+    let alone: Vec<&str> = alone.map(|s| data.specimens[s].name).collect();
+    match alone.is_empty() {
+        true => Vec::new(),
+        false => vec![format!(
+            "a difference of {} from its family is one of its bench, where no other specimen of the family was tested: test it on \
+             another bench, too",
             named(&alone)
         )],
     }

@@ -4,6 +4,9 @@
 //! follows from earlier ones is left out. The columns `Allocation` hold, for each specimen, the mean of its bench columns: they take up
 //! what specimens tested on one bench and specimens tested on another differ by, so that the effect of a bench is estimated within
 //! specimens alone (Mundlak 1978). Without them a lab that sends its stiff springs to one bench would blame the bench.
+//!
+//! Specimens and batches of one family are compared within benches: there each group has a bench effect of its own (`BenchOfGroup`) in
+//! place of `Bench` and `Allocation`, because the error of a model differs from bench to bench, and from family to family.
 
 use nalgebra::DMatrix;
 
@@ -17,6 +20,8 @@ pub(super) enum DesignTerm {
     Group(usize),
     /// Effect of a bench.
     Bench(usize),
+    /// Effect of a bench in one group: number of the group, number of the bench.
+    BenchOfGroup(usize, usize),
     /// Slope per 1000 cycles of age; of one group, or of all.
     Cycles(Option<usize>),
     /// Slope per year.
@@ -39,9 +44,12 @@ pub(super) struct DesignChoice {
     /// One slope with cycles for each group in place of one for all.
     pub slope_of_each_group: bool,
     pub operators: bool,
+    /// A bench effect for each group in place of one for all.
+    pub bench_of_each_group: bool,
 }
 
-/// Columns of a quantity, with the data of the mixed model.
+/// Columns of a quantity, with the data of the mixed model. The data are in units of the groups: tau and sigma of a group are those of the
+/// fit times its unit. Effects are in the unit of the quantity.
 pub(super) struct Design<'d, 'r> {
     pub of: &'d QuantityData<'r>,
     terms: Vec<DesignTerm>,
@@ -67,11 +75,16 @@ impl<'d, 'r> Design<'d, 'r> {
         let terms = terms(of, choice);
         let full = rows(of, choice, &terms, mean_age);
         let columns = independent(&full, terms.len());
-        let kept = |row: &SparseRow| row.iter().filter_map(|&(c, v)| Some((columns[c]?, v))).collect();
+        let unit = of.unit_of_row();
+        let kept = |(row, unit): (&SparseRow, &f64)| {
+            let columns = row.iter().filter_map(|&(c, v)| Some((columns[c]?, v / unit)));
+            columns.collect()
+        };
+        let variances = of.known_variance.iter().zip(&unit);
         let data = MixedData {
-            y: of.y.clone(),
-            known_variance: of.known_variance.clone(),
-            rows: full.iter().map(kept).collect(),
+            y: of.y.iter().zip(&unit).map(|(y, unit)| y / unit).collect(),
+            known_variance: variances.map(|(v, unit)| v / (unit * unit)).collect(),
+            rows: full.iter().zip(&unit).map(kept).collect(),
             blocks: of.specimens.iter().map(|s| s.rows.clone()).collect(),
             width: columns.iter().flatten().count(),
         };
@@ -144,6 +157,9 @@ fn coded(of: &QuantityData, term: DesignTerm) -> Vec<(DesignTerm, f64)> {
             .into_iter()
             .map(DesignTerm::Bench)
             .collect(),
+        DesignTerm::BenchOfGroup(g, _) => (of.groups[g].benches.iter())
+            .map(|b| DesignTerm::BenchOfGroup(g, *b))
+            .collect(),
         DesignTerm::Operator(_) => (0..of.operators.names.len()).map(DesignTerm::Operator).collect(),
         DesignTerm::Batch(g, _) => (0..of.groups[g].batches.len())
             .map(|b| DesignTerm::Batch(g, b))
@@ -162,17 +178,26 @@ fn coded(of: &QuantityData, term: DesignTerm) -> Vec<(DesignTerm, f64)> {
 fn is_single(term: DesignTerm) -> bool {
     !matches!(
         term,
-        DesignTerm::Bench(_) | DesignTerm::Operator(_) | DesignTerm::Batch(..)
+        DesignTerm::Bench(_) | DesignTerm::BenchOfGroup(..) | DesignTerm::Operator(_) | DesignTerm::Batch(..)
     )
 }
 
 /// All wanted columns, in the order in which they are kept.
 fn terms(of: &QuantityData, choice: &DesignChoice) -> Vec<DesignTerm> {
     let mut benches = Vec::new();
-    for part in 0..of.parts() {
+    for part in (0..of.parts()).filter(|_| !choice.bench_of_each_group) {
         let levels = of.benches_of_part(part);
         benches.extend_from_slice(levels.split_last().map_or(&[][..], |(_, others)| others));
     }
+    let of_groups = of
+        .groups
+        .iter()
+        .enumerate()
+        .filter(|_| choice.bench_of_each_group);
+    let of_groups = of_groups.flat_map(|(g, group)| {
+        let others = group.benches.split_last().map_or(&[][..], |(_, others)| others);
+        others.iter().map(move |b| DesignTerm::BenchOfGroup(g, *b))
+    });
     let batches = of.groups.iter().enumerate().flat_map(|(g, group)| {
         (0..group.batches.len().saturating_sub(1)).map(move |b| DesignTerm::Batch(g, b))
     });
@@ -190,6 +215,7 @@ fn terms(of: &QuantityData, choice: &DesignChoice) -> Vec<DesignTerm> {
     let groups = (0..of.groups.len()).map(DesignTerm::Group);
     groups
         .chain(benches.iter().copied().map(DesignTerm::Bench))
+        .chain(of_groups)
         .chain(slopes.into_iter().filter(|_| has_cycles).map(DesignTerm::Cycles))
         .chain(has_years.then_some(DesignTerm::Years))
         .chain(batches)
@@ -229,6 +255,7 @@ fn rows(
             };
             add(DesignTerm::Group(group), 1.0);
             add(DesignTerm::Bench(of.benches.of_row[index]), 1.0);
+            add(DesignTerm::BenchOfGroup(group, of.benches.of_row[index]), 1.0);
             let slope = choice.slope_of_each_group.then_some(group);
             add(DesignTerm::Cycles(slope), row.age_cycles / 1000.0 - mean_age[0]);
             add(DesignTerm::Years, of.years[index] - mean_age[1]);

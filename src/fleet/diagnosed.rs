@@ -2,7 +2,7 @@
 
 use super::estimate::EstimateScale;
 use crate::archive::{DiagnosedRun, DiagnosisRow, Estimated};
-use crate::diagnose::{Baseline, DiagnoseOptions, Diagnosis, Estimates, diagnose, estimate};
+use crate::diagnose::{Baseline, DiagnoseOptions, Diagnosis, Estimates, FORCE_AT_ZERO, diagnose, estimate};
 use crate::model::Model;
 use crate::recording::Recording;
 
@@ -84,7 +84,7 @@ fn rows(model: &Model, estimates: &Estimates, diagnosis: Option<&Diagnosis>) -> 
         scale: scale(model, &parameter.name).word().to_owned(),
         estimate: Some(parameter.value),
         std_error: parameter.std_error,
-        form_error: None,
+        form_error: parameter.form_error,
         testable: true,
         named: None,
     });
@@ -138,6 +138,10 @@ fn unit(unit: &str) -> String {
 /// A parameter that cannot be negative is pooled as its logarithm, in every run alike.
 fn scale(model: &Model, parameter: &str) -> EstimateScale {
     let mut parameters = model.parameters.iter();
+    // A preload cannot be negative, and the zero of a channel is small beside it.
+    if parameter == FORCE_AT_ZERO {
+        return EstimateScale::Relative;
+    }
     match parameters.any(|p| p.name == parameter && p.bounds[0] >= 0.0) {
         true => EstimateScale::Relative,
         false => EstimateScale::Absolute,

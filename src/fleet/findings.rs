@@ -79,7 +79,7 @@ pub(crate) struct GainFit {
     pub misfit_p: f64,
 }
 
-/// Kinds of questions. Each kind has the same share of the family-wise error.
+/// Kinds of questions. Each kind has a share of the family-wise error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum QuestionKind {
@@ -87,12 +87,26 @@ pub(crate) enum QuestionKind {
     Bench,
     /// Does an operator measure differently from the others?
     Operator,
-    /// Is an effect present in a family or batch, or does a batch differ from its family?
+    /// Is an effect present in a family or batch?
     Group,
+    /// Does a batch differ from the others of its family?
+    Batch,
     /// Does a quantity change with cycles or years?
     Age,
-    /// Does a specimen differ from its family?
+    /// Does a specimen differ from its family in a parameter?
     Specimen,
+    /// Has a specimen more of an effect than its family, or less?
+    SpecimenEffect,
+}
+
+impl QuestionKind {
+    /// The kind of a question about a specimen in a quantity of this role.
+    pub(crate) fn about_specimens(role: QuantityRole) -> QuestionKind {
+        match role {
+            QuantityRole::Parameter => QuestionKind::Specimen,
+            QuantityRole::Effect | QuantityRole::InstrumentEffect => QuestionKind::SpecimenEffect,
+        }
+    }
 }
 
 /// What pooling says about one quantity. Values of a `relative` quantity are fractions (0.01 is 1 %), except levels.
@@ -217,6 +231,10 @@ pub(crate) struct SpecimenDeviation {
     pub deviation: PooledValue,
     /// Deviation over its standard error without this specimen in the fit.
     pub deletion_t: f64,
+    /// p value if specimens of a family followed the normal law; null if no question was asked.
+    pub normal_p: Option<f64>,
+    /// True if it is no finding but would be one if specimens followed the normal law.
+    pub worth_a_look: bool,
 }
 
 impl FleetFindings {
@@ -229,16 +247,15 @@ impl FleetFindings {
     }
 }
 
-/// Deviation of a specimen in standard errors from which it is worth a look: a normal law has one of 16 000 beyond it.
-const WORTH_A_LOOK: f64 = 4.0;
-
 impl SpecimenDeviation {
-    /// True for a deviation that is no finding and that somebody should look at: far from its family, and in an interval without 0.
-    /// Where there is no scatter between specimens the deviation is drawn to 0, and there is nothing to look at.
-    pub(crate) fn is_worth_a_look(&self) -> bool {
+    /// True for a deviation that is no finding and that somebody should look at: it would be one of `questions` deviations of its kind that
+    /// chance explains in at most the share `level` of the labs with specimens of a normal law, and its interval does not hold 0. Where there is no scatter
+    /// between specimens the deviation is drawn to 0, and there is nothing to look at.
+    pub(super) fn is_worth_a_look(&self, questions: usize, level: f64) -> bool {
         let value = &self.deviation;
         let holds_zero = value.low95 <= 0.0 && value.high95 >= 0.0;
-        value.p.is_some() && !value.found && !holds_zero && self.deletion_t.abs() > WORTH_A_LOOK
+        let rare = |p: f64| p * (questions as f64) < level;
+        value.p.is_some() && !value.found && !holds_zero && self.normal_p.is_some_and(rare)
     }
 }
 
@@ -248,7 +265,7 @@ mod tests {
 
     #[test]
     fn a_deviation_whose_interval_holds_0_is_not_worth_a_look() {
-        let specimen = |low95: f64, high95: f64, found: bool| SpecimenDeviation {
+        let specimen = |low95: f64, high95: f64, found: bool, normal_p: f64| SpecimenDeviation {
             specimen: "S1".to_owned(),
             family: "F1".to_owned(),
             batch: String::new(),
@@ -264,10 +281,19 @@ mod tests {
                 found,
             },
             deletion_t: 4.6,
+            normal_p: Some(normal_p),
+            worth_a_look: false,
         };
-        assert!(specimen(0.1, 0.3, false).is_worth_a_look());
-        assert!(specimen(-0.3, -0.1, false).is_worth_a_look());
-        assert!(!specimen(-0.1, 0.38, false).is_worth_a_look());
-        assert!(!specimen(0.1, 0.3, true).is_worth_a_look(), "it is a finding");
+        assert!(specimen(0.1, 0.3, false, 1e-4).is_worth_a_look(160, 0.05));
+        assert!(specimen(-0.3, -0.1, false, 1e-4).is_worth_a_look(160, 0.05));
+        assert!(!specimen(-0.1, 0.38, false, 1e-4).is_worth_a_look(160, 0.05));
+        assert!(
+            !specimen(0.1, 0.3, true, 1e-4).is_worth_a_look(160, 0.05),
+            "a finding"
+        );
+        assert!(
+            !specimen(0.1, 0.3, false, 1e-4).is_worth_a_look(640, 0.05),
+            "one of many"
+        );
     }
 }

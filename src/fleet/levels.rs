@@ -30,16 +30,20 @@ impl Factor {
 
 impl RobustFit<'_, '_> {
     /// A level against the mean of others; `None` if it cannot be told. Benches sample and move differently, so the error of a model is
-    /// not the same on all of them.
+    /// not the same on all of them. It counts where the difference comes from: in the specimens that were tested on several benches.
     pub(super) fn level_against(&self, factor: Factor, level: usize, others: &[usize]) -> Option<Contrast> {
         let share = -1.0 / others.len() as f64;
         let others = others.iter().map(|o| (factor.term(*o), share));
         let weights: Vec<_> = others.chain([(factor.term(level), 1.0)]).collect();
         let contrast = self.design.contrast(&self.fit, &weights)?;
         let data = self.design.of;
-        let on_level = |i: &usize| factor == Factor::Bench && data.benches.of_row[*i] == level;
-        let rows: Vec<usize> = (0..data.rows.len()).filter(on_level).collect();
-        Some(contrast.with_form_variance(data.form_variance_of(&rows)))
+        let travelling = (0..data.specimens.len()).filter(|s| factor == Factor::Bench && data.travels(*s));
+        let rows: Vec<usize> = travelling
+            .flat_map(|s| data.specimens[s].rows.clone())
+            .filter(|i| data.benches.of_row[*i] == level)
+            .collect();
+        let form = data.bench_form_share.powi(2) * data.form_variance_of(&rows);
+        Some(contrast.with_form_variance(form))
     }
 }
 

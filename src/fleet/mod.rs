@@ -2,10 +2,13 @@
 //!
 //! A table of [`estimate`] rows goes quantity by quantity through [`quantity_data`] (who belongs to whom), [`design`] (the columns),
 //! [`mixed_model`] (the fit), [`outliers`] (the fit that outliers do not spoil), [`levels`] and [`quantity`] (values and questions).
+//! What is compared within a family goes through [`within_benches`] first, with the scatter of [`run_scatter`];
+//! [`bench_form`] measures how far families disagree about a bench.
 //! Then [`questions`] corrects all p values together, [`bench_cause`] explains the benches, and [`sentences`] and [`cannot_tell`] say
 //! it in words. `docs/fleet.md` has the equations.
 
 mod bench_cause;
+mod bench_form;
 mod cannot_tell;
 mod design;
 pub(crate) mod diagnosed;
@@ -19,18 +22,22 @@ pub(crate) mod predict;
 mod quantity;
 mod quantity_data;
 mod questions;
+mod run_scatter;
 mod sentences;
 #[cfg(test)]
 mod tests;
+mod within_benches;
 mod wording;
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use estimate::EstimateRow;
 use findings::{FleetFindings, PooledValue, QuantityFindings, QuestionKind};
-use outliers::RobustFit;
+use outliers::{QuantityFits, RobustFit};
 use quantity_data::QuantityData;
 use questions::FAMILY_WISE_ERROR;
+
+use crate::diagnose::{FORCE_AT_ZERO, PARTS_OF_FORCE_AT_ZERO};
 
 /// What pooling is told beside the table.
 #[derive(Debug, Clone, Default)]
@@ -75,12 +82,23 @@ pub(crate) fn pool(rows: &[EstimateRow], options: &FleetOptions) -> Result<Fleet
     for row in rows {
         rows_of.entry(&row.quantity).or_default().push(row);
     }
-    let data: Vec<QuantityData> = rows_of.into_values().map(QuantityData::of).collect();
+    let mut data: Vec<QuantityData> = rows_of.into_values().map(QuantityData::of).collect();
+    let operators = !options.ignore_operators;
+    let compared = within_benches::comparisons(&data, operators);
+    // A table with too few rows for a bench effect of each family has one for all.
+    let fit_within =
+        |data| RobustFit::within_benches(data, operators).or_else(|| RobustFit::of(data, operators));
+    let within: Vec<Option<RobustFit>> = compared.iter().map(fit_within).collect();
+    let share = bench_form::bench_form_share(&within.iter().flatten().collect::<Vec<_>>());
+    for (data, compared) in data.iter_mut().zip(&compared) {
+        data.known_variance.clone_from(&compared.known_variance);
+        data.bench_form_share = share;
+    }
     let mut fits = Vec::new();
     let mut too_few: Vec<&str> = Vec::new();
-    for data in &data {
-        match RobustFit::of(data, !options.ignore_operators) {
-            Some(fit) => fits.push(fit),
+    for (data, within) in data.iter().zip(within) {
+        match RobustFit::of(data, operators).zip(within) {
+            Some((lab, within)) => fits.push(QuantityFits { lab, within }),
             None => too_few.push(&data.rows[0].quantity),
         }
     }
@@ -88,7 +106,9 @@ pub(crate) fn pool(rows: &[EstimateRow], options: &FleetOptions) -> Result<Fleet
         .iter()
         .map(|fit| quantity::quantity_findings(fit, reference))
         .collect();
+    leave_unasked(&mut quantities);
     let questions = questions::answer(quantities.iter_mut().flat_map(asked).collect());
+    mark_worth_a_look(&mut quantities);
     let count = |name: fn(&EstimateRow) -> &str| {
         let names: BTreeSet<&str> = rows.iter().map(name).filter(|n| !n.is_empty()).collect();
         names.len()
@@ -109,8 +129,41 @@ pub(crate) fn pool(rows: &[EstimateRow], options: &FleetOptions) -> Result<Fleet
     })
 }
 
+/// True for one of the two parameters whose sum is another quantity of the table.
+fn is_part_of_sum<'q>(quantity: &str, mut all: impl Iterator<Item = &'q str>) -> bool {
+    PARTS_OF_FORCE_AT_ZERO.contains(&quantity) && all.any(|other| other == FORCE_AT_ZERO)
+}
+
+/// Asks nothing about the two parts of a sum that is in the table, too: one run can hardly tell preload from zero of the force.
+fn leave_unasked(quantities: &mut [QuantityFindings]) {
+    let names: Vec<String> = quantities.iter().map(|q| q.quantity.clone()).collect();
+    let parts = quantities
+        .iter_mut()
+        .filter(|q| is_part_of_sum(&q.quantity, names.iter().map(String::as_str)));
+    parts.flat_map(asked).for_each(|(_, value)| value.p = None);
+}
+
+/// Marks the specimens that are no findings but would be if specimens followed the normal law.
+fn mark_worth_a_look(quantities: &mut [QuantityFindings]) {
+    let mut questions: BTreeMap<QuestionKind, usize> = BTreeMap::new();
+    for quantity in &*quantities {
+        let asked = quantity.specimen_deviations.iter();
+        let asked = asked.filter(|s| s.deviation.p.is_some()).count();
+        *questions
+            .entry(QuestionKind::about_specimens(quantity.role))
+            .or_default() += asked;
+    }
+    for quantity in quantities {
+        let of_kind = questions[&QuestionKind::about_specimens(quantity.role)];
+        for specimen in &mut quantity.specimen_deviations {
+            specimen.worth_a_look = specimen.is_worth_a_look(of_kind, FAMILY_WISE_ERROR);
+        }
+    }
+}
+
 /// The values of a quantity that answer questions.
 fn asked(quantity: &mut QuantityFindings) -> Vec<(QuestionKind, &mut PooledValue)> {
+    let about_specimens = QuestionKind::about_specimens(quantity.role);
     let benches = quantity
         .benches
         .iter_mut()
@@ -118,17 +171,17 @@ fn asked(quantity: &mut QuantityFindings) -> Vec<(QuestionKind, &mut PooledValue
     let operators = quantity.operators.iter_mut();
     let operators = operators.map(|o| (QuestionKind::Operator, &mut o.effect));
     let groups = quantity.groups.iter_mut().flat_map(|group| {
-        let values = std::iter::once(&mut group.level)
-            .chain(&mut group.on_least_sure_bench)
-            .chain(&mut group.from_other_batches);
-        values.map(|value| (QuestionKind::Group, value))
+        let levels = std::iter::once(&mut group.level).chain(&mut group.on_least_sure_bench);
+        let levels = levels.map(|value| (QuestionKind::Group, value));
+        let batches = group.from_other_batches.iter_mut();
+        levels.chain(batches.map(|value| (QuestionKind::Batch, value)))
     });
     let slopes = quantity
         .slopes
         .iter_mut()
         .map(|s| (QuestionKind::Age, &mut s.slope));
     let specimens = quantity.specimen_deviations.iter_mut();
-    let specimens = specimens.map(|s| (QuestionKind::Specimen, &mut s.deviation));
+    let specimens = specimens.map(|s| (about_specimens, &mut s.deviation));
     benches
         .chain(operators)
         .chain(groups)

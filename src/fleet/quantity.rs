@@ -8,7 +8,7 @@ use super::findings::{
 };
 use super::levels::{Factor, level_effects};
 use super::mixed_model::Contrast;
-use super::outliers::{RobustFit, outlier_p, p_value};
+use super::outliers::{QuantityFits, RobustFit, mean_p, outlier_p, p_value};
 use crate::effect::{EFFECTS, Stage};
 use crate::identify::confidence::student_975;
 
@@ -60,7 +60,8 @@ impl PooledValue {
 }
 
 /// Everything about one quantity. `reference_bench`: the bench against which the others are compared, if it was tested there.
-pub(super) fn quantity_findings(robust: &RobustFit, reference_bench: Option<&str>) -> QuantityFindings {
+pub(super) fn quantity_findings(fits: &QuantityFits, reference_bench: Option<&str>) -> QuantityFindings {
+    let (robust, within) = (&fits.lab, &fits.within);
     let data = robust.design.of;
     let row = data.rows[0];
     let role = QuantityRole::of(&row.quantity);
@@ -90,12 +91,12 @@ pub(super) fn quantity_findings(robust: &RobustFit, reference_bench: Option<&str
         runs: data.rows.len(),
         between_specimens: robust.fit.between_specimens(),
         run_to_run: robust.fit.run_to_run(),
-        groups: groups.flat_map(|g| group_levels(robust, g, role)).collect(),
+        groups: groups.flat_map(|g| group_levels(fits, g, role)).collect(),
         benches: benches.collect(),
-        operators: level_effects(robust, Factor::Operator, &operators, None),
-        slopes: if of_specimens { slopes(robust) } else { Vec::new() },
+        operators: level_effects(within, Factor::Operator, &operators, None),
+        slopes: if of_specimens { slopes(within) } else { Vec::new() },
         specimen_deviations: (0..data.specimens.len())
-            .map(|s| specimen_deviation(robust, s, of_specimens))
+            .map(|s| specimen_deviation(within, s, of_specimens))
             .collect(),
     }
 }
@@ -137,20 +138,21 @@ impl RobustFit<'_, '_> {
 }
 
 /// The level of a group and of its batches.
-fn group_levels(robust: &RobustFit, group: usize, role: QuantityRole) -> Vec<GroupLevel> {
-    let batches = &robust.design.of.groups[group].batches;
+fn group_levels(fits: &QuantityFits, group: usize, role: QuantityRole) -> Vec<GroupLevel> {
+    let batches = &fits.lab.design.of.groups[group].batches;
     let several = 0..if batches.len() > 1 { batches.len() } else { 0 };
     let all = std::iter::once(None).chain(several.map(Some));
-    all.filter_map(|batch| group_level(robust, group, batch, role))
+    all.filter_map(|batch| group_level(fits, group, batch, role))
         .collect()
 }
 
 fn group_level(
-    robust: &RobustFit,
+    fits: &QuantityFits,
     group: usize,
     batch: Option<usize>,
     role: QuantityRole,
 ) -> Option<GroupLevel> {
+    let robust = &fits.lab;
     let data = robust.design.of;
     let scale = data.rows[0].scale;
     let name = batch.map(|b| data.groups[group].batches[b]);
@@ -191,7 +193,7 @@ fn group_level(
         on_least_sure_bench: least_sure.map(|(p, on)| PooledValue::level(&on, scale, Some(p))),
         level: PooledValue::level(&level, scale, is_effect.then(|| p_value(&level))),
         from_other_batches: batch
-            .and_then(|b| from_other_batches(robust, group, b, role != QuantityRole::InstrumentEffect)),
+            .and_then(|b| from_other_batches(&fits.within, group, b, role != QuantityRole::InstrumentEffect)),
         largest_single_z: z.fold(0.0, |most, z| if z.abs() > f64::abs(most) { z } else { most }),
     })
 }
@@ -241,8 +243,23 @@ fn from_other_batches(robust: &RobustFit, group: usize, batch: usize, asked: boo
     let others = others.map(|b| (DesignTerm::Batch(group, b), -1.0 / (count - 1) as f64));
     let weights: Vec<_> = others.chain([(DesignTerm::Batch(group, batch), 1.0)]).collect();
     let contrast = robust.design.contrast(&robust.fit, &weights)?;
-    let scale = robust.design.of.rows[0].scale;
-    Some(PooledValue::difference(&contrast, scale, asked))
+    let data = robust.design.of;
+    let contrast = Contrast {
+        degrees: contrast.degrees.min(data.degrees_of_group[group]),
+        ..contrast
+    };
+    let members = |of_batch: bool| {
+        let specimens = data.specimens.iter().enumerate();
+        let kept = specimens.filter(|(s, p)| p.group == group && !robust.choice.outliers.contains(s));
+        let name = data.groups[group].batches[batch];
+        kept.filter(|(_, p)| (p.batch == name) == of_batch).count().max(1) as f64
+    };
+    let (own, others) = (members(true), members(false));
+    let tau = robust.fit.between_specimens() * data.unit_of_group[group];
+    let of_specimens = tau * tau * (1.0 / own + 1.0 / others) / contrast.std_error.powi(2);
+    let mut difference = PooledValue::difference(&contrast, data.rows[0].scale, false);
+    difference.p = asked.then(|| mean_p(&contrast, own.min(others), of_specimens));
+    Some(difference)
 }
 
 /// Mean of the rows of one specimen over its standard error with the form error: what this specimen alone says.
@@ -313,5 +330,7 @@ fn specimen_deviation(robust: &RobustFit, specimen: usize, asked: bool) -> Speci
         runs: own.rows.len(),
         deviation,
         deletion_t: effect.deletion.estimate / effect.deletion.std_error,
+        normal_p: asked.then(|| p_value(&effect.deletion)),
+        worth_a_look: false,
     }
 }

@@ -15,6 +15,7 @@ use super::estimate::{EstimateRow, EstimateScale};
 const YEAR_S: f64 = 365.25 * 86_400.0;
 
 /// The rows of one quantity. The order of the rows in the table does not matter.
+#[derive(Clone)]
 pub(super) struct QuantityData<'r> {
     /// Sorted, so that the rows of a specimen are side by side.
     pub rows: Vec<&'r EstimateRow>,
@@ -28,6 +29,12 @@ pub(super) struct QuantityData<'r> {
     pub years: Vec<f64>,
     pub specimens: Vec<PooledSpecimen<'r>>,
     pub groups: Vec<SpecimenGroup<'r>>,
+    /// For each group what its scatter is measured in, in the unit of `y`: groups share tau and sigma in these units.
+    pub unit_of_group: Vec<f64>,
+    /// Most degrees of freedom with which the scatter of each group is known beside that of the fit.
+    pub degrees_of_group: Vec<f64>,
+    /// Share of the form errors that counts between benches, 0 to 1.
+    pub bench_form_share: f64,
     pub benches: Levels<'r>,
     /// Runs without an operator have the level "".
     pub operators: Levels<'r>,
@@ -36,6 +43,7 @@ pub(super) struct QuantityData<'r> {
 }
 
 /// A specimen with its rows.
+#[derive(Clone)]
 pub(super) struct PooledSpecimen<'r> {
     pub name: &'r str,
     pub family: &'r str,
@@ -45,14 +53,18 @@ pub(super) struct PooledSpecimen<'r> {
 }
 
 /// A family within one connected part of the lab.
+#[derive(Clone)]
 pub(super) struct SpecimenGroup<'r> {
     pub family: &'r str,
     pub part: usize,
     /// Names of its batches, sorted.
     pub batches: Vec<&'r str>,
+    /// Benches on which it was tested, in the order of their names.
+    pub benches: Vec<usize>,
 }
 
 /// The levels of a factor, sorted by name, and the level of each row.
+#[derive(Clone)]
 pub(super) struct Levels<'r> {
     pub names: Vec<&'r str>,
     pub of_row: Vec<usize>,
@@ -109,9 +121,12 @@ impl<'r> QuantityData<'r> {
             years: years.collect(),
             known_variance: known_variance.collect(),
             form_variance,
+            bench_form_share: 1.0,
             operators: Levels::of(&rows, |row| &row.operator),
             y,
             specimens,
+            unit_of_group: vec![1.0; groups.len()],
+            degrees_of_group: vec![f64::INFINITY; groups.len()],
             groups,
             benches,
             part_of_bench,
@@ -122,6 +137,24 @@ impl<'r> QuantityData<'r> {
     /// Years from the first run of the quantity to a time.
     pub(super) fn years_at(&self, time: Timestamp) -> f64 {
         years_since(self.rows.iter().map(|row| row.started_utc).min(), time)
+    }
+
+    /// Group of each row.
+    pub(super) fn group_of_row(&self) -> Vec<usize> {
+        let of_specimen = |s: &PooledSpecimen| vec![s.group; s.rows.len()];
+        self.specimens.iter().flat_map(of_specimen).collect()
+    }
+
+    /// Unit of the group of each row.
+    pub(super) fn unit_of_row(&self) -> Vec<f64> {
+        let groups = self.group_of_row().into_iter();
+        groups.map(|g| self.unit_of_group[g]).collect()
+    }
+
+    /// True if a specimen was tested on more than one bench.
+    pub(super) fn travels(&self, specimen: usize) -> bool {
+        let used = &self.benches.of_row[self.specimens[specimen].rows.clone()];
+        used.iter().any(|bench| *bench != used[0])
     }
 
     /// Mean squared form error of some rows: the variance that their mean keeps, however many there are.
@@ -199,11 +232,15 @@ fn groups_of<'r>(
     }
     let group = |(number, &(family, part)): (usize, &(&'r str, usize))| {
         let of_group = specimens.iter().filter(|s| s.group == number);
-        let batches: BTreeSet<&str> = of_group.map(|s| s.batch).collect();
+        let batches: BTreeSet<&str> = of_group.clone().map(|s| s.batch).collect();
+        let used: BTreeSet<usize> = of_group
+            .flat_map(|s| benches.of_row[s.rows.clone()].iter().copied())
+            .collect();
         SpecimenGroup {
             family,
             part,
             batches: batches.into_iter().collect(),
+            benches: used.into_iter().collect(),
         }
     };
     keys.iter().enumerate().map(group).collect()

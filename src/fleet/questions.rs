@@ -1,6 +1,6 @@
 //! Multiple testing: Holm's procedure over all questions of a report, with weights.
 //!
-//! Each kind of question gets the same share of the error, so that hundreds of questions about specimens do not take the power of a few
+//! Each kind of question has a share of the error, so that hundreds of questions about specimens do not take the power of a few
 //! about benches. The procedure holds the family-wise error for any dependence between the questions (Holm 1979, section 3).
 
 use std::collections::BTreeMap;
@@ -10,6 +10,20 @@ use super::findings::{PooledValue, QuestionKind};
 /// Chance that a report of a lab with no effect at all names one or more.
 pub(crate) const FAMILY_WISE_ERROR: f64 = 0.05;
 
+/// Weight of a kind in the shares of the error. The hardest questions have twice the share: a specimen is one of many, and nobody knows the
+/// law that it scatters by, while a bench or a batch is judged by the mean of many runs.
+fn share(kind: QuestionKind) -> f64 {
+    match kind {
+        QuestionKind::Specimen => 2.0,
+        QuestionKind::Bench
+        | QuestionKind::Operator
+        | QuestionKind::Group
+        | QuestionKind::Batch
+        | QuestionKind::Age
+        | QuestionKind::SpecimenEffect => 1.0,
+    }
+}
+
 /// Fills in the adjusted p value of each question, and whether it is answered with yes. Returns the number of questions.
 pub(super) fn answer(mut asked: Vec<(QuestionKind, &mut PooledValue)>) -> usize {
     asked.retain(|(_, value)| value.p.is_some());
@@ -17,7 +31,8 @@ pub(super) fn answer(mut asked: Vec<(QuestionKind, &mut PooledValue)>) -> usize 
     for (kind, _) in &asked {
         *counts.entry(*kind).or_default() += 1.0;
     }
-    let weight = |kind: &QuestionKind| 1.0 / (counts[kind] * counts.len() as f64);
+    let all: f64 = counts.keys().map(|kind| share(*kind)).sum();
+    let weight = |kind: &QuestionKind| share(*kind) / (all * counts[kind]);
     let mut order: Vec<(f64, f64, usize)> = asked
         .iter()
         .enumerate()
@@ -73,7 +88,15 @@ mod tests {
         let all = bench.iter_mut().map(|v| (QuestionKind::Bench, v));
         let all = all.chain(specimens.iter_mut().map(|v| (QuestionKind::Specimen, v)));
         assert_eq!(answer(all.collect()), 101, "what was not asked does not count");
-        assert!((bench[0].adjusted_p.expect("asked") - 0.04).abs() < 1e-12);
-        assert!(bench[0].found && specimens.iter().all(|v| !v.found));
+        // A third for the bench and two thirds for the specimens: 0.02 times 3.
+        assert!((bench[0].adjusted_p.expect("asked") - 0.06).abs() < 1e-12);
+        assert!(specimens.iter().all(|v| !v.found));
+        // One of a hundred would be 200 times p if all questions had the same share.
+        specimens[0].p = Some(3e-4);
+        let all = bench.iter_mut().map(|v| (QuestionKind::Bench, v));
+        let all = all.chain(specimens.iter_mut().map(|v| (QuestionKind::Specimen, v)));
+        answer(all.collect());
+        assert!((specimens[0].adjusted_p.expect("asked") - 3e-4 * 150.0).abs() < 1e-12);
+        assert!(specimens[0].found);
     }
 }

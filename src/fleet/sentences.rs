@@ -6,6 +6,7 @@ use super::findings::{
     QuestionKind, SpecimenDeviation,
 };
 use super::wording::{counted, interval, named};
+use crate::effect::{EFFECTS, Effect};
 
 /// All findings, in the order of their kinds, the surest first. `reference`: the bench that counts as right.
 pub(super) fn sentences(quantities: &[QuantityFindings], reference: Option<&str>) -> Vec<FleetFinding> {
@@ -58,7 +59,7 @@ fn answers<'q>(quantity: &'q QuantityFindings, reference: Option<&str>) -> Vec<A
     });
     let groups = quantity.groups.iter().flat_map(|group| {
         let said = group_answers(quantity, group).into_iter();
-        said.map(|(value, text)| answer(QuestionKind::Group, &group_name(group), value, text))
+        said.map(|(kind, value, text)| answer(kind, &group_name(group), value, text))
     });
     let slopes = quantity.slopes.iter().map(|slope| {
         let subject = slope.family.as_deref().unwrap_or_default();
@@ -72,7 +73,7 @@ fn answers<'q>(quantity: &'q QuantityFindings, reference: Option<&str>) -> Vec<A
     let specimens = quantity.specimen_deviations.iter().map(|specimen| {
         let text = of_specimen(quantity, specimen);
         answer(
-            QuestionKind::Specimen,
+            QuestionKind::about_specimens(quantity.role),
             &specimen.specimen,
             &specimen.deviation,
             text,
@@ -87,16 +88,23 @@ fn answers<'q>(quantity: &'q QuantityFindings, reference: Option<&str>) -> Vec<A
 }
 
 /// What is said about a group, each with the value that decides whether it is.
-fn group_answers<'q>(quantity: &QuantityFindings, group: &'q GroupLevel) -> Vec<(&'q PooledValue, String)> {
+fn group_answers<'q>(
+    quantity: &QuantityFindings,
+    group: &'q GroupLevel,
+) -> Vec<(QuestionKind, &'q PooledValue, String)> {
     let mut said = Vec::new();
     match &group.on_least_sure_bench {
-        Some(sure) if sure.found => said.push((sure, of_group(quantity, group))),
+        Some(sure) if sure.found => said.push((QuestionKind::Group, sure, of_group(quantity, group))),
         // That the group or one of its benches has it follows from the finding about the bench.
         _ if bench_is_found(quantity, group) => {}
-        _ => said.push((&group.level, of_group_or_bench(quantity, group))),
+        _ => said.push((
+            QuestionKind::Group,
+            &group.level,
+            of_group_or_bench(quantity, group),
+        )),
     }
     let difference = group.from_other_batches.iter();
-    said.extend(difference.map(|value| (value, of_batch(quantity, group, value))));
+    said.extend(difference.map(|value| (QuestionKind::Batch, value, of_batch(quantity, group, value))));
     said
 }
 
@@ -107,7 +115,7 @@ pub(super) fn worth_a_look(quantities: &[QuantityFindings]) -> Vec<String> {
         let doubtful = quantity
             .specimen_deviations
             .iter()
-            .filter(|specimen| specimen.is_worth_a_look());
+            .filter(|specimen| specimen.worth_a_look);
         seen.extend(doubtful.map(|s| (s.deletion_t.abs(), of_specimen(quantity, s))));
     }
     seen.sort_by(|a, b| b.0.total_cmp(&a.0).then_with(|| a.1.cmp(&b.1)));
@@ -236,11 +244,28 @@ fn group_evidence(quantity: &QuantityFindings, group: &GroupLevel) -> String {
 fn of_batch(quantity: &QuantityFindings, group: &GroupLevel, difference: &PooledValue) -> String {
     let direction = if difference.value > 0.0 { "higher" } else { "lower" };
     format!(
-        "{} has a {direction} {} than the other batches of its family by {}.",
+        "{} has a {direction} {} than the other batches of its family by {}.{}",
         group_words(group),
         quantity.quantity,
-        size(quantity, difference)
+        size(quantity, difference),
+        alike(&quantity.quantity)
     )
+}
+
+/// The effects that look like an effect, as a sentence. One step from the model cannot tell them apart.
+fn alike(code: &str) -> String {
+    let Some(effect) = EFFECTS.iter().find(|effect| effect.code == code) else {
+        return String::new();
+    };
+    let looks_like = |a: &Effect, b: &Effect| a.confusable_with.iter().any(|l| l.code == b.code);
+    let others = EFFECTS
+        .iter()
+        .filter(|o| looks_like(effect, o) || looks_like(o, effect));
+    let codes: Vec<&str> = others.map(|o| o.code).collect();
+    match codes.is_empty() {
+        true => String::new(),
+        false => format!(" What looks like it in such tests: {}.", named(&codes)),
+    }
 }
 
 fn of_slope(quantity: &QuantityFindings, slope: &AgeSlope) -> String {

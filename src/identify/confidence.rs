@@ -12,7 +12,7 @@
 //! Where n / tau - p is below one there is no degree of freedom left to estimate the noise from: no interval is given, with a warning.
 //! Parameters at a bound, and directions that the data do not determine, get a warning and no interval.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::evaluator::Evaluator;
@@ -160,6 +160,44 @@ pub(crate) fn confidence(
         }
     }
     confidence
+}
+
+/// Standard deviation of a sum of parameters, in their unit; infinite where the data do not determine it. A parameter at a bound counts as
+/// known.
+pub(crate) fn sigma_of_sum(
+    evaluator: &mut Evaluator<'_>,
+    values: &[f64],
+    residuals: &[f64],
+    relative_step: f64,
+    summed: &[usize],
+) -> f64 {
+    let problem = evaluator.problem();
+    let parameters = problem.parameters();
+    let typical = |i: usize| typical(values[i], parameters[i].belief, parameters[i].bounds);
+    let scale: Vec<f64> = (0..values.len()).map(typical).collect();
+    let jacobian = scaled_jacobian(evaluator, values, residuals, &scale, relative_step);
+    let (inside, _) = check_ranges(parameters, values, &scale);
+    let (inverse, null) = pseudo_inverse(&jacobian, &inside);
+    let weight = |i: &usize| if summed.contains(i) { scale[*i] } else { 0.0 };
+    let weights = DVector::from_iterator(inside.len(), inside.iter().map(weight));
+    // Along a null direction the sum must not change.
+    let moved = |direction: &NullDirection| {
+        direction
+            .components
+            .iter()
+            .map(|(i, x)| weight(i) * x)
+            .sum::<f64>()
+    };
+    let undetermined = null.iter().any(|d| moved(d).abs() > 1e-3 * weights.amax());
+    let stretches = problem.stretches();
+    let noise = ResidualNoise::new(residuals, &stretches, inside.len());
+    if undetermined || noise.quantile.is_none() {
+        return f64::INFINITY;
+    }
+    let influence = influence(&jacobian.select_columns(&inside), &inverse, residuals) * &weights;
+    let local = long_run_variance(influence.as_slice(), &stretches);
+    let global = noise.variance * weights.dot(&(&inverse * &weights));
+    global.max(local).sqrt()
 }
 
 /// Indices of the parameters that are not at a bound, and the warnings about bounds and plausible ranges.

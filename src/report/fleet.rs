@@ -181,7 +181,7 @@ fn specimen_plot(quantity: &QuantityFindings) -> Option<IntervalPlot> {
     specimens.truncate(MOST_ROWS);
     specimens.sort_by(|a, b| a.deviation.value.total_cmp(&b.deviation.value));
     let ink = |s: &SpecimenDeviation| -> Ink {
-        match (s.deviation.found, s.is_worth_a_look()) {
+        match (s.deviation.found, s.worth_a_look) {
             (true, _) => FOUND,
             (false, true) => DOUBTFUL,
             (false, false) => NOT_FOUND,
@@ -236,6 +236,8 @@ pub(super) mod tests {
             runs: 2,
             deviation: value(-0.03, false),
             deletion_t: -5.0,
+            normal_p: Some(1e-5),
+            worth_a_look: true,
         };
         QuantityFindings {
             quantity: "rate_n_per_mm".to_owned(),

@@ -74,6 +74,15 @@ impl Contrast {
             ..self
         }
     }
+
+    /// The same in another unit, of which one is `1 / factor` of the old.
+    pub(super) fn times(self, factor: f64) -> Contrast {
+        Contrast {
+            estimate: factor * self.estimate,
+            std_error: factor * self.std_error,
+            ..self
+        }
+    }
 }
 
 /// What the rows of a specimen say about its u.

@@ -1,7 +1,7 @@
 //! Tests of pooling on synthetic labs. `docs/fleet.md` has the figures of larger simulations with the same generator.
 
 mod predictions;
-mod synthetic;
+pub(in crate::fleet) mod synthetic;
 
 use super::findings::{AgeUnit, BenchError, FleetFinding, GroupLevel};
 use super::*;
@@ -113,6 +113,28 @@ fn a_lab_with_nothing_in_it_gets_nothing() {
         .count();
     println!("{wrong} of 200 labs with nothing in them got a finding");
     assert!(wrong <= 10, "{wrong} of 200");
+}
+
+/// The figures of `docs/fleet.md` about labs with nothing and with everything in them.
+#[test]
+#[ignore = "minutes"]
+fn figures_of_many_labs() {
+    let small = SyntheticLab {
+        specimens: 24,
+        runs: 120,
+        ..SyntheticLab::default()
+    };
+    for (lab, seeds) in [(SyntheticLab::default(), 20_000..20_400), (small, 30_000..31_000)] {
+        let (labs, mut named) = (seeds.end - seeds.start, BTreeMap::new());
+        let mut wrong = 0;
+        for seed in seeds {
+            let found = pooled(&lab.table(seed)).findings;
+            found.iter().for_each(|f| *named.entry(f.kind).or_insert(0) += 1);
+            wrong += usize::from(!found.is_empty());
+        }
+        println!("nothing, {} runs: {wrong} of {labs} labs; {named:?}", lab.runs);
+    }
+    println!("everything, 400 labs: {:?}", found_in(40_000..40_400));
 }
 
 /// Counts of intervals that hold the truth, and of all.

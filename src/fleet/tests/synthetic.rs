@@ -10,7 +10,7 @@ use crate::fleet::estimate::{EstimateRow, EstimateScale};
 
 /// What is true in a lab. The default has nothing to find.
 #[derive(Debug, Clone)]
-pub(super) struct SyntheticLab {
+pub(in crate::fleet) struct SyntheticLab {
     pub families: usize,
     pub specimens: usize,
     pub runs: usize,
@@ -144,7 +144,7 @@ impl SyntheticLab {
     }
 
     /// The table of the lab.
-    pub(super) fn table(&self, seed: u64) -> Vec<EstimateRow> {
+    pub(in crate::fleet) fn table(&self, seed: u64) -> Vec<EstimateRow> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let specimens = self.draw_specimens(&mut random);
         let family_means: Vec<[f64; 6]> = (0..self.families)
