@@ -85,7 +85,7 @@ pub(in crate::diagnose) fn fitted_input(
         first = first_fit(setup, &mut data, &run)?;
     }
     let recordings = if zero_mm.is_some() { &shifted } else { recordings };
-    let found = [FrictionLaw::OfBaseline, FrictionLaw::General]
+    let found = [LawBesideOffsets::OfBaseline, LawBesideOffsets::General]
         .into_iter()
         .find_map(|law| {
             let context = run.context(setup, &data);
@@ -124,16 +124,16 @@ pub(in crate::diagnose) fn fitted_input(
 
 /// The friction law beside which offsets of single recordings are looked for.
 #[derive(Clone, Copy)]
-enum FrictionLaw {
+enum LawBesideOffsets {
     OfBaseline,
     General,
 }
 
 /// The fitted baseline with a friction law; `None` if the recordings do not support the general one.
-fn with_law(context: &FitContext<'_>, first: &Node, law: FrictionLaw) -> Option<Node> {
+fn with_law(context: &FitContext<'_>, first: &Node, law: LawBesideOffsets) -> Option<Node> {
     match law {
-        FrictionLaw::OfBaseline => Some(first.clone()),
-        FrictionLaw::General => {
+        LawBesideOffsets::OfBaseline => Some(first.clone()),
+        LawBesideOffsets::General => {
             let form = context.setup.form.as_ref()?;
             generalise(context, first, form, &(form.effect.starts)(&context.span))
         }
