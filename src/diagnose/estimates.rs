@@ -55,7 +55,7 @@ const PLACES: usize = 12;
 /// What some recordings of one specimen say about the baseline and about every effect of the library.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Estimates {
-    /// Parameters of the baseline with its own friction law, then the zero of the force channel, then [`FORCE_AT_ZERO`] if there is a
+    /// Parameters of the baseline with its own friction law, then the zero of the force channel, then `force_at_zero_n` if there is a
     /// preload.
     pub baseline: Vec<ParameterEstimate>,
     /// Every effect that the baseline does not have, sorted by code.
