@@ -3,8 +3,9 @@
 //! ```text
 //! F = F_in + g(n) (c E r(x) + k F_in),  g(n) = 1 - exp(-(n / n_c)^p),  n = sum of (s / 30 mm)^q / 2 over the strokes s
 //! ```
-//! n: cycles since the start of the recording, each stroke of them counted by its length. q: `stroke_power`; 0 counts cycles, 1 their
-//! travel, 2 about the work of a friction that grows with the load. n_c: `cycles`, of strokes of 30 mm if q is not 0. p: `power`. c: `friction_change`, final change of friction divided by load.
+//! n: cycles since the start of the recording. A stroke of length s counts as half a cycle if q is 0, and in proportion to s^q otherwise.
+//! q: `stroke_power`: 0 counts cycles, 1 their travel, 2 about the work of a friction that grows with the load. n_c: `cycles`; if q is
+//! not 0, cycles with strokes of 30 mm. p: `power`. c: `friction_change`, final change of friction divided by load.
 //! k: `rate_change`, final change of the force as a share of the force. E: load that the contacts carry, N (F_in if the
 //! plant has none). F_in: force of the plant inside, N. r: drag of the friction inside, -1 to 1, that is its ratio to
 //! the load relative to that ratio where the friction was largest; if the plant has no friction, a drag of its own over
@@ -20,8 +21,8 @@ use crate::model::{Motion, Parameter, Plant};
 const SMALLEST_RATIO: f64 = 1e-3;
 /// Power of the stroke that the search starts from, beside 0: about that of work.
 const WORK_POWER: f64 = 1.5;
-/// Stroke that counts as half a cycle whatever the power, mm. With a short one, a few strokes would count as many cycles, and the change
-/// would be done at once, like a friction that is there from the start: with 10 mm a drift of the sensor was called run-in.
+/// A stroke of this length counts as half a cycle for every power, mm. If it is short, usual strokes count as many cycles. Then the change
+/// can end within the first stroke and imitate a constant friction: with 10 mm, run-in was a rival of constant friction in sealed cases.
 const REFERENCE_STROKE_MM: f64 = 30.0;
 
 /// The entry of [`super::EFFECTS`].
@@ -93,16 +94,18 @@ pub(crate) const EFFECT: Effect = Effect {
             .to_vec()
     },
     statement: |v| {
-        let counted = if v[5] == 0.0 {
-            "cycles".to_owned()
+        let longer = if v[5] == 0.0 {
+            String::new()
         } else {
             format!(
-                "cycles of 30 mm (a stroke counts by its length to the power {:.1})",
+                " A cycle here has strokes of 30 mm; a longer stroke counts more, by its length to the power {:.1}.",
                 v[5]
             )
         };
+        // Half a cycle is not to be read as none.
+        let decimals = usize::from(v[2] < 10.0);
         format!(
-            "Over about {2:.0} {counted} the friction changes by {0:+.2} % of the load and the force by {1:+.2} %.",
+            "Over about {2:.decimals$} cycles the friction changes by {0:+.2} % of the load and the force by {1:+.2} %.{longer}",
             100.0 * v[0],
             100.0 * v[1],
             v[2]
@@ -172,8 +175,8 @@ struct Stroke {
 }
 
 impl Stroke {
-    /// Cycles with the stroke that has begun. A number of cycles steps at the reversals; travel and work grow along the stroke, and a
-    /// power between has a share of both.
+    /// Cycles so far, with the stroke that has begun. At power 0 the count rises only at the reversals. From power 1 on it rises along the
+    /// stroke. Between them, it rises in part along the stroke and in part at its end.
     fn cycles_so_far(&self, power: f64) -> f64 {
         let along = 0.5 * (self.length_mm / REFERENCE_STROKE_MM).powf(power);
         self.cycles + power.clamp(0.0, 1.0) * along

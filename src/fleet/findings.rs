@@ -248,9 +248,9 @@ impl FleetFindings {
 }
 
 impl SpecimenDeviation {
-    /// True for a deviation that is no finding and that somebody should look at: it would be one of `questions` deviations of its kind that
-    /// chance explains in at most the share `level` of the labs with specimens of a normal law, and its interval does not hold 0. Where there is no scatter
-    /// between specimens the deviation is drawn to 0, and there is nothing to look at.
+    /// True for a deviation that is no finding and that somebody should look at. If specimens followed the normal law, at most a share
+    /// `level` of all labs would have one as large by chance among their `questions` about specimens. Its interval must not hold 0: where
+    /// specimens do not scatter, the estimate is drawn to 0, and there is nothing to look at.
     pub(super) fn is_worth_a_look(&self, questions: usize, level: f64) -> bool {
         let value = &self.deviation;
         let holds_zero = value.low95 <= 0.0 && value.high95 >= 0.0;

@@ -1,4 +1,5 @@
-//! How runs scatter: what the standard errors of a table are worth, family by family, and runs that do not belong to the others.
+//! How runs scatter: the standard errors of a table are scaled in each family to the scatter that is seen, and runs far from the others get
+//! less weight.
 //!
 //! ```text
 //! variance of a run = phi^2 (sigma^2 + s^2) h      h = max(1, (|e| / (2.5 phi sqrt(sigma^2 + s^2)))^2)
@@ -16,8 +17,8 @@ use super::quantity_data::QuantityData;
 /// Standard deviations from which the weight of a run falls (Huber's constant is 1.345; a normal law loses 0.3 % of its information with
 /// this one).
 const FAR_OUT: f64 = 2.5;
-/// Runs of all families that count beside those of a family for its phi: the median of 30 residuals is known to 20 %, and an own phi of few
-/// runs would only add noise to the weights. A family of 100 runs keeps most of its own.
+/// The phi of a family is a weighted mean of its own and that of all families, which counts like this many runs. From 30 residuals a
+/// median is known to 20 %; an own phi of fewer runs would only add noise to the weights.
 const RUNS_OF_ALL: f64 = 30.0;
 /// Rounds of residuals and weights. The weights of the third differ little from those of the second.
 const ROUNDS: usize = 3;

@@ -1,9 +1,10 @@
 //! Comparisons within benches: the data by which batches, specimens and ageing are judged.
 //!
-//! Families share tau of a parameter in percent. In the amplitudes of effects they differ, because these follow how well the model fits.
-//! One tau for all would hide a batch of a quiet family, and report specimens of a restless one. A tau of each family alone would rest
-//! on few specimens. So the variance of each family is drawn towards that of all, as far as families are alike over all effects
-//! (empirical Bayes; G. K. Smyth 2004, section 6.2):
+//! tau is the scatter of specimens. For a parameter, in percent, all families share one tau. For the amplitude of an effect they cannot:
+//! it depends on how well the model fits the family. With one tau for all, a batch of a family with little scatter would not be found,
+//! and specimens of a family with much scatter would be findings. A tau of each family alone would rest on few specimens. So the
+//! variance of each family is drawn towards that of all, the more so the more alike the families are over all effects (empirical Bayes;
+//! G. K. Smyth 2004, section 6.2):
 //!
 //! ```text
 //! variance of a family = (d0 s0^2 + d m) / (d0 + d)
@@ -101,8 +102,8 @@ fn log_of_quantity(scatters: &[GroupScatter], quantity: usize) -> f64 {
     logs.iter().sum::<f64>() / logs.len().max(1) as f64
 }
 
-/// d0: from how much more the logarithms of the mean squares differ between the groups of a quantity than chance explains. Families count
-/// as no more alike than the table shows: the upper limit of the excess is taken.
+/// d0, from how much more the logarithms of the mean squares differ between the groups of a quantity than chance explains. Of this
+/// excess the upper limit is taken, so that families are not taken for more alike than the table shows.
 fn prior_degrees(scatters: &[GroupScatter]) -> f64 {
     let squares = scatters
         .iter()

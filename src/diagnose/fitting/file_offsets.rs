@@ -8,11 +8,11 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::baseline::{Attached, Setup};
+use super::baseline::Setup;
 use super::context::{FitContext, RunSettings};
 use super::data::Data;
 use super::fit::converge;
-use super::general_law::generalise;
+use super::general_law::with_general_law;
 use super::node::Node;
 use super::structure::ModelStructure;
 use crate::diagnose::conditioning::{Track, median, range};
@@ -143,10 +143,8 @@ pub(super) fn common_zero_mm(run: &RunSettings, setup: &Setup, data: &Data, node
     let data = shifted(data, &vec![offset; data.tracks.len()]);
     let context = run.context(setup, &data);
     let (there, _) = context.converged(node)?;
-    let form = setup.form.as_ref();
-    let general =
-        form.and_then(|form| generalise(&context, &there, form, &(form.effect.starts)(&context.span)));
-    let cost = general.map_or(there.cost(), |general| general.cost().min(there.cost()));
+    let cost =
+        with_general_law(&context, &there).map_or(there.cost(), |general| general.cost().min(there.cost()));
     let explains = cost < MOST_POWER_LEFT * counted
         && here.cost() - cost > LEAST_EXPLAINED * (here.cost() - counted)
         && 0.5 * (here.cost() - cost) > GAIN_OF_ALL;
@@ -192,11 +190,7 @@ pub(super) fn physics_suffices(context: &FitContext<'_>, node: &Node, found: &Of
     let node = parent.0.clone();
     let needed = PHYSICS_SHARE * (node.cost() - found.cost);
     let explains = |other: &Node| node.cost() - other.cost() >= needed;
-    let has = |form: &Attached| node.attached.iter().any(|a| a.effect.code == form.effect.code);
-    let form = context.setup.form.as_ref().filter(|form| !has(form));
-    let general =
-        form.and_then(|form| generalise(context, &node, form, &(form.effect.starts)(&context.span)));
-    general.is_some_and(|general| explains(&general))
+    with_general_law(context, &node).is_some_and(|general| explains(&general))
         || context.children(&[parent], &[], usize::MAX).iter().any(explains)
 }
 

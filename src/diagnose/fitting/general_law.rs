@@ -8,6 +8,14 @@ use super::node::Node;
 use super::score::insert_group;
 use super::structure::ModelStructure;
 
+/// A node with the general friction law of the setup, where the data support one and the node does not have it yet.
+pub(in crate::diagnose) fn with_general_law(context: &FitContext<'_>, node: &Node) -> Option<Node> {
+    let form = context.setup.form.as_ref()?;
+    let has = node.attached.iter().any(|a| a.effect.code == form.effect.code);
+    let starts = (form.effect.starts)(&context.span);
+    (!has).then(|| generalise(context, node, form, &starts)).flatten()
+}
+
 /// A node with the general friction law, fitted from these starts of its parameters, where the data support one.
 pub(in crate::diagnose) fn generalise(
     context: &FitContext<'_>,

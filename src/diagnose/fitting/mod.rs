@@ -46,7 +46,7 @@ pub(in crate::diagnose) use data::{Data, LINEARITY, STEEPEST};
 pub(in crate::diagnose) use discrepancy::{Discrepancy, Doubt, ShapeShares};
 pub(in crate::diagnose) use expansions::expand;
 pub(in crate::diagnose) use fit::{converge, profile_interval, refine};
-pub(in crate::diagnose) use general_law::generalise;
+pub(in crate::diagnose) use general_law::{generalise, with_general_law};
 pub(in crate::diagnose) use likelihood::{LikelihoodScale, PARAMETER_PENALTY, PENALTY};
 pub(in crate::diagnose) use node::{Key, Node};
 pub(in crate::diagnose) use score::{Tangent, insert_group};
@@ -133,10 +133,7 @@ enum LawBesideOffsets {
 fn with_law(context: &FitContext<'_>, first: &Node, law: LawBesideOffsets) -> Option<Node> {
     match law {
         LawBesideOffsets::OfBaseline => Some(first.clone()),
-        LawBesideOffsets::General => {
-            let form = context.setup.form.as_ref()?;
-            generalise(context, first, form, &(form.effect.starts)(&context.span))
-        }
+        LawBesideOffsets::General => with_general_law(context, first),
     }
 }
 

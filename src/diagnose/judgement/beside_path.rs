@@ -1,12 +1,14 @@
-//! Names of speed and time beside every force that follows from the path. Where a law is in doubt, what its error of shape adds to one
-//! recording may look like friction that warms or runs in. Once every force of the path is given away, such a name brings nothing, or
-//! the size that was named is less likely than none.
+//! Takes back effects of speed and time that are only the error of a law's shape.
+//!
+//! A friction law or a spring's curve with a wrong shape leaves an error that differs from recording to recording. That may look like
+//! friction that warms or runs in. In the search beside the path, linear terms explain every force that follows from the path. There such
+//! an effect improves the fit by too little, or the size that was named fits worse than no effect at all.
 
 use crate::diagnose::fitting::{FitContext, Node};
 use crate::diagnose::search::{SearchResult, penalty, without};
 
-/// The search without the effects of speed and time that are refused beside every force of the path. `path` is the search in which all
-/// of these forces are in doubt, on its own data.
+/// The search, with a chosen set from which the refused effects were removed. `path` has the data of the search beside the path, and
+/// `of_path` is that search.
 pub(in crate::diagnose) fn confirmed_beside_path(
     context: &FitContext<'_>,
     mut search: SearchResult,
@@ -22,16 +24,17 @@ pub(in crate::diagnose) fn confirmed_beside_path(
     search
 }
 
-/// Costs of some effects beside every force of the path.
+/// Costs of a set of effects in the search beside the path.
 struct BesideCosts {
     /// With the sizes that were named.
     as_named: f64,
-    /// With the sizes that are likeliest there.
+    /// With all sizes fitted again.
     refitted: f64,
 }
 
-/// Codes of the effects of speed and time in a set that bring less than their penalty beside every force of the path, or whose size is
-/// less likely than none; the worst first. Each is judged beside those that are left: of two that imitate each other one may be real.
+/// Codes of the refused effects of a set, the worst first. An effect of speed or time is refused if it gains less than its penalty when
+/// all is fitted again, or if the cost is lower without it than with the size that was named. After each refusal the others are judged
+/// again: of two effects that imitate each other, one may be real.
 fn refused(
     context: &FitContext<'_>,
     set: &Node,
@@ -73,7 +76,7 @@ fn refused(
     refused
 }
 
-/// Effects of a set beside the baseline whose path is in doubt, with the values that they have in the set.
+/// The baseline of the search beside the path (`root`), with some effects of a set added at the values that they have there.
 fn beside(
     context: &FitContext<'_>,
     set: &Node,

@@ -1,7 +1,7 @@
 //! Generalises the baseline's friction law before any effect is called missing, so that its shape is not reported as missing
 //! physics: which law a model has is its author's choice.
 
-use crate::diagnose::fitting::{Attached, FitContext, Node, Tangent, generalise};
+use crate::diagnose::fitting::{Attached, FitContext, Node, Tangent, generalise, with_general_law};
 
 /// Candidates that are fitted under the baseline's own law, and the number of the best that get the general law afterwards.
 const SEEDS_TRIED: usize = 6;
@@ -23,8 +23,7 @@ pub(super) fn search_start(context: &FitContext<'_>, first: &Node) -> Option<Sea
     let parent = context.converged(first)?;
     let refitted = parent.0.clone();
     let form = context.setup.form.as_ref();
-    let general =
-        form.and_then(|form| generalise(context, &refitted, form, &(form.effect.starts)(&context.span)));
+    let general = with_general_law(context, &refitted);
     let seeds = match (&general, form) {
         (Some(general), Some(form)) => {
             let own = context.setup.model.parameters.len();
