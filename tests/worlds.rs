@@ -154,6 +154,17 @@ fn effects_of_time_are_not_what_a_foreign_friction_looks_like() {
     assert!(!names(&pad).contains(&"warming".to_owned()), "{}", pad.summary);
 }
 
+/// Nothing is hidden here. The recordings were shifted along the line of the spring, by up to -73 N and -1.4 mm with a delay of 11 ms, to
+/// fit what the model does not know; then the rest was `unexplained`.
+#[test]
+fn a_shift_along_the_line_of_a_spring_is_no_offset() {
+    let case = Case::draw(World::Own, 910_159_277, 38, None);
+    assert!(case.label.hidden.is_empty());
+    let found = examine(&case, &case.recordings, 0).expect("valid recordings");
+    assert_eq!(found.verdict, Verdict::Adequate, "{}", found.summary);
+    assert!(found.notes.is_empty(), "{:?}", found.notes);
+}
+
 /// Twenty cases of the worlds that do not share the library's formulas, five of each, beside the sixty of `tests/blind.rs`: only
 /// recordings of imperfect instruments are refused, and at most one wrong name is given with 90 %. How often the names are right is in
 /// docs/blind.md.

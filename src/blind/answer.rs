@@ -8,6 +8,12 @@ pub(crate) struct Answer {
     pub verdict: Verdict,
     /// Code and confidence of each named effect.
     pub effects: Vec<(String, f64)>,
+    /// Gain of each named effect in log-likelihood, and the relative spread of its size over parts of the recordings.
+    pub gains: Vec<(Option<f64>, Option<f64>)>,
+    /// Share of the friction and of the curve that was left to the shape of a law in doubt; `None` where none was.
+    pub shape_shares: [Option<f64>; 2],
+    /// Gain of the free shape of the laws, in log-likelihood.
+    pub free_laws_gain: f64,
     /// Code, parameter, value and 95 % interval of each parameter of the named effects.
     pub parameters: Vec<(String, String, f64, Option<[f64; 2]>)>,
     /// Codes of the alternatives to the named effects.
@@ -26,6 +32,9 @@ impl Answer {
         Answer {
             verdict: d.verdict,
             effects: d.effects.iter().map(|e| (e.code.clone(), e.confidence)).collect(),
+            gains: d.effects.iter().map(|e| (e.gain, e.size_spread)).collect(),
+            shape_shares: [d.friction_shape_share, d.curve_shape_share],
+            free_laws_gain: d.free_laws_gain,
             parameters: d
                 .effects
                 .iter()

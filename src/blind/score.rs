@@ -195,6 +195,9 @@ pub(crate) mod tests {
                 Verdict::MissingPhysics
             },
             effects: named.iter().map(|c| ((*c).to_owned(), 0.9)).collect(),
+            gains: Vec::new(),
+            shape_shares: [None; 2],
+            free_laws_gain: 0.0,
             parameters: vec![(
                 "progressive_stiffness".to_owned(),
                 "knee_mm".to_owned(),

@@ -340,6 +340,9 @@ pub struct Diagnosis {
     /// The same of the spring's curve, as a share of the force range; `None` where the curve is not in doubt.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub curve_shape_share: Option<f64>,
+    /// Gain in log-likelihood of the free shape of the friction law and the curve, before any effect is named; 0 where the baseline's own
+    /// laws are as good.
+    pub free_laws_gain: f64,
     /// The recordings with the forces before and after.
     pub curves: Vec<Curve>,
     /// Mean residuals along every axis.

@@ -69,6 +69,11 @@ pub(crate) const EFFECT: Effect = Effect {
             why: "a seat that stiffens under load curves the characteristic as geometry does",
             test: "a second LVDT between board and frame: it measures the deformation of the seat",
         },
+        LookAlike {
+            code: "lift_off",
+            why: "near zero load, a contact that closes over a travel curves the characteristic as geometry does",
+            test: "a slow ramp that starts 1 mm above the free height",
+        },
     ],
 };
 

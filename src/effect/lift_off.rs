@@ -6,6 +6,7 @@
 //! c: `contact_mm`, displacement of the first contact. x: displacement, mm. F_in: force of the plant inside, N.
 //! The zero of the plant is the point of first contact, so its preload is the force at first contact. The spring keeps its
 //! state while the pusher is away. At the neutral value the contact is never lost and the plant keeps its own zero.
+//! A contact that closes softly, over a pad or at uneven points, has e = (u + sqrt(u^2 + w^2)) / 2 with u = x - c instead of u; w: `width_mm`.
 //! Source: unilateral contact (Signorini). Range: quasi-static; impact and rebound are not included.
 
 use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, wrapped};
@@ -46,6 +47,7 @@ pub(crate) const EFFECT: Effect = Effect {
         wrapped(
             LiftOff {
                 contact_mm: v[0],
+                width_mm: 0.0,
                 away: false,
             },
             inside,
@@ -67,9 +69,49 @@ pub(crate) const EFFECT: Effect = Effect {
     }],
 };
 
+/// The law of a contact that closes softly. A characteristic that is curved near zero load may be that of such a contact
+/// ([`super::RIVAL_LAWS`]).
+pub(super) const SOFT: Effect = Effect {
+    parameters: &[
+        EFFECT.parameters[0],
+        Parameter {
+            name: "width_mm",
+            unit: "mm",
+            start: 0.3,
+            bounds: [0.001, 20.0],
+            belief: [0.001, 5.0],
+            what: "travel over which the contact closes",
+        },
+    ],
+    neutral: &[NEVER_MM, 0.3],
+    starts: |s| {
+        let mut starts = Vec::new();
+        for share in [0.004, 0.03, 0.1, 0.25] {
+            starts.push(vec![
+                s.displacement_at(share),
+                (0.1 * s.travel_mm()).clamp(0.001, 20.0),
+            ]);
+        }
+        starts
+    },
+    attach: |v, inside| {
+        wrapped(
+            LiftOff {
+                contact_mm: v[0],
+                width_mm: v[1],
+                away: false,
+            },
+            inside,
+        )
+    },
+    ..EFFECT
+};
+
 #[derive(Clone)]
 struct LiftOff {
     contact_mm: f64,
+    /// Zero for a contact that closes at once.
+    width_mm: f64,
     away: bool,
 }
 
@@ -80,8 +122,10 @@ impl Wrap for LiftOff {
         if self.contact_mm <= NEVER_MM {
             return inside.step(displacement_mm, dt_s);
         }
-        let force_n = inside.step((displacement_mm - self.contact_mm).max(0.0), dt_s);
-        self.away = displacement_mm <= self.contact_mm;
+        let past_mm = displacement_mm - self.contact_mm;
+        let pressed_mm = 0.5 * (past_mm + past_mm.hypot(self.width_mm));
+        let force_n = inside.step(pressed_mm, dt_s);
+        self.away = pressed_mm <= 0.0;
         if self.away { 0.0 } else { force_n }
     }
 

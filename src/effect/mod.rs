@@ -199,6 +199,10 @@ pub(crate) static EFFECTS: &[Effect] = &[
     warming::EFFECT,
 ];
 
+/// Laws with more freedom than a search may use. They are only tried in the place of a named effect that looks alike
+/// ([`Effect::confusable_with`]): with so free a law nearly every curve could be named.
+pub(crate) static RIVAL_LAWS: &[Effect] = &[lift_off::SOFT, series_compliance::SETTLING];
+
 /// General forms of physics that a model already has. They are attached like effects but are never reported as missing.
 pub(crate) static FORMS: &[Effect] = &[friction_form::FORM];
 

@@ -89,11 +89,23 @@ pub(crate) const EFFECT: Effect = Effect {
             branch: Branch::Both,
         })
     },
-    confusable_with: &[LookAlike {
-        code: "geometric_stiffness",
-        why: "within a short travel, a knee and a smooth curve look the same",
-        test: "a slow ramp over the whole travel: a knee has a fixed position, a smooth curve continues",
-    }],
+    confusable_with: &[
+        LookAlike {
+            code: "geometric_stiffness",
+            why: "within a short travel, a knee and a smooth curve look the same",
+            test: "a slow ramp over the whole travel: a knee has a fixed position, a smooth curve continues",
+        },
+        LookAlike {
+            code: "series_compliance",
+            why: "a seat that closes under load stiffens the characteristic as a helper leaf does",
+            test: "a second LVDT between board and frame: it measures the deformation of the seat",
+        },
+        LookAlike {
+            code: "lift_off",
+            why: "a contact that closes over a travel stiffens the characteristic as a helper leaf does",
+            test: "a slow ramp that starts 1 mm above the free height",
+        },
+    ],
 };
 
 #[derive(Clone)]

@@ -5,6 +5,8 @@
 //! ```
 //! C: `compliance_mm_per_kn` / 1000, mm/N. x: displacement, mm. F_in: force of the plant inside, N. Each step solves this
 //! equation on copies of the plant inside: two secant steps, then within a bracket if they have not met it.
+//! A joint that settles deforms by C F_s asinh(F / F_s) instead of C F: a rough seat becomes stiffer as it is loaded. F_s:
+//! `settles_at_n`.
 //! Where F_in jumps (dry friction that reverses at once, or that reverses after the noise band of a LVDT), no displacement of the
 //! specimen meets the equation. The specimen then sticks before the jump, and F is what the compliance carries.
 //! Source: two springs in series. Range: linear, massless fixture. With a linear spring inside, the effect only lowers the
@@ -37,18 +39,7 @@ pub(crate) const EFFECT: Effect = Effect {
             v[0]
         )
     },
-    attach: |v, inside| {
-        wrapped(
-            SeriesCompliance {
-                mm_per_n: 1e-3 * v[0],
-                force_n: 0.0,
-                specimen_mm: 0.0,
-                rate_n_per_mm: 100.0,
-                trials: Trials::default(),
-            },
-            inside,
-        )
-    },
+    attach: |v, inside| wrapped(SeriesCompliance::of(FixtureJoint::linear(v[0])), inside),
     if_known: super::unchanged,
     place: everywhere,
     confusable_with: &[LookAlike {
@@ -57,6 +48,75 @@ pub(crate) const EFFECT: Effect = Effect {
         test: "a second LVDT between board and frame: it measures the deformation of the seat",
     }],
 };
+
+/// The law of a joint that settles. A curved characteristic may be that of such a joint instead of the specimen's
+/// ([`super::RIVAL_LAWS`]).
+pub(super) const SETTLING: Effect = Effect {
+    parameters: &[
+        EFFECT.parameters[0],
+        Parameter {
+            name: "settles_at_n",
+            unit: "N",
+            start: 300.0,
+            bounds: [1.0, 100_000.0],
+            belief: [5.0, 50_000.0],
+            what: "force from which a joint becomes stiffer",
+        },
+    ],
+    neutral: &[0.0, 300.0],
+    starts: |s| {
+        [0.03, 0.3]
+            .map(|share| vec![0.05, (share * s.force_n[1]).clamp(1.0, 100_000.0)])
+            .to_vec()
+    },
+    attach: |v, inside| {
+        let joint = FixtureJoint {
+            mm_per_n: 1e-3 * v[0],
+            settles_at_n: v[1],
+        };
+        wrapped(SeriesCompliance::of(joint), inside)
+    },
+    ..EFFECT
+};
+
+/// Deformation over force of what is between specimen and LVDT.
+#[derive(Clone, Copy)]
+struct FixtureJoint {
+    mm_per_n: f64,
+    /// Infinite for a linear joint.
+    settles_at_n: f64,
+}
+
+impl FixtureJoint {
+    fn linear(mm_per_kn: f64) -> FixtureJoint {
+        FixtureJoint {
+            mm_per_n: 1e-3 * mm_per_kn,
+            settles_at_n: f64::INFINITY,
+        }
+    }
+
+    fn deformation_mm(&self, force_n: f64) -> f64 {
+        let load = force_n / self.settles_at_n;
+        match load == 0.0 {
+            true => self.mm_per_n * force_n,
+            false => self.mm_per_n * self.settles_at_n * load.asinh(),
+        }
+    }
+
+    /// Slope of the deformation over the force.
+    fn slope_mm_per_n(&self, force_n: f64) -> f64 {
+        self.mm_per_n / (force_n / self.settles_at_n).hypot(1.0)
+    }
+
+    /// Force in N at a deformation.
+    fn force_n(&self, deformation_mm: f64) -> f64 {
+        let linear_n = deformation_mm / self.mm_per_n;
+        match self.settles_at_n.is_finite() {
+            true => self.settles_at_n * (linear_n / self.settles_at_n).sinh(),
+            false => linear_n,
+        }
+    }
+}
 
 /// Secant steps of every solution. The number is fixed, because a convergence test that decides at every point would make the
 /// derivatives of a fit discontinuous.
@@ -70,7 +130,7 @@ const LEAST_CHORD_MM: f64 = 1e-7;
 
 #[derive(Clone)]
 struct SeriesCompliance {
-    mm_per_n: f64,
+    joint: FixtureJoint,
     force_n: f64,
     specimen_mm: f64,
     rate_n_per_mm: f64,
@@ -99,24 +159,35 @@ struct Trial {
 }
 
 impl SeriesCompliance {
+    fn of(joint: FixtureJoint) -> SeriesCompliance {
+        SeriesCompliance {
+            joint,
+            force_n: 0.0,
+            specimen_mm: 0.0,
+            rate_n_per_mm: 100.0,
+            trials: Trials::default(),
+        }
+    }
+
     /// Trials on both sides of the solution, `None` on a side where there was none, and the last one.
     fn solve(
         &mut self,
         displacement_mm: f64,
         mut force_at: impl FnMut(f64) -> f64,
     ) -> ([Option<Trial>; 2], Trial) {
-        let mut trial = |specimen_mm: f64, mm_per_n: f64| {
+        let joint = self.joint;
+        let mut trial = |specimen_mm: f64| {
             let force_n = force_at(specimen_mm);
             Trial {
                 specimen_mm,
                 force_n,
-                short_mm: displacement_mm - mm_per_n * force_n - specimen_mm,
+                short_mm: displacement_mm - joint.deformation_mm(force_n) - specimen_mm,
             }
         };
         // Share of the displacement step that reaches the specimen, from the last known rate.
-        let share = 1.0 / (1.0 + self.mm_per_n * self.rate_n_per_mm);
-        let step_mm = displacement_mm - self.mm_per_n * self.force_n - self.specimen_mm;
-        let mut last = trial(self.specimen_mm + share * step_mm, self.mm_per_n);
+        let share = 1.0 / (1.0 + joint.slope_mm_per_n(self.force_n) * self.rate_n_per_mm);
+        let step_mm = displacement_mm - joint.deformation_mm(self.force_n) - self.specimen_mm;
+        let mut last = trial(self.specimen_mm + share * step_mm);
         let mut bracket = [None, None];
         for step in 0..MOST_STEPS {
             bracket[usize::from(last.short_mm < 0.0)] = Some(last);
@@ -124,7 +195,8 @@ impl SeriesCompliance {
             if step >= SECANT_STEPS && (last.short_mm.abs() < TOLERANCE_MM || width_mm < TOLERANCE_MM) {
                 break;
             }
-            let secant_mm = last.specimen_mm + last.short_mm / (1.0 + self.mm_per_n * self.rate_n_per_mm);
+            let slope_mm_per_n = joint.slope_mm_per_n(last.force_n);
+            let secant_mm = last.specimen_mm + last.short_mm / (1.0 + slope_mm_per_n * self.rate_n_per_mm);
             let next_mm = match bracket {
                 _ if step < SECANT_STEPS => secant_mm,
                 // Bisections between the secants: a jump within the bracket misleads every secant.
@@ -135,7 +207,7 @@ impl SeriesCompliance {
                 // The force rises with the displacement, so a step by all that is missing is too long.
                 _ => last.specimen_mm + last.short_mm,
             };
-            let next = trial(next_mm, self.mm_per_n);
+            let next = trial(next_mm);
             let chord_mm = next.specimen_mm - last.specimen_mm;
             let rate_n_per_mm = (next.force_n - last.force_n) / chord_mm;
             if rate_n_per_mm.is_finite() && rate_n_per_mm > 0.0 && chord_mm.abs() > LEAST_CHORD_MM {
@@ -167,7 +239,7 @@ impl Wrap for SeriesCompliance {
     }
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
-        if self.mm_per_n <= 0.0 {
+        if self.joint.mm_per_n <= 0.0 {
             return inside.step(displacement_mm, dt_s);
         }
         let mut trial = self.trials.0.take().unwrap_or_else(|| inside.boxed_clone());
@@ -182,7 +254,7 @@ impl Wrap for SeriesCompliance {
                     (self.specimen_mm - low.specimen_mm).abs() <= (self.specimen_mm - high.specimen_mm).abs();
                 self.specimen_mm = if from_below { low } else { high }.specimen_mm;
                 inside.step(self.specimen_mm, dt_s);
-                let carried_n = (displacement_mm - self.specimen_mm) / self.mm_per_n;
+                let carried_n = self.joint.force_n(displacement_mm - self.specimen_mm);
                 self.force_n = carried_n.clamp(low.force_n.min(high.force_n), low.force_n.max(high.force_n));
             }
             _ => {
@@ -200,7 +272,7 @@ impl Wrap for SeriesCompliance {
 #[cfg(test)]
 mod tests {
     use super::super::testing::*;
-    use super::{EFFECT, Effect};
+    use super::{EFFECT, Effect, SETTLING};
 
     #[test]
     fn neutral_values_change_nothing() {
@@ -218,6 +290,22 @@ mod tests {
     #[test]
     fn parameters_are_recovered_from_clean_data() {
         parameters_are_recovered(&EFFECT, &[1.3]);
+    }
+
+    #[test]
+    fn a_joint_that_settles_is_linear_at_small_loads_and_stiffer_at_large_ones() {
+        neutral_changes_nothing(&SETTLING);
+        let mut plant = (SETTLING.attach)(&[2.0, 200.0], spring());
+        for (dt_s, x) in motion() {
+            let force_n = plant.step(x, dt_s);
+            // The same equation, solved for the displacement of the board.
+            let specimen_mm = (force_n - 100.0) / 80.0;
+            let joint_mm = 2e-3 * 200.0 * (force_n / 200.0).asinh();
+            assert!((specimen_mm + joint_mm - x).abs() < 1e-6, "{x}");
+        }
+        let mut linear = (EFFECT.attach)(&[2.0], spring());
+        let mut late = (SETTLING.attach)(&[2.0, 100_000.0], spring());
+        assert!((linear.step(5.0, 0.1) - late.step(5.0, 0.1)).abs() < 1e-3);
     }
 
     /// Forces of a spring with friction inside behind 2 mm/kN, over two cycles of 1 Hz at 1 kHz.

@@ -334,6 +334,8 @@ class Diagnosis:
     friction_shape_share: float | None = None
     #: The same of the spring's curve, as a share of the force range.
     curve_shape_share: float | None = None
+    #: Gain in log-likelihood of the free shape of the friction law and the curve, before any effect is named.
+    free_laws_gain: float = 0.0
     proof: Proof | None = None
     #: Errors on the recordings that were only predicted.
     left_out: tuple[LeftOut, ...] = ()

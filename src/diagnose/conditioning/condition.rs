@@ -80,7 +80,7 @@ impl Samples<'_> {
             .hypot(rate * self.noise_mm)
             .max(LEAST_NOISE * force_range_n);
         let known = compared(&motion.steady_mm, &self.force_n, &motion.travel, &self.unseen);
-        self.note_start(&known);
+        self.note_start(&known, &motion.travel);
         let mut points = Vec::new();
         for (bin, compared) in bins(
             &self.time_s,
@@ -101,9 +101,9 @@ impl Samples<'_> {
     }
 
     /// Notes a recording that starts within a cycle; `known` tells where the state of the friction is known.
-    fn note_start(&mut self, known: &[bool]) {
+    fn note_start(&mut self, known: &[bool], travel: &Travel) {
         let first = known.iter().position(|k| *k).unwrap_or(0);
-        if first == 0 || starts_from_rest(&self.displacement_mm, &self.force_n) {
+        if first == 0 || starts_from_rest(&self.displacement_mm, &self.force_n, travel) {
             return;
         }
         let masked_s = self.time_s[first];
@@ -238,6 +238,7 @@ impl Samples<'_> {
             sample_hz: self.sample_hz(),
             noise_n: self.noise_n,
             noise_mm: self.noise_mm,
+            vibration_mm: self.vibration_mm,
             cycles: points.iter().map(|p| p.cycle).max().unwrap_or(0),
             remarks: self.remarks,
             notes: self.notes,

@@ -40,7 +40,9 @@ pub(super) struct Samples<'a> {
     pub gaps: Vec<usize>,
     /// The last sample before each motion that nobody recorded ends: gaps, and times when the displacement channel clipped.
     pub unseen: Vec<usize>,
-    /// Vibration of the specimen: amplitude in mm.
+    /// Hum or vibration on the displacement channel: amplitude in mm.
+    pub vibration_mm: f64,
+    /// The part of it that moved the specimen, mm.
     pub shaken_mm: f64,
     /// True where a channel stands at an end of its range.
     pub clipped: Vec<bool>,
@@ -67,6 +69,7 @@ impl<'a> Samples<'a> {
             force_n: Vec::new(),
             gaps: Vec::new(),
             unseen: Vec::new(),
+            vibration_mm: 0.0,
             shaken_mm: 0.0,
             clipped: Vec::new(),
             noise_mm: 0.0,
@@ -252,6 +255,7 @@ impl<'a> Samples<'a> {
             }
             self.note_hum("displacement", "mm", line);
         }
+        self.vibration_mm = of_displacement.iter().map(|line| line.amplitude).sum();
         let raw_n = self.force_n.clone();
         let of_force = remove_vibrations(&self.time_s, &mut self.force_n, motion_hz);
         for line in of_force.iter().filter(|line| line.is_steady()) {

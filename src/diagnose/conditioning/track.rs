@@ -41,6 +41,8 @@ pub(in crate::diagnose) struct Track {
     pub noise_n: f64,
     /// Noise of one displacement sample in mm.
     pub noise_mm: f64,
+    /// Amplitude in mm of hum or vibration on the displacement channel: after a reversal, friction that is shaken answers like play.
+    pub vibration_mm: f64,
     /// Number of cycles.
     pub cycles: u32,
     /// What was masked or noticed, one sentence each.

@@ -23,9 +23,11 @@ const REST_DISPLACEMENT: f64 = 0.03;
 const REST_FORCE: f64 = 0.05;
 /// Share of the stroke after which a motion from rest is compared.
 const FIRST_TRAVEL: f64 = 0.1;
-/// Share of the stroke in one direction after which an unknown state is forgotten. A friction that reverses over a twentieth of the
-/// stroke has 2 % of the unknown state left.
-const FORGETTING: f64 = 0.2;
+/// Shares of the stroke in one direction after which an unknown state counts as forgotten: the largest with which all such states together
+/// cost at most `MOST_FORGETTING` of the samples, else the smallest. After the smallest, a friction that reverses over a twentieth of the stroke has
+/// 2 % of the unknown state left; one that reverses over a third needs the largest.
+const FORGETTING: [f64; 3] = [0.8, 0.4, 0.2];
+const MOST_FORGETTING: f64 = 0.1;
 
 impl Travel {
     pub(super) fn new(x: &[f64], turns: &[usize]) -> Travel {
@@ -94,11 +96,12 @@ impl Travel {
     }
 }
 
-/// True if the motion begins at rest at the unloaded end.
-pub(super) fn starts_from_rest(x: &[f64], force_n: &[f64]) -> bool {
+/// True if the motion begins at rest at the unloaded end: a motion that unloads first began elsewhere.
+pub(super) fn starts_from_rest(x: &[f64], force_n: &[f64], travel: &Travel) -> bool {
     let lowest = |values: &[f64]| values.iter().copied().fold(f64::INFINITY, f64::min);
     x[0] - lowest(x) < REST_DISPLACEMENT * range(x)
         && force_n[0] - lowest(force_n) < REST_FORCE * range(force_n)
+        && travel.direction[0] > 0.0
 }
 
 /// For each sample, whether the hysteresis no longer depends on a state that nobody recorded: that before the recording, and that
@@ -109,7 +112,8 @@ pub(super) fn starts_from_rest(x: &[f64], force_n: &[f64]) -> bool {
 pub(super) fn compared(x: &[f64], force_n: &[f64], travel: &Travel, unseen: &[usize]) -> Vec<bool> {
     let stroke_mm = range(x);
     let turns = &travel.turns;
-    let from_rest = starts_from_rest(x, force_n);
+    let from_rest = starts_from_rest(x, force_n, travel);
+    let most = (MOST_FORGETTING * x.len() as f64) as usize / (unseen.len() + 1);
     let mut first = match turns.as_slice() {
         [first, _, ..] if !from_rest || turns.len() > 3 => *first,
         _ => x
@@ -118,25 +122,34 @@ pub(super) fn compared(x: &[f64], force_n: &[f64], travel: &Travel, unseen: &[us
             .unwrap_or(0),
     };
     // A half cycle that is cut short leaves longer elements as they were.
-    if !from_rest && (x[first] - x[0]).abs() < FORGETTING * stroke_mm {
-        first = remembered_from(x, travel, 0, stroke_mm).unwrap_or(first);
+    if !from_rest {
+        first = match remembered_from(x, travel, 0, stroke_mm, most) {
+            Some(known) if known > first || (x[first] - x[0]).abs() < FORGETTING[2] * stroke_mm => known,
+            _ => first,
+        };
     }
     let mut known = vec![true; x.len()];
     known[..first].fill(false);
     for &last in unseen {
-        let again = remembered_from(x, travel, last + 1, stroke_mm).unwrap_or(x.len());
+        let again = remembered_from(x, travel, last + 1, stroke_mm, most).unwrap_or(x.len());
         known[last + 1..again].fill(false);
     }
     known
 }
 
-/// First sample from which the motion since `from` has wiped out what the friction remembered: after travel in one direction.
-fn remembered_from(x: &[f64], travel: &Travel, from: usize, stroke_mm: f64) -> Option<usize> {
-    let mut began = from;
-    (from..x.len()).find(|&i| {
-        if i > from && travel.half[i] != travel.half[i - 1] {
-            began = i - 1;
-        }
-        (x[i] - x[began]).abs() > FORGETTING * stroke_mm
-    })
+/// First sample from which the motion since `from` has wiped out what the friction remembered: after travel in one direction. `most`:
+/// samples that may be lost to be surer.
+fn remembered_from(x: &[f64], travel: &Travel, from: usize, stroke_mm: f64, most: usize) -> Option<usize> {
+    let after = |share: f64| {
+        let mut began = from;
+        (from..x.len()).find(|&i| {
+            if i > from && travel.half[i] != travel.half[i - 1] {
+                began = i - 1;
+            }
+            (x[i] - x[began]).abs() > share * stroke_mm
+        })
+    };
+    let [most_sure @ .., least_sure] = FORGETTING;
+    let soon = |share: f64| after(share).filter(|&known| known <= from + most);
+    most_sure.into_iter().find_map(soon).or_else(|| after(least_sure))
 }

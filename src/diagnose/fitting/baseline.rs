@@ -10,7 +10,7 @@ use super::surrogate::Surrogate;
 use crate::cancel::CancelFlag;
 use crate::diagnose::error::BaselineError;
 use crate::effect::law::ForceLaw;
-use crate::effect::{self, EFFECTS, Effect, FORMS, Stage};
+use crate::effect::{self, EFFECTS, Effect, FORMS, RIVAL_LAWS, Stage};
 use crate::model::{BuildError, Model, Parameter, Plant};
 
 /// The model that a diagnosis starts from.
@@ -69,6 +69,8 @@ pub(in crate::diagnose) struct Setup {
     pub form: Option<Attached>,
     /// Effects that may be missing.
     pub candidates: Vec<Attached>,
+    /// Freer laws that are only tried in the place of a named effect.
+    pub rival_laws: Vec<Attached>,
     /// Replaces a slow model along the recordings.
     pub surrogate: Option<Surrogate>,
     /// A law that was read off the recordings, around the model.
@@ -113,11 +115,10 @@ impl Setup {
             .filter(|e| knows(e.code) && !built_in(e.code))
             .filter_map(known_form)
             .collect();
-        let candidates = EFFECTS
-            .iter()
-            .filter(|e| !knows(e.code))
-            .map(Attached::candidate)
-            .collect();
+        let candidates = |list: &'static [Effect]| {
+            let missing = list.iter().filter(|e| !knows(e.code));
+            missing.map(Attached::candidate).collect()
+        };
         let form = FORMS.iter().find_map(known_form);
         Ok(Setup {
             model,
@@ -125,7 +126,8 @@ impl Setup {
             start,
             extras,
             form,
-            candidates,
+            candidates: candidates(EFFECTS),
+            rival_laws: candidates(RIVAL_LAWS),
             surrogate: None,
             law: None,
             cancel: CancelFlag::default(),

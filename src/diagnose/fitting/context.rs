@@ -235,6 +235,19 @@ impl<'a> FitContext<'a> {
         children
     }
 
+    /// A converged node with a further effect, fitted from each of its starts: the best fit.
+    pub(in crate::diagnose) fn child(
+        &self,
+        (node, tangent): &(Node, Tangent),
+        candidate: &Attached,
+    ) -> Option<Node> {
+        let parent = self.parent(node, tangent);
+        let starts = (candidate.effect.starts)(&self.span);
+        let fitted = self.parallel_map(&starts, |start| fit_child(&parent, candidate, start, &self.span));
+        let fitted = fitted.into_iter().flatten();
+        fitted.min_by(|a, b| a.cost().total_cmp(&b.cost()))
+    }
+
     /// The starts of the `count` most promising children of all parents, each with the index of its parent. A set that several
     /// parents lead to is taken once.
     fn tasks(&self, parents: &[Parent<'_>], seen: &[Key], count: usize) -> Vec<(usize, CandidateScore)> {

@@ -2,7 +2,9 @@
 //! between the channels, each its own in every recording. Another tare, an LVDT that was moved, clocks that started at other times.
 //!
 //! They are fitted together with the baseline (Gauss-Newton; their columns are difference quotients). They are taken as real only if
-//! they explain nearly all that the baseline leaves above the noise, and no more kinds of them are used than that needs. Instruments
+//! they explain nearly all that the baseline leaves above the noise, and no more kinds of them are used than that needs. Then each
+//! offset that brings too little is left out. A recording has a zero of its own on one channel at most: along the line of a spring, a
+//! zero of the force and one of the displacement cancel, so both together would fit the error of the model. Instruments
 //! are the cheaper explanation and the cheaper check, so they win against physics. A delay that is the same in all recordings is
 //! left to the candidates.
 
@@ -83,14 +85,39 @@ impl FileOffsets {
             Delay => self.delay_s += by,
         }
     }
+
+    fn of(&self, kind: OffsetKind) -> f64 {
+        match kind {
+            Force => self.force_n,
+            Displacement => self.displacement_mm,
+            Delay => self.delay_s,
+        }
+    }
 }
+
+/// Index of a recording, and the kind of offset that it has.
+type OwnOffset = (usize, OffsetKind);
 
 /// A fit of the baseline with offsets.
 pub(super) struct OffsetFit {
-    kinds: &'static [OffsetKind],
+    /// The offsets that were fitted; the others are zero.
+    own: Vec<OwnOffset>,
     /// One for each recording.
     pub offsets: Vec<FileOffsets>,
     cost: f64,
+}
+
+impl OffsetFit {
+    fn has(&self, kind: OffsetKind) -> bool {
+        self.own.iter().any(|own| own.1 == kind)
+    }
+}
+
+/// Some kinds of offsets in all recordings.
+fn in_all(files: usize, kinds: &[OffsetKind]) -> Vec<OwnOffset> {
+    (0..files)
+        .flat_map(|file| kinds.iter().map(move |&kind| (file, kind)))
+        .collect()
 }
 
 /// Offsets of the recordings, if they explain what the baseline leaves.
@@ -105,20 +132,22 @@ pub(super) fn find(structure: &ModelStructure<'_>, node: &Node) -> Option<Offset
     let (node, _) = converge(structure, node.values.clone())?;
     let (node, cost) = (&node, node.cost());
     let explains = |fit: &OffsetFit| {
-        let needed = GAIN_OF_ALL + GAIN_OF_EACH * (fit.kinds.len() * files) as f64;
         fit.cost < MOST_POWER_LEFT * counted
             && cost - fit.cost > LEAST_EXPLAINED * (cost - counted)
-            && 0.5 * (cost - fit.cost) > needed
+            && 0.5 * (cost - fit.cost) > GAIN_OF_ALL + GAIN_OF_EACH * fit.own.len() as f64
     };
     // The fewest kinds that explain it; of as many, the better.
     let mut best = (1..=SETS[SETS.len() - 1].len()).find_map(|kinds| {
         let sets = SETS.iter().filter(|set| set.len() == kinds);
-        sets.filter_map(|set| fitted(structure, node, set, LEAST_PREDICTED))
+        sets.filter_map(|set| fitted_in_all(structure, node, set))
+            .filter(explains)
+            .filter_map(|fit| sparse(structure, node, &fit))
             .filter(explains)
             .min_by(|a, b| a.cost.total_cmp(&b.cost))
     })?;
-    if best.kinds.contains(&Delay) && !delays_differ(structure, node, &best) {
+    if best.has(Delay) && !delays_differ(structure, node, &best) {
         best.offsets.iter_mut().for_each(|offset| offset.delay_s = 0.0);
+        best.own.retain(|own| own.1 != Delay);
     }
     let any = best
         .offsets
@@ -196,7 +225,7 @@ pub(super) fn physics_suffices(context: &FitContext<'_>, node: &Node, found: &Of
 
 /// Offsets that are left after a correction: the shift in time is exact only in the recordings themselves.
 pub(super) fn refine(structure: &ModelStructure<'_>, node: &Node, found: &mut OffsetFit) {
-    if let Some(left) = fitted(structure, node, found.kinds, 0.0) {
+    if let Some(left) = fitted(structure, node, &found.own, Start::Given) {
         for (offset, left) in found.offsets.iter_mut().zip(&left.offsets) {
             offset.add(Force, left.force_n);
             offset.add(Displacement, left.displacement_mm);
@@ -220,43 +249,43 @@ fn delays_differ(structure: &ModelStructure<'_>, node: &Node, fit: &OffsetFit) -
     same.is_none_or(|(same, _)| 0.5 * (same.cost() - fit.cost) > GAIN_OF_ALL + GAIN_OF_EACH * files)
 }
 
-/// Fits the baseline with some kinds of offsets; `None` if the first step is not predicted to explain a share `least`.
-fn fitted(
-    structure: &ModelStructure<'_>,
-    node: &Node,
-    kinds: &'static [OffsetKind],
-    least: f64,
-) -> Option<OffsetFit> {
+/// How a fit of offsets begins and how it treats what all recordings share.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Start {
+    /// All recordings may have each kind. Ends after a first step that is predicted to explain too little.
+    InAll,
+    /// The recordings that have an offset are known.
+    Given,
+}
+
+/// Fits the baseline with some kinds of offsets in all recordings; `None` if the first step is predicted to explain too little.
+fn fitted_in_all(structure: &ModelStructure<'_>, node: &Node, kinds: &[OffsetKind]) -> Option<OffsetFit> {
+    // A zero that all recordings share is no offset: the first recording is the reference until the offsets are centred.
+    let mut own = in_all(structure.data.tracks.len(), kinds);
+    own.retain(|&(file, kind)| file > 0 || kind == Delay);
+    fitted(structure, node, &own, Start::InAll)
+}
+
+/// Fits the baseline with offsets of some recordings.
+fn fitted(structure: &ModelStructure<'_>, node: &Node, own: &[OwnOffset], start: Start) -> Option<OffsetFit> {
     let counted = structure.data.count(Split::Fit) as f64;
     let mut offsets = vec![FileOffsets::default(); structure.data.tracks.len()];
     let mut values = node.values.clone();
     for round in 0..ROUNDS {
-        let data = shifted(structure.data, &offsets);
-        let here = ModelStructure::new(structure.setup, &data, node.attached.clone());
-        let (fit, tangent) = converge(&here, values)?;
-        let columns = columns(&here, &fit.values, kinds)?;
-        let residuals = here.fitted(&fit.values)?;
-        let mut left = columns;
-        for mut column in left.column_iter_mut() {
-            let projected = tangent.project(&column.clone_owned());
-            column.copy_from(&projected);
-        }
-        let mut normal = left.tr_mul(&left);
-        for k in 0..normal.nrows() {
-            normal[(k, k)] += 1.0;
-        }
-        let right = left.tr_mul(&residuals);
-        let step = normal.cholesky()?.solve(&right);
-        let predicted = right.dot(&step);
-        if round == 0 && predicted < least * (fit.fit - counted) {
+        let line = slopes_beside(structure, &offsets, values, own)?;
+        let right = line.columns.tr_mul(&line.residuals);
+        let step = line.normal().cholesky()?.solve(&right);
+        let explained = right.dot(&step);
+        if round == 0 && start == Start::InAll && explained < LEAST_PREDICTED * (line.fit.fit - counted) {
             return None;
         }
-        for (k, by) in step.iter().enumerate() {
-            let (file, kind) = (k / kinds.len(), kinds[k % kinds.len()]);
-            offsets[file].add(kind, by * prior(&data.tracks[file], kind));
+        for (&(file, kind), by) in own.iter().zip(&step) {
+            offsets[file].add(kind, by * prior(&structure.data.tracks[file], kind));
         }
-        centre(&mut offsets, kinds);
-        values = fit.values;
+        if start == Start::InAll {
+            centre(&mut offsets, own);
+        }
+        values = line.fit.values;
         if step.amax() < CONVERGED {
             break;
         }
@@ -265,21 +294,112 @@ fn fitted(
     let here = ModelStructure::new(structure.setup, &data, node.attached.clone());
     let (fit, _) = converge(&here, values)?;
     Some(OffsetFit {
-        kinds,
+        own: own.to_vec(),
         offsets,
         cost: fit.cost(),
     })
 }
 
+/// The baseline fitted beside some offsets, with the changes by further ones that it cannot follow.
+struct OffsetSlopes {
+    fit: Node,
+    residuals: DVector<f64>,
+    /// One for each further offset, in units of its prior.
+    columns: DMatrix<f64>,
+}
+
+impl OffsetSlopes {
+    /// Normal matrix of the offsets, with their prior.
+    fn normal(&self) -> DMatrix<f64> {
+        let mut normal = self.columns.tr_mul(&self.columns);
+        for k in 0..normal.nrows() {
+            normal[(k, k)] += 1.0;
+        }
+        normal
+    }
+}
+
+fn slopes_beside(
+    structure: &ModelStructure<'_>,
+    offsets: &[FileOffsets],
+    values: Vec<f64>,
+    own: &[OwnOffset],
+) -> Option<OffsetSlopes> {
+    let data = shifted(structure.data, offsets);
+    let here = ModelStructure::new(structure.setup, &data, structure.attached.clone());
+    let (fit, tangent) = converge(&here, values)?;
+    let residuals = here.fitted(&fit.values)?;
+    let mut columns = columns(&here, &fit.values, own)?;
+    for mut column in columns.column_iter_mut() {
+        let projected = tangent.project(&column.clone_owned());
+        column.copy_from(&projected);
+    }
+    Some(OffsetSlopes {
+        fit,
+        residuals,
+        columns,
+    })
+}
+
+/// The fit without the offsets that bring too little (backward elimination), and with a zero on one channel of a recording at most;
+/// `None` if none is left.
+fn sparse(structure: &ModelStructure<'_>, node: &Node, dense: &OffsetFit) -> Option<OffsetFit> {
+    let kinds: Vec<OffsetKind> = [Force, Displacement, Delay]
+        .into_iter()
+        .filter(|&kind| dense.has(kind))
+        .collect();
+    let all = in_all(dense.offsets.len(), &kinds);
+    let line = slopes_beside(structure, &dense.offsets, node.values.clone(), &all)?;
+    let covariance = line.normal().cholesky()?.inverse();
+    let sizes: Vec<f64> = all
+        .iter()
+        .map(|&(file, kind)| dense.offsets[file].of(kind) / prior(&structure.data.tracks[file], kind))
+        .collect();
+    let out = left_out(&all, &sizes, &covariance);
+    let own: Vec<OwnOffset> = (0..all.len())
+        .filter(|k| !out.contains(k))
+        .map(|k| all[k])
+        .collect();
+    (!own.is_empty()).then(|| fitted(structure, node, &own, Start::Given))?
+}
+
+/// Indices of the offsets that bring too little, and of one zero of each recording that has two. `sizes` in units of the priors;
+/// `covariance` is theirs.
+fn left_out(all: &[OwnOffset], sizes: &[f64], covariance: &DMatrix<f64>) -> Vec<usize> {
+    let mut out: Vec<usize> = Vec::new();
+    let mut lost = 0.0;
+    loop {
+        let left: Vec<usize> = (0..all.len()).filter(|k| !out.contains(k)).collect();
+        // The rise of the sum of squares without these and one more.
+        let rise = |&next: &usize| {
+            let without: Vec<usize> = out.iter().copied().chain([next]).collect();
+            let size = DVector::from_iterator(without.len(), without.iter().map(|&k| sizes[k]));
+            let block = covariance.select_rows(&without).select_columns(&without);
+            Some((size.dot(&block.cholesky()?.solve(&size)), next))
+        };
+        let least = |of: &[usize]| of.iter().filter_map(rise).min_by(|a, b| a.0.total_cmp(&b.0));
+        let has = |file: usize, kind: OffsetKind| left.iter().any(|&k| all[k] == (file, kind));
+        let of_two = |&&k: &&usize| all[k].1 != Delay && has(all[k].0, Force) && has(all[k].0, Displacement);
+        let two_zeros: Vec<usize> = left.iter().filter(of_two).copied().collect();
+        let brings_little = |(with, _): &(f64, usize)| 0.5 * (with - lost) < GAIN_OF_EACH;
+        let Some((with, next)) = least(&left).filter(brings_little).or_else(|| least(&two_zeros)) else {
+            return out;
+        };
+        out.push(next);
+        lost = with;
+    }
+}
+
 /// Most recordings have no zero of their own: what all have in common is a parameter of the baseline.
-fn centre(offsets: &mut [FileOffsets], kinds: &[OffsetKind]) {
+fn centre(offsets: &mut [FileOffsets], own: &[OwnOffset]) {
+    let has = |kind: OffsetKind| own.iter().any(|o| o.1 == kind);
     let middle = |f: fn(&FileOffsets) -> f64| median(offsets.iter().map(f).collect());
     let (force_n, displacement_mm) = (middle(|o| o.force_n), middle(|o| o.displacement_mm));
     for offset in offsets {
-        if kinds.contains(&Force) {
+        if has(Force) {
             offset.force_n -= force_n;
         }
-        if kinds.contains(&Displacement) {
+        if has(Displacement) {
             offset.displacement_mm -= displacement_mm;
         }
     }
@@ -294,10 +414,10 @@ fn prior(track: &Track, kind: OffsetKind) -> f64 {
     }
 }
 
-/// Fall of the fitted residuals when an offset moves by its prior: for each recording one column for each kind.
-fn columns(structure: &ModelStructure<'_>, values: &[f64], kinds: &[OffsetKind]) -> Option<DMatrix<f64>> {
+/// Fall of the fitted residuals when an offset moves by its prior: one column for each.
+fn columns(structure: &ModelStructure<'_>, values: &[f64], own: &[OwnOffset]) -> Option<DMatrix<f64>> {
     let data = structure.data;
-    let mut columns = DMatrix::zeros(structure.count(), kinds.len() * data.tracks.len());
+    let mut columns = DMatrix::zeros(structure.count(), own.len());
     let mut from = 0;
     for (file, track) in data.tracks.iter().enumerate() {
         let alone = data.one(file);
@@ -305,13 +425,12 @@ fn columns(structure: &ModelStructure<'_>, values: &[f64], kinds: &[OffsetKind])
             ModelStructure::new(structure.setup, data, structure.attached.clone()).fitted(values)
         };
         let before = fitted(&alone)?;
-        // A zero that all recordings share is no offset: the first recording is the reference until the offsets are centred.
-        for (k, &kind) in kinds.iter().enumerate().filter(|(_, k)| file > 0 || **k == Delay) {
+        for (k, &(_, kind)) in own.iter().enumerate().filter(|(_, o)| o.0 == file) {
             let mut offset = FileOffsets::default();
             offset.add(kind, STEP * prior(track, kind));
             let after = fitted(&shifted(&alone, &[offset]))?;
             for i in 0..track.len() {
-                columns[(from + i, file * kinds.len() + k)] = (before[i] - after[i]) / STEP;
+                columns[(from + i, k)] = (before[i] - after[i]) / STEP;
             }
         }
         from += track.len();
@@ -433,4 +552,36 @@ pub(super) fn notes(name: &str, offset: &FileOffsets) -> Vec<Note> {
             Note::new(name, kind, (size, unit), NoteAction::Corrected, text)
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What stays of three recordings with zeros on both channels and a delay each. Their sizes are in units of the priors, their
+    /// uncertainty is 0.01, and the two zeros of a recording go together.
+    fn kept(sizes: [[f64; 3]; 3]) -> Vec<OwnOffset> {
+        let all = in_all(3, &[Force, Displacement, Delay]);
+        let sizes = sizes.concat();
+        let mut covariance = DMatrix::from_diagonal_element(9, 9, 1e-4);
+        for file in 0..3 {
+            let (force, displacement) = (3 * file, 3 * file + 1);
+            covariance[(force, displacement)] = 0.9e-4;
+            covariance[(displacement, force)] = 0.9e-4;
+        }
+        let out = left_out(&all, &sizes, &covariance);
+        (0..9).filter(|k| !out.contains(k)).map(|k| all[k]).collect()
+    }
+
+    #[test]
+    fn an_offset_that_brings_too_little_is_left_out() {
+        let found = kept([[0.5, 0.0, 0.0], [0.01, 0.0, 0.02], [0.0, 0.005, 0.3]]);
+        assert_eq!(found, [(0, Force), (2, Delay)]);
+    }
+
+    #[test]
+    fn a_recording_has_a_zero_on_one_channel_at_most() {
+        let found = kept([[0.5, 0.4, 0.0], [0.0, 0.0, 0.0], [-0.2, 0.6, 0.2]]);
+        assert_eq!(found, [(0, Force), (2, Displacement), (2, Delay)]);
+    }
 }

@@ -48,10 +48,11 @@ pub(in crate::diagnose) struct JudgedEffect {
 }
 
 impl JudgedEffect {
-    /// Factor of the confidence, 0 to 1: a part of what this effect explains may be the error of form of the other effects in the set.
-    pub(super) fn trust_beside(&self, all: &[JudgedEffect]) -> f64 {
+    /// Factor of the confidence, 0 to 1: a part of what this effect explains may be the error of form of the other effects in the set, or
+    /// of the laws of free shape beside them, which bring the gain `of_laws`.
+    pub(super) fn trust_beside(&self, all: &[JudgedEffect], of_laws: f64) -> f64 {
         let others = all.iter().filter(|j| j.place != self.place);
-        let form_error = FORM_SHARE * others.map(|j| j.loss.max(0.0)).sum::<f64>();
+        let form_error = FORM_SHARE * (of_laws + others.map(|j| j.loss.max(0.0)).sum::<f64>());
         let own = self.loss.max(f64::MIN_POSITIVE);
         own / (own + form_error)
     }
@@ -91,8 +92,9 @@ pub(super) fn judge(context: &FitContext<'_>, search: &mut SearchResult, place: 
     let loss = search
         .likelihood
         .gain(search.nodes[without].cost() - search.nodes[chosen].cost());
-    fit_rivals(context, search, without, &base);
-    let code = search.nodes[chosen].attached[place].effect.code;
+    let effect = search.nodes[chosen].attached[place].effect;
+    fit_rivals(context, search, without, &base, effect);
+    let code = effect.code;
     let (rivals, doubt) = compare(context, search, &base, code, loss);
     JudgedEffect {
         place,
@@ -104,13 +106,27 @@ pub(super) fn judge(context: &FitContext<'_>, search: &mut SearchResult, place: 
     }
 }
 
-/// Fits sets with one more effect than the set `without`, whose codes are `base`, and adds them to the search.
-fn fit_rivals(context: &FitContext<'_>, search: &mut SearchResult, without: usize, base: &Key) {
+/// Fits sets with one more effect than the set `without`, whose codes are `base`, and adds them to the search: the candidates, and the
+/// freer laws of what looks like `effect`.
+fn fit_rivals(
+    context: &FitContext<'_>,
+    search: &mut SearchResult,
+    without: usize,
+    base: &Key,
+    effect: &Effect,
+) {
     let extras = context.setup.extras.len();
     let seen: Vec<_> = search.nodes.iter().map(|n| n.key(extras)).collect();
     if let Some(parent) = context.converged(&search.nodes[without]) {
-        let children = context.children(&[parent], &seen, RIVALS_TRIED);
+        let children = context.children(std::slice::from_ref(&parent), &seen, RIVALS_TRIED);
         search.nodes.extend(children);
+        let freer = context.setup.rival_laws.iter().filter(|law| {
+            let code = law.effect.code;
+            effect.confusable_with.iter().any(|l| l.code == code) && !base.contains(&code)
+        });
+        search
+            .nodes
+            .extend(freer.filter_map(|law| context.child(&parent, law)));
         refit_rivals(context, search, base);
     }
 }
@@ -124,40 +140,49 @@ fn compare(
     code: &str,
     loss: f64,
 ) -> (Vec<RivalSet>, f64) {
-    let extras = context.setup.extras.len();
     let likelihood = search.likelihood;
     let distinct = likelihood.gain(DISTINCT_POWER * likelihood.variance * context.data.counted() as f64);
-    let mut rivals: Vec<RivalSet> = Vec::new();
-    let mut doubt = 0.0;
     // The structure that the chosen set leaves is the error of its forms: rivals that lack less are not excluded by it.
     let left = rest(context.data, &search.nodes[search.chosen].residuals);
     let scale = DOUBT_FLOOR + (DOUBT_SHARE * loss).max(likelihood.gain(left));
-    for (i, node) in search.nodes.iter().enumerate() {
-        if node.attached.len() != base.len() + extras + 1 {
-            continue;
-        }
+    let mut rivals = best_replacements(context, search, base, code);
+    let doubt = rivals.iter().map(|r| (-r.lack / scale).exp()).sum();
+    rivals.retain(|r| r.lack < distinguishable_lack(&search.nodes[r.node], loss, distinct));
+    (rivals, doubt)
+}
+
+/// The best set with each other effect in the place of the effect `code`, the best first.
+fn best_replacements(
+    context: &FitContext<'_>,
+    search: &SearchResult,
+    base: &Key,
+    code: &str,
+) -> Vec<RivalSet> {
+    let extras = context.setup.extras.len();
+    let chosen = &search.nodes[search.chosen];
+    let replacement = |(i, node): (usize, &Node)| {
         let mut rest = node.key(extras);
         rest.retain(|code| !base.contains(code));
         let &[other] = rest.as_slice() else {
-            continue;
+            return None;
         };
-        if other == code || rivals.iter().any(|r| r.code == other) || !kinks_are_recorded(context, node) {
-            continue;
-        }
-        let chosen = &search.nodes[search.chosen];
-        let lack = likelihood.gain(node.cost() - chosen.cost()) + penalty(&node.attached[extras..])
-            - penalty(&chosen.attached[extras..]);
-        doubt += (-lack / scale).exp();
-        if lack < distinguishable_lack(node, loss, distinct) {
-            rivals.push(RivalSet {
-                code: other,
-                node: i,
-                lack,
-            });
+        let replaces = other != code && node.attached.len() == base.len() + extras + 1;
+        (replaces && kinks_are_recorded(context, node)).then(|| RivalSet {
+            code: other,
+            node: i,
+            lack: search.likelihood.gain(node.cost() - chosen.cost()) + penalty(&node.attached[extras..])
+                - penalty(&chosen.attached[extras..]),
+        })
+    };
+    let mut sets: Vec<RivalSet> = search.nodes.iter().enumerate().filter_map(replacement).collect();
+    sets.sort_by(|a, b| a.lack.total_cmp(&b.lack));
+    let mut best: Vec<RivalSet> = Vec::new();
+    for set in sets {
+        if best.iter().all(|r| r.code != set.code) {
+            best.push(set);
         }
     }
-    rivals.sort_by(|a, b| a.lack.total_cmp(&b.lack));
-    (rivals, doubt)
+    best
 }
 
 /// A rival of a judged effect as the report has it: why the two are confounded, and the test that separates them.
@@ -240,9 +265,10 @@ mod tests {
     #[test]
     fn a_small_effect_beside_a_large_one_may_be_its_error_of_form() {
         let alone = [effect(0, 40.0)];
-        assert_eq!(alone[0].trust_beside(&alone), 1.0);
+        assert_eq!(alone[0].trust_beside(&alone, 0.0), 1.0);
+        assert_eq!(alone[0].trust_beside(&alone, 4000.0), 0.25);
         let pair = [effect(0, 1000.0), effect(1, 30.0)];
-        assert_eq!(pair[1].trust_beside(&pair), 0.5);
-        assert!(pair[0].trust_beside(&pair) > 0.999);
+        assert_eq!(pair[1].trust_beside(&pair, 0.0), 0.5);
+        assert!(pair[0].trust_beside(&pair, 0.0) > 0.999);
     }
 }

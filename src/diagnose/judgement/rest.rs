@@ -1,7 +1,7 @@
 //! What a chosen set leaves: whether that is structure above the noise, and how much of it was left to the shape of laws in doubt.
 
 use crate::diagnose::course::Split;
-use crate::diagnose::fitting::{FitContext, ModelStructure, Node, ShapeShares, converge};
+use crate::diagnose::fitting::{Data, FitContext, ModelStructure, Node, ShapeShares, converge};
 use crate::diagnose::search::{LACK_GAIN, LACK_POWER, LackOfFit, SearchResult, lack_of_fit};
 
 /// The lack of fit is unexplained structure if it exceeds [`LACK_POWER`], [`LACK_GAIN`] and this share of what the effects explain.
@@ -13,6 +13,8 @@ const NO_FIT_POWER: f64 = 3.0;
 const NO_FIT_SHARE: f64 = 0.5;
 /// Such residuals must also be correlated over this many samples: a noise that was estimated too low is not.
 const NO_FIT_CORRELATION: f64 = 4.0;
+/// A residual counts on reporting cycles as this many standard deviations at most: one bad point is no change of the specimen.
+const OUTLIER: f64 = 5.0;
 /// If a set leaves this mean square, the verdict is `unexplained`, even if the set explains a large share.
 const FAR_OFF_POWER: f64 = 25.0;
 
@@ -23,14 +25,16 @@ pub(super) struct Rest {
     pub share: f64,
     /// How much of the difference was left to the shape of the laws in doubt.
     pub shape: Option<ShapeShares>,
+    /// Gain in log-likelihood of the free shape of the laws, before any effect is named.
+    pub free_laws_gain: f64,
 }
 
 impl Rest {
-    /// `base`: the baseline without a discrepancy.
+    /// `base`: the baseline without a discrepancy; `refitted`: that with its own friction law.
     pub(super) fn of(
         context: &FitContext<'_>,
         search: &SearchResult,
-        base: &Node,
+        [base, refitted]: [&Node; 2],
         nothing_named: bool,
     ) -> Rest {
         let (before, after) = (&search.nodes[0], &search.nodes[search.chosen]);
@@ -39,6 +43,7 @@ impl Rest {
             unexplained: is_unexplained(context, search, base, left),
             share: unexplained_share(base, after, left),
             shape: shape_shares(context, after),
+            free_laws_gain: search.likelihood.gain(refitted.cost() - before.cost()).max(0.0),
         };
         // The rest is also compared with what the shape of the friction law left to explain: of the whole it may be a small share.
         rest.unexplained |= repeats(search, unexplained_share(before, after, left), left);
@@ -84,14 +89,21 @@ fn is_unexplained(context: &FitContext<'_>, search: &SearchResult, before: &Node
         && correlation_time > NO_FIT_CORRELATION
         && power - 1.0 > NO_FIT_SHARE * (power_before - 1.0);
     // A change that only the reporting cycles show, as of a specimen that changed late.
-    let reporting = data.count(Split::Report).max(1) as f64;
-    let reported = data.sum(&after.residuals, Split::Report) / reporting;
+    let reported = reported_power(data, after);
     let changed = reported > NO_FIT_POWER.max(2.0 * power);
     // The rest on reporting cycles exceeds the noise and is a considerable share of what the baseline leaves there.
-    let reported_before = data.sum(&before.residuals, Split::Report) / reporting;
+    let reported_before = reported_power(data, before);
     let above_noise = reported > 1.0 + REPORT_POWER && reported - 1.0 > LACK_SHARE * (reported_before - 1.0);
     let late = (changed || above_noise) && !fits_every_cycle(context, after);
     repeats || no_fit || late || power > FAR_OFF_POWER
+}
+
+/// Mean square on reporting cycles, in units of the noise.
+fn reported_power(data: &Data, node: &Node) -> f64 {
+    let reporting = data.count(Split::Report).max(1) as f64;
+    let residuals = node.residuals.iter().zip(&data.split);
+    let squares = residuals.filter(|(_, split)| **split == Split::Report);
+    squares.map(|(r, _)| r.abs().min(OUTLIER).powi(2)).sum::<f64>() / reporting
 }
 
 /// True if the structure that is left is larger than chance and than the error of an effect's form; `share`: its share of what was to

@@ -12,7 +12,7 @@ use super::of_path::{FoundOfPath, with_path};
 use super::rest::{LACK_SHARE, Rest, is_explained};
 use super::summary::{limits_in_words, summary};
 use super::tables::{baseline_parameters, candidates, curves, errors, maps, not_testable, values_of};
-use super::varying_coefficient::{Variation, variation};
+use super::varying_coefficient::{Variation, variation, without_unstable};
 use crate::diagnose::course::Course;
 use crate::diagnose::diagnosis::*;
 use crate::diagnose::fitting::{FitContext, Node};
@@ -62,6 +62,7 @@ pub(in crate::diagnose) fn conclude(
     mut search: SearchResult,
     known: Known<'_>,
 ) -> Judgement {
+    without_unstable(context, &mut search);
     let effects = judge_all(context, &mut search);
     Judgement {
         diagnosis: diagnosis(context, &search, &effects, known),
@@ -101,7 +102,7 @@ fn diagnosis(
     let (before, after) = (&search.nodes[0], &search.nodes[search.chosen]);
     let mut of_path = known.of_path.unwrap_or_default();
     let nothing_named = judged.is_empty() && of_path.effects.is_empty();
-    let rest = Rest::of(context, search, base, nothing_named);
+    let rest = Rest::of(context, search, [base, refitted], nothing_named);
     let unexplained = rest.unexplained;
     of_path.clear_if(unexplained);
     let verdict = verdict_of(unexplained, nothing_named);
@@ -110,12 +111,11 @@ fn diagnosis(
     let delivered = delivered(plain, [&written, refitted], &rest, &known.courses);
     let confidence = intervals(context, named, search.likelihood);
     let named_effects = if unexplained { &[] } else { judged };
-    let found = findings(context, search, named_effects, &confidence, rest.share);
+    let found = findings(context, search, named_effects, &confidence, &rest);
     let effects = [of_path.effects, found].concat();
     let located = locations(context, unexplained, [refitted, before, after], judged);
     let location = with_path(of_path.location, located);
-    let alternatives = alternatives(context, search, refitted, judged, unexplained);
-    let alternatives = [of_path.alternatives, alternatives].concat();
+    let others = alternatives(context, search, refitted, judged, unexplained);
     let fit = errors(plain, search, refitted, delivered.errors, known.nominal);
     let of_shape = rest.shape.filter(|_| !unexplained);
     let residuals = [&refitted.residuals[..], &delivered.residuals];
@@ -123,7 +123,7 @@ fn diagnosis(
         verdict,
         summary: summary(verdict, &effects, delivered.modelled_by(), &location, &fit)
             + &limits_in_words(of_shape, search.cut_short),
-        alternatives,
+        alternatives: [of_path.alternatives, others].concat(),
         location,
         next_test: None,
         no_next_test: None,
@@ -137,6 +137,7 @@ fn diagnosis(
         model_steps: context.setup.steps(),
         friction_shape_share: rest.shape.map(|s| s.friction),
         curve_shape_share: rest.shape.and_then(|s| s.curve),
+        free_laws_gain: rest.free_laws_gain,
         curves: curves(context.data, residuals),
         maps: maps(context.data, residuals[0], residuals[1]),
         improved: delivered.model,
@@ -180,9 +181,17 @@ fn findings(
     search: &SearchResult,
     judged: &[JudgedEffect],
     confidence: &Confidence,
-    unexplained_share: f64,
+    rest: &Rest,
 ) -> Vec<Finding> {
-    let trust = |j: &JudgedEffect| j.trust_beside(judged) * (1.0 - unexplained_share.powi(2));
+    let attached = &search.nodes[search.chosen].attached;
+    let trust = |j: &JudgedEffect| {
+        // What follows from the path may be the error of form of any law of the path; `beside_path` checks the other effects.
+        let of_laws = match attached[j.place].effect.follows_path {
+            true => rest.free_laws_gain,
+            false => 0.0,
+        };
+        j.trust_beside(judged, of_laws) * (1.0 - rest.share.powi(2))
+    };
     let named = judged.iter();
     named
         .map(|j| finding(context, search, j, confidence, trust(j)))

@@ -7,9 +7,12 @@ use crate::diagnose::fitting::{
     Attached, Data, FitContext, Key, LikelihoodScale, Node, PARAMETER_PENALTY, PENALTY, converge,
 };
 use crate::diagnose::note::NoteKind;
+use crate::effect::{Axis, Place, Span};
 
 /// An effect with a kink acts on at most this share of its axis: a knee below nearly all that was recorded is a smooth curve.
 const MOST_OF_AXIS: f64 = 0.85;
+/// Share of the travel beyond a knee from which it is recorded. A vibration that rounds the turning points makes knees in the last 0.7 %.
+const LEAST_AT_THE_TOP: f64 = 0.015;
 /// Share of the whole gain that an effect must bring.
 pub(super) const LEAST_SHARE: f64 = 5e-4;
 /// Mean square that an effect must take away, in units of the noise: an RMS of 7 % of the noise is no finding.
@@ -105,10 +108,16 @@ pub(in crate::diagnose) fn kinks_are_recorded(context: &FitContext<'_>, node: &N
         let attached = &node.attached[k];
         let from = context.offset(&node.attached, k);
         let values = &node.values[from..from + attached.parameters.len()];
-        attached.effect.kinks.is_empty()
-            || (attached.effect.place)(values, &context.span)
-                .is_none_or(|place| place.to - place.from <= MOST_OF_AXIS * context.span.width(place.axis))
+        let place = (attached.effect.place)(values, &context.span);
+        attached.effect.kinks.is_empty() || place.is_none_or(|place| is_recorded(&context.span, place))
     })
+}
+
+/// True if a place is not nearly the whole axis, and not only the last bit before the upper turning points, where their errors are.
+fn is_recorded(span: &Span, place: Place) -> bool {
+    let share = (place.to - place.from) / span.width(place.axis);
+    let at_the_top = place.axis == Axis::DisplacementMm && place.to >= span.displacement_mm[1];
+    share <= MOST_OF_AXIS && (!at_the_top || share >= LEAST_AT_THE_TOP)
 }
 
 /// Looks for the effect whose gain is farthest below the required gain.
@@ -227,7 +236,8 @@ fn delays_less_than_noise(context: &FitContext<'_>, node: &Node, place: usize) -
 }
 
 fn displacement_noise_mm(context: &FitContext<'_>) -> f64 {
-    median(context.data.tracks.iter().map(|t| t.noise_mm).collect())
+    let noises = context.data.tracks.iter().map(|t| t.noise_mm.max(t.vibration_mm));
+    median(noises.collect())
 }
 
 /// True if a parameter in this unit, which is zero without the effect, is smaller than `least`.
