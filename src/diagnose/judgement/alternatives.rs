@@ -16,6 +16,9 @@ pub(in crate::diagnose) const DISTINCT_POWER: f64 = 0.04;
 /// Exponent of the doubt in the confidence. Calibrated on two blind runs of 400 cases (seeds 404 and 777): of the effects that
 /// would have had a confidence of 71 % without it, 97 % were right; with it their confidence is 93 %.
 const CONFIDENCE_EXPONENT: f64 = 3.0;
+/// Highest confidence in an effect with a rival that is not distinguished: of 11 such names above 90 % in cases that were looked at, 8 were
+/// right.
+const MOST_BESIDE_RIVAL: f64 = 0.8;
 /// Scale of the lack over which the doubt falls by a factor e: a floor, and a share of what the effect brings, because the form of
 /// an effect is never exact.
 const DOUBT_FLOOR: f64 = 2.0;
@@ -24,6 +27,9 @@ const DOUBT_SHARE: f64 = 0.02;
 /// (seed 626262) 6 have a wrong name that is sure, instead of 9 without it. At half: 6 too; at a third: 8. At double: 5, but 2 of 69
 /// right names are no longer sure.
 const FORM_SHARE: f64 = 0.03;
+/// The same of what laws of free shape explain: they follow a shape ten times better than one formula does. On looked-at cases of two worlds
+/// (seed 910159277) 4 of 115 names are wrong and sure, 6 without it; at half: 4 too; at double: 4, but right names lose confidence.
+const FREE_FORM_SHARE: f64 = 0.003;
 /// Number of candidates that are fitted in place of an effect.
 const RIVALS_TRIED: usize = 8;
 /// Where nothing explains the recordings, the effects of all sets within this share of the best gain are listed as the nearest.
@@ -52,7 +58,8 @@ impl JudgedEffect {
     /// of the laws of free shape beside them, which bring the gain `of_laws`.
     pub(super) fn trust_beside(&self, all: &[JudgedEffect], of_laws: f64) -> f64 {
         let others = all.iter().filter(|j| j.place != self.place);
-        let form_error = FORM_SHARE * (of_laws + others.map(|j| j.loss.max(0.0)).sum::<f64>());
+        let others = others.map(|j| j.loss.max(0.0)).sum::<f64>();
+        let form_error = FORM_SHARE * others + FREE_FORM_SHARE * of_laws;
         let own = self.loss.max(f64::MIN_POSITIVE);
         own / (own + form_error)
     }
@@ -96,11 +103,12 @@ pub(super) fn judge(context: &FitContext<'_>, search: &mut SearchResult, place: 
     fit_rivals(context, search, without, &base, effect);
     let code = effect.code;
     let (rivals, doubt) = compare(context, search, &base, code, loss);
+    let most = if rivals.is_empty() { 1.0 } else { MOST_BESIDE_RIVAL };
     JudgedEffect {
         place,
         without,
         loss,
-        confidence: 1.0 / (1.0 + doubt.powf(CONFIDENCE_EXPONENT)),
+        confidence: (1.0 / (1.0 + doubt.powf(CONFIDENCE_EXPONENT))).min(most),
         rivals,
         group: Key::new(),
     }
@@ -266,7 +274,7 @@ mod tests {
     fn a_small_effect_beside_a_large_one_may_be_its_error_of_form() {
         let alone = [effect(0, 40.0)];
         assert_eq!(alone[0].trust_beside(&alone, 0.0), 1.0);
-        assert_eq!(alone[0].trust_beside(&alone, 4000.0), 0.25);
+        assert_eq!(alone[0].trust_beside(&alone, 40_000.0), 0.25);
         let pair = [effect(0, 1000.0), effect(1, 30.0)];
         assert_eq!(pair[1].trust_beside(&pair, 0.0), 0.5);
         assert!(pair[0].trust_beside(&pair, 0.0) > 0.999);

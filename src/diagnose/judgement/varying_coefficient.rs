@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::diagnose::fitting::{FitContext, LikelihoodScale, Node};
-use crate::diagnose::search::{SearchResult, without};
+use crate::diagnose::search::{SearchResult, kink_is_recorded, without};
 
 /// Ridge as a share of a part's power: a part that the other parameters imitate keeps the common size.
 const RIDGE: f64 = 1e-2;
@@ -38,13 +38,18 @@ impl Variation {
 }
 
 /// Removes from the chosen set every missing effect whose size differs between the parts of the recordings by more than itself, the worst
-/// first.
+/// first, and every effect whose kink ended outside what was recorded.
 pub(super) fn without_unstable(context: &FitContext<'_>, search: &mut SearchResult) {
     let spread = |search: &SearchResult, place: usize| {
         let node = &search.nodes[search.chosen];
-        let missing = !node.attached[place].own;
-        let variation = missing.then(|| variation(context, search.likelihood, node, place))?;
-        Some(variation?.spread).filter(|spread| *spread > MOST_SPREAD)
+        if node.attached[place].own {
+            return None;
+        }
+        if !kink_is_recorded(context, node, place) {
+            return Some(f64::INFINITY);
+        }
+        let spread = variation(context, search.likelihood, node, place)?.spread;
+        (spread > MOST_SPREAD).then_some(spread)
     };
     loop {
         let count = search.nodes[search.chosen].attached.len();

@@ -104,13 +104,16 @@ pub(in crate::diagnose) fn penalty(effects: &[Attached]) -> f64 {
 
 /// True if every kink of the missing effects lies well within what was recorded.
 pub(in crate::diagnose) fn kinks_are_recorded(context: &FitContext<'_>, node: &Node) -> bool {
-    (context.setup.extras.len()..node.attached.len()).all(|k| {
-        let attached = &node.attached[k];
-        let from = context.offset(&node.attached, k);
-        let values = &node.values[from..from + attached.parameters.len()];
-        let place = (attached.effect.place)(values, &context.span);
-        attached.effect.kinks.is_empty() || place.is_none_or(|place| is_recorded(&context.span, place))
-    })
+    (context.setup.extras.len()..node.attached.len()).all(|place| kink_is_recorded(context, node, place))
+}
+
+/// The same for the effect at one place; true for an effect without a kink.
+pub(in crate::diagnose) fn kink_is_recorded(context: &FitContext<'_>, node: &Node, place: usize) -> bool {
+    let attached = &node.attached[place];
+    let from = context.offset(&node.attached, place);
+    let values = &node.values[from..from + attached.parameters.len()];
+    let acts = (attached.effect.place)(values, &context.span);
+    attached.effect.kinks.is_empty() || acts.is_none_or(|acts| is_recorded(&context.span, acts))
 }
 
 /// True if a place is not nearly the whole axis, and not only the last bit before the upper turning points, where their errors are.
@@ -236,8 +239,9 @@ fn delays_less_than_noise(context: &FitContext<'_>, node: &Node, place: usize) -
 }
 
 fn displacement_noise_mm(context: &FitContext<'_>) -> f64 {
-    let noises = context.data.tracks.iter().map(|t| t.noise_mm.max(t.vibration_mm));
-    median(noises.collect())
+    let tracks = context.data.tracks.iter();
+    let shaken_mm = tracks.clone().map(|t| t.vibration_mm).fold(0.0, f64::max);
+    median(tracks.map(|t| t.noise_mm).collect()).max(shaken_mm)
 }
 
 /// True if a parameter in this unit, which is zero without the effect, is smaller than `least`.
