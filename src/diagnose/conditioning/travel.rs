@@ -21,6 +21,8 @@ pub(super) struct Travel {
 /// the first force within this share of the range.
 const REST_DISPLACEMENT: f64 = 0.03;
 const REST_FORCE: f64 = 0.05;
+/// A motion that first falls by more than this share of the stroke began within a cycle; a vibration at rest falls by less.
+const REST_FALL: f64 = 0.003;
 /// Share of the stroke after which a motion from rest is compared.
 const FIRST_TRAVEL: f64 = 0.1;
 /// Shares of the stroke in one direction after which an unknown state counts as forgotten: the largest with which all such states together
@@ -101,7 +103,13 @@ pub(super) fn starts_from_rest(x: &[f64], force_n: &[f64], travel: &Travel) -> b
     let lowest = |values: &[f64]| values.iter().copied().fold(f64::INFINITY, f64::min);
     x[0] - lowest(x) < REST_DISPLACEMENT * range(x)
         && force_n[0] - lowest(force_n) < REST_FORCE * range(force_n)
-        && travel.direction[0] > 0.0
+        && fall_mm(x, travel) < REST_FALL * range(x)
+}
+
+/// How far the motion falls before it first rises, mm.
+fn fall_mm(x: &[f64], travel: &Travel) -> f64 {
+    let first = travel.turns.first().copied().unwrap_or(x.len() - 1);
+    x[0] - x[first]
 }
 
 /// For each sample, whether the hysteresis no longer depends on a state that nobody recorded: that before the recording, and that

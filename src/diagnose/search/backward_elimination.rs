@@ -331,6 +331,7 @@ pub(super) fn lowest(nodes: &[Node], cost: impl Fn(usize, &Node) -> f64) -> usiz
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effect::Branch;
 
     /// Two recordings with a noise of 1 N and of 10 N. An error of 2 N leaves the first; the second changes by chance.
     #[test]
@@ -358,5 +359,31 @@ mod tests {
             (taken - f64::sqrt((4.0 - 0.0816) / 1.01)).abs() < 1e-12,
             "{taken}"
         );
+    }
+    #[test]
+    fn a_knee_in_the_last_bit_of_the_travel_is_not_recorded() {
+        let span = Span {
+            displacement_mm: [0.0, 34.34],
+            force_n: [0.0, 3080.0],
+            speed_mm_s: 30.0,
+            duration_s: 60.0,
+            cycles: 10.0,
+        };
+        let beyond = |from| Place {
+            axis: Axis::DisplacementMm,
+            from,
+            to: 34.34,
+            branch: Branch::Both,
+        };
+        assert!(is_recorded(&span, beyond(30.0)));
+        assert!(!is_recorded(&span, beyond(34.1)));
+        assert!(!is_recorded(&span, beyond(0.01)));
+        // A contact near the lower end is far from the upper turning points.
+        let contact = Place {
+            from: 0.0,
+            to: 0.2,
+            ..beyond(0.0)
+        };
+        assert!(is_recorded(&span, contact));
     }
 }

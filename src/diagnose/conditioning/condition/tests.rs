@@ -200,3 +200,31 @@ fn motion_that_the_band_hides_is_kept_as_an_error() {
     );
     assert_eq!((worst(0.5, 1.8), worst(4.2, 5.8)), (0.0, 0.0));
 }
+
+#[test]
+fn a_recording_that_unloads_first_did_not_start_at_rest() {
+    // A cycle that begins 0.1 mm above its lowest point: falling, or rising from rest.
+    let from = |phase: f64| {
+        let mut recording = sine(200.0, 6.0, 0.0005);
+        for (t, (x, f)) in
+            (recording.time_s.iter()).zip(recording.displacement_mm.iter_mut().zip(&mut recording.force_n))
+        {
+            *x = 5.0 - 5.0 * (std::f64::consts::TAU * t + phase).cos();
+            *f = 80.0 * *x;
+        }
+        one(&recording).expect("conditioned")
+    };
+    let noted = |track: &Track| track.notes.iter().any(|n| n.kind == NoteKind::Start);
+    let first = |track: &Track| {
+        track
+            .weight
+            .iter()
+            .position(|w| *w > 0.0)
+            .map(|i| track.time_s[i])
+    };
+    let falling = from(-0.2);
+    assert!(noted(&falling), "{:?}", falling.notes);
+    // Compared after four fifths of the stroke in one direction.
+    assert!(first(&falling) > Some(0.35), "{:?}", first(&falling));
+    assert!(!noted(&from(0.0)));
+}
