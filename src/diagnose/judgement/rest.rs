@@ -89,21 +89,21 @@ fn is_unexplained(context: &FitContext<'_>, search: &SearchResult, before: &Node
         && correlation_time > NO_FIT_CORRELATION
         && power - 1.0 > NO_FIT_SHARE * (power_before - 1.0);
     // A change that only the reporting cycles show, as of a specimen that changed late.
-    let reported = reported_power(data, after);
+    let reporting = data.count(Split::Report).max(1) as f64;
+    let reported = reported_robustly(data, after) / reporting;
     let changed = reported > NO_FIT_POWER.max(2.0 * power);
     // The rest on reporting cycles exceeds the noise and is a considerable share of what the baseline leaves there.
-    let reported_before = reported_power(data, before);
+    let reported_before = data.sum(&before.residuals, Split::Report) / reporting;
     let above_noise = reported > 1.0 + REPORT_POWER && reported - 1.0 > LACK_SHARE * (reported_before - 1.0);
     let late = (changed || above_noise) && !fits_every_cycle(context, after);
     repeats || no_fit || late || power > FAR_OFF_POWER
 }
 
-/// Mean square on reporting cycles, in units of the noise.
-fn reported_power(data: &Data, node: &Node) -> f64 {
-    let reporting = data.count(Split::Report).max(1) as f64;
+/// Sum of squares on reporting cycles, in which no residual counts more than [`OUTLIER`] standard deviations.
+fn reported_robustly(data: &Data, node: &Node) -> f64 {
     let residuals = node.residuals.iter().zip(&data.split);
-    let squares = residuals.filter(|(_, split)| **split == Split::Report);
-    squares.map(|(r, _)| r.abs().min(OUTLIER).powi(2)).sum::<f64>() / reporting
+    let reported = residuals.filter(|(_, split)| **split == Split::Report);
+    reported.map(|(r, _)| r.abs().min(OUTLIER).powi(2)).sum()
 }
 
 /// True if the structure that is left is larger than chance and than the error of an effect's form; `share`: its share of what was to
