@@ -8,8 +8,8 @@
 //! variance = variance of that sum - tau^2 + f^2
 //! ```
 //! b: effects of the mixed model. tau^2 is taken off, as it is the scatter of the family and no error of this value. f^2: form error, which
-//! the runs of a family share and which their mean keeps. If the mean of the family stands for the nominal, the difference from it is
-//! taken within benches, and the error of that mean, without the specimen, is in the variance.
+//! the runs of a family share and which their mean keeps. If the mean of the family stands for the nominal, only the share of f counts that
+//! differs between benches (`bench_form`), and the error of that mean, without the specimen, is in the variance.
 //!
 //! Decision rule: ISO 14253-1, non-conformity is proven if the value lies outside of the limit by more than a guard band. The guard band
 //! is the quantile of Student's t times the standard error, at the level that Holm's correction leaves (`questions`). The p value is the
@@ -23,7 +23,7 @@ use super::drawing::{Drawings, DrawnLimits};
 use super::estimate::EstimateScale;
 use super::findings::{DrawingJudgement, DrawingVerdict, PooledValue, QuantityFindings};
 use super::mixed_model::Contrast;
-use super::outliers::{QuantityFits, RobustFit};
+use super::outliers::RobustFit;
 use super::quantity::FEWEST_SPECIMENS;
 use super::questions::FAMILY_WISE_ERROR;
 use super::wording::named;
@@ -33,16 +33,12 @@ use crate::identify::confidence::{student_975, student_within};
 const FEWEST_OF_WHOLE: usize = 3;
 
 /// Judges the specimens whose drawing limits the quantity of these fits. The verdicts wait for [`conclude`].
-pub(super) fn judged(
-    fits: &QuantityFits,
-    drawings: &Drawings,
-    reference: Option<&str>,
-) -> Vec<DrawingJudgement> {
-    let data = fits.lab.design.of;
+pub(super) fn judged(lab: &RobustFit, drawings: &Drawings, reference: Option<&str>) -> Vec<DrawingJudgement> {
+    let data = lab.design.of;
     let all = (0..data.specimens.len()).into_par_iter();
     let judged = all.filter_map(|specimen| {
         let limits = drawings.limits(data.specimens[specimen].family, &data.rows[0].quantity)?;
-        judgement(fits, specimen, limits, reference)
+        judgement(lab, specimen, limits, reference)
     });
     judged.collect()
 }
@@ -54,17 +50,17 @@ struct OwnValue {
 }
 
 fn judgement(
-    fits: &QuantityFits,
+    lab: &RobustFit,
     specimen: usize,
     limits: &DrawnLimits,
     reference: Option<&str>,
 ) -> Option<DrawingJudgement> {
-    let data = fits.lab.design.of;
+    let data = lab.design.of;
     let scale = data.rows[0].scale;
     let is_mean = limits.about_family_mean();
     let (nominal, values) = match is_mean {
-        true => from_family_mean(fits, specimen, reference)?,
-        false => (limits.nominal, if_bench_is_right(&fits.lab, specimen, reference)?),
+        true => from_family_mean(lab, specimen, reference)?,
+        false => (limits.nominal, if_bench_is_right(lab, specimen, reference)?),
     };
     let ends = [limits.at_least, limits.at_most].map(|end| Some(end?.at(nominal.unwrap_or(0.0))));
     let pooled = |end: f64| match scale {
@@ -76,6 +72,7 @@ fn judgement(
     let high = ends[1].map_or(f64::INFINITY, pooled);
     let p = |value: &OwnValue| outside_p(&value.contrast, low, high);
     let least_sure = values.iter().max_by(|a, b| p(a).total_cmp(&p(b)))?;
+    let clearest = values.iter().min_by(|a, b| p(a).total_cmp(&p(b)))?;
     let several = values.len() > 1;
     let own = &data.specimens[specimen];
     let mut benches: Vec<usize> = data.benches.of_row[own.rows.clone()].to_vec();
@@ -96,7 +93,8 @@ fn judgement(
         limits: limits.words.clone(),
         verdict: DrawingVerdict::Undecided,
         least_sure_bench: least_sure.bench.filter(|_| several).map(name),
-        clearest_p: values.iter().map(p).fold(1.0, f64::min),
+        clearest_bench: clearest.bench.filter(|_| several).map(name),
+        clearest_p: p(clearest),
         remark: None,
     })
 }
@@ -189,46 +187,40 @@ fn right_benches(lab: &RobustFit, group: usize, reference: Option<&str>) -> Vec<
 }
 
 /// The mean of the family at 0 cycles without the specimen, in the unit of the quantity, and the specimen's value as if that mean were the
-/// nominal. `None` if nothing else of the family can be compared with it.
+/// nominal. `None` if nothing else of its batch can be compared with it. The form error is shared with the family, save the part of it
+/// that differs from bench to bench.
 fn from_family_mean(
-    fits: &QuantityFits,
+    lab: &RobustFit,
     specimen: usize,
     reference: Option<&str>,
 ) -> Option<(Option<f64>, Vec<OwnValue>)> {
-    let (lab, within) = (
-        fits.lab.setting_aside(specimen)?,
-        fits.within.setting_aside(specimen)?,
-    );
-    let data = lab.design.of;
+    let alone = lab.setting_aside(specimen)?;
+    let (design, data) = (&alone.design, alone.design.of);
     let own = &data.specimens[specimen];
     let members = data.specimens.iter().filter(|s| s.group == own.group).count();
-    // An own mean that follows from batch or bench is no difference from others.
-    if members < FEWEST_SPECIMENS || !within.design.has(DesignTerm::Outlier(specimen)) {
+    // An own mean that follows from its batch is no difference from others.
+    if members < FEWEST_SPECIMENS || !design.has(DesignTerm::Outlier(specimen)) {
         return None;
     }
     let mut weights = vec![
         (DesignTerm::Group(own.group), 1.0),
-        (DesignTerm::Cycles(None), -lab.design.mean_age[0]),
+        (DesignTerm::Cycles(None), -design.mean_age[0]),
     ];
-    if let [right] = right_benches(&lab, own.group, reference)[..] {
+    if let [right] = right_benches(lab, own.group, reference)[..] {
         weights.push((DesignTerm::Bench(right), 1.0));
     }
-    let mean = lab.fit.contrast(&lab.design.entries(&weights));
+    let mean = alone.fit.contrast(&design.entries(&weights));
     let batch = data.groups[own.group]
         .batches
         .iter()
         .position(|b| *b == own.batch)?;
-    let weights = [
-        (DesignTerm::Batch(own.group, batch), 1.0),
-        (DesignTerm::Outlier(specimen), 1.0),
-    ];
-    let difference = within.value_of(specimen, &weights);
+    let mut weights = vec![(DesignTerm::Batch(own.group, batch), 1.0)];
+    weights.extend(design.effects_of_specimen(specimen));
+    let form = data.form_variance_of(&own.rows.clone().collect::<Vec<_>>());
+    let difference = alone.value_of(specimen, &weights);
     let contrast = Contrast {
         estimate: mean.estimate + difference.estimate,
-        degrees: difference
-            .degrees
-            .min(within.design.of.degrees_of_group[own.group]),
-        ..difference
+        ..difference.with_form_variance(data.bench_form_share.powi(2) * form)
     };
     let in_unit = PooledValue::level(&mean, data.rows[0].scale, None).value;
     Some((
@@ -248,7 +240,7 @@ pub(super) fn conclude(quantities: &mut [QuantityFindings]) {
             judgement.verdict = verdict(judgement);
         }
         let remarks: Vec<Option<String>> = (quantity.against_drawing.iter())
-            .map(|one| as_a_whole(one, &quantity.against_drawing).or_else(|| unless_bench(one, asked)))
+            .map(|one| as_a_whole(one, &quantity.against_drawing).or_else(|| if_bench(one, asked)))
             .collect();
         for (judgement, remark) in quantity.against_drawing.iter_mut().zip(remarks) {
             judgement.remark = remark;
@@ -308,12 +300,13 @@ fn as_a_whole(one: &DrawingJudgement, all: &[DrawingJudgement]) -> Option<String
     family.or_else(batch).or_else(bench)
 }
 
-/// The bench that decides whether an undecided specimen is out of tolerance. `asked`: number of judgements, for Bonferroni's correction.
-fn unless_bench(one: &DrawingJudgement, asked: usize) -> Option<String> {
-    let bench = one.least_sure_bench.as_ref()?;
-    let is_out_elsewhere = one.clearest_p * (asked as f64) < FAMILY_WISE_ERROR;
-    (one.verdict == DrawingVerdict::Undecided && is_out_elsewhere)
-        .then(|| format!("It is out of tolerance unless bench {bench} is right: check that bench."))
+/// The benches that decide whether an undecided specimen is out of tolerance. `asked`: number of judgements, for Bonferroni's correction.
+fn if_bench(one: &DrawingJudgement, asked: usize) -> Option<String> {
+    let (least, clearest) = (one.least_sure_bench.as_ref()?, one.clearest_bench.as_ref()?);
+    let is_out_there = one.clearest_p * (asked as f64) < FAMILY_WISE_ERROR;
+    (one.verdict == DrawingVerdict::Undecided && is_out_there).then(|| {
+        format!("It is out of tolerance if bench {clearest} is right, but not surely if bench {least} is: check these benches.")
+    })
 }
 
 /// Specimens whose drawing limits a quantity, but that were not judged in it, one sentence each quantity. `named_rows`: family, specimen
@@ -522,16 +515,12 @@ mod tests {
             "{remark}"
         );
         let mut of_batch = rate_rows(&lab());
-        of_batch.retain(|row| row.family == "F1");
-        let members = ["S000", "S004", "S008", "S012", "S016", "S020"];
-        for row in &mut of_batch {
-            let number = members
-                .iter()
-                .position(|name| *name == row.specimen)
-                .expect("a member");
-            row.batch = if number < 3 { "new" } else { "old" }.to_owned();
-            row.estimate *= if number < 3 { 1.3 } else { 1.0 };
-            row.std_error *= if number < 3 { 1.3 } else { 1.0 };
+        for row in of_batch.iter_mut().filter(|row| row.family == "F1") {
+            let is_new = ["S000", "S004", "S008"].contains(&row.specimen.as_str());
+            let factor = if is_new { 1.3 } else { 1.0 };
+            row.batch = if is_new { "new" } else { "old" }.to_owned();
+            row.estimate *= factor;
+            row.std_error *= factor;
         }
         let text = format!("[family.F1.rate_n_per_mm]\nnominal = \"{nominal} N/mm\"\ntolerance = \"15 %\"");
         let findings = against(&of_batch, &text);
@@ -544,26 +533,20 @@ mod tests {
     }
 
     #[test]
-    fn an_excess_that_hangs_on_one_bench_is_said_to_hang_on_it() {
-        // B2 reads 1 % high: with a limit 0.5 % below the true value, the specimen is inside only if B2 is right.
+    fn an_excess_that_hangs_on_a_bench_is_said_to_hang_on_it() {
+        // B2 reads 1 % high. If it is right, the specimen is above a limit that lies 0.4 % above its true value.
         let limits = format!(
             "[family.F2.rate_n_per_mm]\nat_most = \"{} N/mm\"",
-            0.995 * true_rate()
+            1.004 * true_rate()
         );
-        let rows: Vec<EstimateRow> = (rate_rows(&lab()).into_iter())
-            .map(|row| EstimateRow {
-                std_error: 0.1 * row.std_error,
-                ..row
-            })
-            .collect();
-        let findings = against(&rows, &limits);
+        let findings = against(&rate_rows(&lab()), &limits);
         let one = judgement(&findings, "S001");
         assert_eq!(
-            (one.verdict, one.least_sure_bench.as_deref()),
+            (one.verdict, one.clearest_bench.as_deref()),
             (DrawingVerdict::Undecided, Some("B2"))
         );
         assert!(
-            one.value.low95 < 0.995 * true_rate() && one.value.high95 > true_rate(),
+            one.value.low95 < 1.004 * true_rate() && one.value.high95 > 1.008 * true_rate(),
             "{one:?}"
         );
         let options = FleetOptions {
@@ -571,9 +554,38 @@ mod tests {
             drawings: Some(Drawings::read("drawings.toml", &limits).expect("limits")),
             ..FleetOptions::default()
         };
-        let with_reference = pool(&rows, &options).expect("pooled");
-        let one = judgement(&with_reference, "S001");
-        assert_eq!(one.least_sure_bench, None);
-        assert!(one.value.high95 - one.value.low95 < 0.02 * true_rate(), "{one:?}");
+        let with_reference = pool(&rate_rows(&lab()), &options).expect("pooled");
+        let known = judgement(&with_reference, "S001");
+        assert_eq!((&known.least_sure_bench, &known.remark), (&None, &None));
+        assert!(
+            known.value.high95 < one.value.high95 - 0.005 * true_rate(),
+            "{known:?}"
+        );
+    }
+
+    #[test]
+    fn the_benches_that_decide_are_named() {
+        let findings = against(
+            &rate_rows(&lab()),
+            "[family.F2.rate_n_per_mm]\nat_most = \"500 N/mm\"",
+        );
+        let undecided = DrawingJudgement {
+            verdict: DrawingVerdict::Undecided,
+            least_sure_bench: Some("B1".to_owned()),
+            clearest_bench: Some("B2".to_owned()),
+            clearest_p: 0.001,
+            ..judgement(&findings, "S001").clone()
+        };
+        let said = if_bench(&undecided, 6).expect("a remark");
+        assert!(
+            said.starts_with("It is out of tolerance if bench B2 is right, but not surely if bench B1 is"),
+            "{said}"
+        );
+        assert_eq!(if_bench(&undecided, 60), None, "one of many");
+        let within = DrawingJudgement {
+            verdict: DrawingVerdict::Within,
+            ..undecided
+        };
+        assert_eq!(if_bench(&within, 6), None);
     }
 }

@@ -266,7 +266,9 @@ pub(crate) struct DrawingJudgement {
     pub verdict: DrawingVerdict,
     /// The bench for which an excess is least sure if it is right; null if that does not matter.
     pub least_sure_bench: Option<String>,
-    /// p value if the bench is right for which it is smallest.
+    /// The bench for which an excess is surest if it is right; null as above.
+    pub clearest_bench: Option<String>,
+    /// p value if that bench is right.
     #[serde(skip)]
     pub clearest_p: f64,
     /// What explains the verdict beside the specimen.

@@ -120,7 +120,7 @@ pub(crate) fn pool(rows: &[EstimateRow], options: &FleetOptions) -> Result<Fleet
     if let Some(drawings) = drawings {
         let both = fits.iter().zip(&mut quantities);
         both.for_each(|(fit, quantity)| {
-            quantity.against_drawing = against_drawing::judged(fit, drawings, reference);
+            quantity.against_drawing = against_drawing::judged(&fit.lab, drawings, reference);
         });
     }
     let questions = questions::answer(quantities.iter_mut().flat_map(asked).collect());

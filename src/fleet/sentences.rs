@@ -365,3 +365,28 @@ fn of_drawing(quantity: &QuantityFindings, judgement: &DrawingJudgement) -> Stri
         counted(judgement.runs, "run")
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn look_alikes_are_named_from_both_sides_and_others_not_at_all() {
+        let listing = EFFECTS
+            .iter()
+            .flat_map(|e| e.confusable_with.iter().map(move |other| (e.code, other.code)));
+        let pairs: Vec<(&str, &str)> = listing.collect();
+        assert!(!pairs.is_empty());
+        for (code, other) in &pairs {
+            assert!(
+                alike(code).contains(other) && alike(other).contains(code),
+                "{code} and {other}"
+            );
+        }
+        let lonely = EFFECTS
+            .iter()
+            .find(|e| pairs.iter().all(|(a, b)| *a != e.code && *b != e.code));
+        assert_eq!(lonely.map_or(String::new(), |e| alike(e.code)), "");
+        assert_eq!(alike("rate_n_per_mm"), "", "a parameter looks like nothing");
+    }
+}

@@ -365,6 +365,7 @@ pub(super) mod tests {
             limits: "at least 95 % of the nominal".to_owned(),
             verdict: DrawingVerdict::Undecided,
             least_sure_bench: None,
+            clearest_bench: None,
             clearest_p: 0.5,
             remark: Some("It is close.".to_owned()),
         }
