@@ -111,21 +111,8 @@ pub(crate) fn pool(rows: &[EstimateRow], options: &FleetOptions) -> Result<Fleet
             None => too_few.push(&data.rows[0].quantity),
         }
     }
-    let mut quantities: Vec<QuantityFindings> = fits
-        .iter()
-        .map(|fit| quantity::quantity_findings(fit, reference))
-        .collect();
-    leave_unasked(&mut quantities);
+    let (quantities, questions) = answered(&fits, options);
     let drawings = options.drawings.as_ref();
-    if let Some(drawings) = drawings {
-        let both = fits.iter().zip(&mut quantities);
-        both.for_each(|(fit, quantity)| {
-            quantity.against_drawing = against_drawing::judged(&fit.lab, drawings, reference);
-        });
-    }
-    let questions = questions::answer(quantities.iter_mut().flat_map(asked).collect());
-    against_drawing::conclude(&mut quantities);
-    mark_worth_a_look(&mut quantities);
     let mut cannot_tell = cannot_tell::cannot_tell(&fits, &too_few);
     cannot_tell.extend(
         drawings
@@ -151,6 +138,25 @@ pub(crate) fn pool(rows: &[EstimateRow], options: &FleetOptions) -> Result<Fleet
         cannot_tell,
         quantities,
     })
+}
+
+/// All values of all quantities, with the answers to the questions about them and the number of questions.
+fn answered(fits: &[QuantityFits], options: &FleetOptions) -> (Vec<QuantityFindings>, usize) {
+    let reference = options.reference_bench.as_deref();
+    let mut quantities: Vec<QuantityFindings> = fits
+        .iter()
+        .map(|fit| quantity::quantity_findings(fit, reference))
+        .collect();
+    leave_unasked(&mut quantities);
+    if let Some(drawings) = &options.drawings {
+        for (fit, quantity) in fits.iter().zip(&mut quantities) {
+            quantity.against_drawing = against_drawing::judged(&fit.lab, drawings, reference);
+        }
+    }
+    let questions = questions::answer(quantities.iter_mut().flat_map(asked).collect());
+    against_drawing::conclude(&mut quantities);
+    mark_worth_a_look(&mut quantities);
+    (quantities, questions)
 }
 
 /// What the drawings limit and the table cannot judge.
