@@ -92,34 +92,29 @@ pub(crate) enum DrawingError {
     NoFamily { file: String, known: String },
     /// A quantity that is not in the table of estimates.
     #[error(
-        "{file}, family.{family}.{quantity}: the table of estimates has no such quantity{meant}; it has {known}: rename or remove it"
+        "{place}: the table of estimates has no such quantity{meant}; it has {known}: rename or remove it"
     )]
     UnknownQuantity {
-        file: String,
-        family: String,
-        quantity: String,
+        /// File and key.
+        place: String,
         /// ": did you mean NAME?" or nothing.
         meant: String,
         known: String,
     },
     /// Percent of the mean of a quantity that may be 0.
     #[error(
-        "{file}, family.{family}.{quantity}: percent of a mean that may be 0 mean nothing: add nominal, or enter the limits in {unit}"
+        "{place}: percent of a mean that may be 0 mean nothing: add nominal, or enter the limits in {unit}"
     )]
     PercentOfMean {
-        file: String,
-        family: String,
-        quantity: String,
+        /// File and key.
+        place: String,
         unit: String,
     },
     /// A value in another unit than the estimates.
-    #[error(
-        "{file}, family.{family}.{quantity}: it is written in \"{written}\", but estimated in \"{unit}\": enter it in {unit}"
-    )]
+    #[error("{place}: it is written in \"{written}\", but estimated in \"{unit}\": enter it in {unit}")]
     Unit {
-        file: String,
-        family: String,
-        quantity: String,
+        /// File and key.
+        place: String,
         written: String,
         unit: String,
     },
@@ -389,34 +384,21 @@ impl Drawings {
             .iter()
             .flat_map(|(f, of)| of.iter().map(move |(q, l)| (f, q, l)));
         for (family, quantity, limits) in asked {
-            let (file, family, quantity) = (file.clone(), family.clone(), quantity.clone());
+            let place = format!("{file}, family.{family}.{quantity}");
             let Some((unit, scale)) = units.get(quantity.as_str()) else {
                 let known: Vec<&str> = units.into_keys().collect();
                 return Err(DrawingError::UnknownQuantity {
-                    meant: nearest::question(nearest::name(&quantity, &known)),
+                    place,
+                    meant: nearest::question(nearest::name(quantity, &known)),
                     known: known.join(", "),
-                    file,
-                    family,
-                    quantity,
                 });
             };
             let unit = unit.clone();
             if let Some(written) = limits.unit.clone().filter(|written| *written != unit) {
-                return Err(DrawingError::Unit {
-                    file,
-                    family,
-                    quantity,
-                    written,
-                    unit,
-                });
+                return Err(DrawingError::Unit { place, written, unit });
             }
             if *scale == EstimateScale::Absolute && limits.is_share_of_mean() {
-                return Err(DrawingError::PercentOfMean {
-                    file,
-                    family,
-                    quantity,
-                    unit,
-                });
+                return Err(DrawingError::PercentOfMean { place, unit });
             }
         }
         Ok(())
