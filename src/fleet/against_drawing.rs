@@ -12,9 +12,9 @@
 //! differs between benches (`bench_form`), and the error of that mean, without the specimen, is in the variance.
 //!
 //! Decision rule: ISO 14253-1, non-conformity is proven if the value lies outside of the limit by more than a guard band. The guard band
-//! is the quantile of Student's t times the standard error, at the level that Holm's correction leaves (`questions`). The p value is the
-//! chance of a value so far outside from a specimen on the limit (JCGM 106, 8.3). The largest p value over all benches that may be right
-//! counts (Berger 1982), as for the levels of families.
+//! is the quantile of Student's t times the standard error (guarded rejection of JCGM 106), at the level that Holm's correction leaves
+//! (`questions`). The p value is the chance of a value so far outside from a specimen on the limit. The largest p value over all benches that
+//! may be right counts (Berger 1982), as for the levels of families.
 
 use rayon::prelude::*;
 
