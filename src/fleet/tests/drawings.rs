@@ -99,19 +99,17 @@ fn judged(lab: &SyntheticLab, seeds: std::ops::Range<u64>, nominals: bool) -> Ju
 
 #[test]
 fn specimens_out_of_tolerance_are_found_and_others_are_not() {
-    for nominals in [true, false] {
+    // The mean of five others is known to 1 % only, so fewer are found where it stands for the nominal.
+    for (nominals, least_found) in [(true, 0.8), (false, 0.1)] {
         let labs = judged(&lab(), 11_000..11_200, nominals);
         println!("200 labs, nominals in the drawing: {nominals}: {labs:?}");
         // 5 % are allowed: 20 or more of 200 would have a chance of 0.3 %.
         assert!(labs.wrong_labs < 20, "{labs:?}");
+        let share_found = labs.far_found as f64 / labs.far_outside as f64;
+        assert!(labs.far_outside > 100 && share_found > least_found, "{labs:?}");
         assert!(
-            labs.far_outside > 100 && labs.far_found * 10 >= labs.far_outside * if nominals { 8 } else { 4 },
+            labs.missed_as_within * 20 <= labs.outside && labs.not_judged == 0,
             "{labs:?}"
         );
-        assert!(
-            labs.not_judged * 50 <= labs.judged * usize::from(!nominals),
-            "{labs:?}"
-        );
-        assert!(labs.missed_as_within * 20 <= labs.outside, "{labs:?}");
     }
 }
