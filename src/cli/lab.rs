@@ -18,7 +18,7 @@ use crate::recording::export::sha256_of;
 use crate::recording::run_file::{EXTENSION, RunFileWriter};
 use crate::recording::{Ending, Flags, Header, Outcome, Recorder, Recording, Sample};
 use crate::truth::lab_test::{self, COMMANDS_HZ};
-use crate::truth::{Lab, LabCommand, LabRequest, LabTest};
+use crate::truth::{Lab, LabCommand, LabFamily, LabRequest, LabTest};
 use crate::units::Command;
 
 /// Start of the campaign: midnight, UTC, of the first day.
@@ -30,10 +30,10 @@ const FEWEST_SPECIMENS: u64 = 8;
 #[derive(Debug, Args)]
 #[command(
     hide = true,
-    after_help = "DIR gets runs/ with the run files, specimens.csv with family and batch of each specimen, and lab-truth.json with everything\n\
-                  that is true of the laboratory: three benches, of which one reads 1 % high and one has a late force channel; four\n\
-                  families, of which one batch has a loose clamp; two specimens that are no good; friction that grows with age.\n\
-                  The SHA-256 of lab-truth.json is printed: with it one can show later that the truth was not changed."
+    after_help = "DIR gets runs/ with the run files, specimens.csv with family and batch of each specimen, drawings.toml with the tolerances of the\n\
+                  families, and lab-truth.json with everything that is true of the laboratory: three benches, of which one reads 1 % high and\n\
+                  one has a late force channel; four families, of which one batch has a loose clamp; two specimens that are no good; friction\n\
+                  that grows with age. The SHA-256 of lab-truth.json is printed: with it one can show later that the truth was not changed."
 )]
 pub(super) struct LabArgs {
     /// Folder to make
@@ -59,6 +59,7 @@ pub(super) struct WrittenLab {
     runs: usize,
     folder: PathBuf,
     specimens: PathBuf,
+    drawings: PathBuf,
     truth: PathBuf,
     truth_sha256: String,
 }
@@ -80,31 +81,35 @@ impl CliCommand for LabArgs {
     }
 }
 
-/// Writes truth, table of specimens and run files.
+/// Writes truth, table of specimens, drawings and run files.
 pub(super) fn write(lab: &Lab, out: &Path, output: &Output) -> Result<WrittenLab, CliError> {
     let folder = out.join("runs");
-    let (specimens, truth) = (out.join("specimens.csv"), out.join("lab-truth.json"));
-    require_new(&[&folder, &specimens, &truth], false)?;
+    let [specimens, drawings, truth] =
+        ["specimens.csv", "drawings.toml", "lab-truth.json"].map(|name| out.join(name));
+    require_new(&[&folder, &specimens, &drawings, &truth], false)?;
     std::fs::create_dir_all(&folder).map_err(CliError::file(&folder, "creating the folder"))?;
     let text = serde_json::to_string_pretty(lab).map_err(|e| CliError::Internal(e.to_string()))?;
     std::fs::write(&truth, text).map_err(CliError::file(&truth, "writing"))?;
     std::fs::write(&specimens, specimen_table(lab)).map_err(CliError::file(&specimens, "writing"))?;
+    std::fs::write(&drawings, drawings_toml(lab)).map_err(CliError::file(&drawings, "writing"))?;
     write_runs(lab, &folder, output)?;
     Ok(WrittenLab {
         runs: lab.runs.len(),
         truth_sha256: sha256_of(&truth).map_err(CliError::file(&truth, "reading"))?,
         folder,
         specimens,
+        drawings,
         truth,
     })
 }
 
 fn text_of(written: &WrittenLab) -> String {
     format!(
-        "{} runs in {}; {}; {} (SHA-256 {})",
+        "{} runs in {}; {}; {}; {} (SHA-256 {})",
         written.runs,
         written.folder.display(),
         written.specimens.display(),
+        written.drawings.display(),
         written.truth.display(),
         written.truth_sha256
     )
@@ -149,6 +154,25 @@ fn specimen_table(lab: &Lab) -> String {
     std::iter::once("specimen,family,batch\n".to_owned())
         .chain(rows)
         .collect()
+}
+
+/// What the drawings of the families allow. The tolerances were fixed before any laboratory was judged by them: makers guarantee the rate
+/// of a spring to 5 to 10 %, and friction is known to be several times as uncertain.
+const RATE_TOLERANCE: &str = "7 %";
+const FRICTION_TOLERANCE: &str = "25 %";
+
+/// The drawings of the families. A drawing has the rate that its specimens scatter about. It has no friction: in the equations of another
+/// world the friction of the model is another number than the family's own, so a specimen is compared with the others of its family.
+fn drawings_toml(lab: &Lab) -> String {
+    let of_family = |family: &LabFamily| {
+        format!(
+            "[family.{0}.rate_n_per_mm]\nnominal = \"{1} N/mm\"\ntolerance = \"{RATE_TOLERANCE}\"\n\n\
+             [family.{0}.friction_ratio]\ntolerance = \"{FRICTION_TOLERANCE}\"\n",
+            family.name, family.rate_n_per_mm
+        )
+    };
+    let families: Vec<String> = lab.families.iter().map(of_family).collect();
+    families.join("\n")
 }
 
 fn write_runs(lab: &Lab, folder: &Path, output: &Output) -> Result<(), CliError> {
@@ -253,6 +277,7 @@ fn sample(header: &Header, test: &PlayedTest, recording: &Recording, tick: usize
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fleet::drawing::Drawings;
     use crate::recording::run_file::{RunFile, listing};
 
     #[test]
@@ -282,6 +307,12 @@ mod tests {
             serde_json::from_str(&std::fs::read_to_string(out.join("lab-truth.json")).expect("read"))
                 .expect("JSON");
         let table = std::fs::read_to_string(out.join("specimens.csv")).expect("read");
+        let drawings = std::fs::read_to_string(out.join("drawings.toml")).expect("read");
+        Drawings::read("drawings.toml", &drawings).expect("a file that `fleet report --drawings` takes");
+        for family in truth["families"].as_array().expect("families") {
+            let rate = format!("nominal = \"{} N/mm\"", family["rate_n_per_mm"]);
+            assert!(drawings.contains(&rate.replace(".0 N", " N")), "{drawings}");
+        }
         let files = std::fs::read_dir(out.join("runs")).expect("listed");
         let files: Vec<PathBuf> = files.map(|e| e.expect("an entry").path()).collect();
         assert_eq!(files.len(), 9);

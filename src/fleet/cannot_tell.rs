@@ -171,3 +171,38 @@ fn not_asked(robust: &RobustFit) -> Vec<String> {
     }
     reasons
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::fleet::tests::synthetic::SyntheticLab;
+    use crate::fleet::{FleetOptions, pool};
+
+    #[test]
+    fn a_specimen_alone_on_its_bench_is_named_and_one_beside_others_is_not() {
+        let lab = SyntheticLab {
+            specimens: 12,
+            runs: 96,
+            ..SyntheticLab::default()
+        };
+        let mut rows = lab.table(5);
+        rows.retain(|row| row.quantity == "rate_n_per_mm");
+        let said = |rows: &[_]| {
+            let pooled = pool(rows, &FleetOptions::default()).expect("pooled");
+            pooled.cannot_tell.join("\n")
+        };
+        assert!(!said(&rows).contains("is one of its bench"), "{}", said(&rows));
+        // S004 was the only one of family F1 on bench B3 and on B1, too; now S008 is there alone and nowhere else.
+        for row in &mut rows {
+            match row.specimen.as_str() {
+                "S004" => row.bench = "B1".to_owned(),
+                "S008" => row.bench = "B3".to_owned(),
+                _ => {}
+            }
+        }
+        let said = said(&rows);
+        assert!(
+            said.contains("a difference of S008 from its family is one of its bench"),
+            "{said}"
+        );
+    }
+}

@@ -18,6 +18,8 @@ pub(crate) struct FleetFindings {
     pub family_wise_error: f64,
     /// What was found, in the order of the kinds, the surest first; empty if nothing was.
     pub findings: Vec<FleetFinding>,
+    /// How many specimens were judged by a drawing, with the verdicts; null if no drawings were given.
+    pub against_drawings: Option<DrawingCounts>,
     /// Specimens that deviate, but not by enough to be findings: one sentence each, the clearest first.
     pub worth_a_look: Vec<String>,
     /// For each bench whose forces or displacements deviate, the error of gain that fits.
@@ -93,6 +95,8 @@ pub(crate) enum QuestionKind {
     Batch,
     /// Does a quantity change with cycles or years?
     Age,
+    /// Is a specimen outside of what its drawing allows?
+    Drawing,
     /// Does a specimen differ from its family in a parameter?
     Specimen,
     /// Has a specimen more of an effect than its family, or less?
@@ -128,6 +132,8 @@ pub(crate) struct QuantityFindings {
     pub operators: Vec<LevelEffect>,
     pub slopes: Vec<AgeSlope>,
     pub specimen_deviations: Vec<SpecimenDeviation>,
+    /// Specimens whose drawing limits the quantity; empty without drawings.
+    pub against_drawing: Vec<DrawingJudgement>,
 }
 
 /// How a quantity is read.
@@ -142,7 +148,8 @@ pub(crate) enum QuantityRole {
     InstrumentEffect,
 }
 
-/// A pooled value with its 95 % interval. If a question was asked about it, the question is whether it is 0.
+/// A pooled value with its 95 % interval. If a question was asked about it, the question is whether it is 0, and for a value that is
+/// judged by a drawing whether it lies outside of the limits.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct PooledValue {
     pub value: f64,
@@ -235,6 +242,99 @@ pub(crate) struct SpecimenDeviation {
     pub normal_p: Option<f64>,
     /// True if it is no finding but would be one if specimens followed the normal law.
     pub worth_a_look: bool,
+}
+
+/// A specimen as its drawing sees it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct DrawingJudgement {
+    pub specimen: String,
+    pub family: String,
+    pub batch: String,
+    pub benches: Vec<String>,
+    pub runs: usize,
+    /// Value of the specimen at 0 cycles and at its first run, in the unit of the quantity. The interval and the p value hold whichever
+    /// connected bench is right.
+    pub value: PooledValue,
+    /// Nominal of the drawing, or the mean of the family in place of it; null if the limits need none.
+    pub nominal: Option<f64>,
+    pub nominal_is_family_mean: bool,
+    /// Limits in the unit of the quantity.
+    pub at_least: Option<f64>,
+    pub at_most: Option<f64>,
+    /// The limits as the drawing has them: "tolerance 7 %".
+    pub limits: String,
+    pub verdict: DrawingVerdict,
+    /// The bench for which an excess is least sure if it is right; null if that does not matter.
+    pub least_sure_bench: Option<String>,
+    /// The bench for which an excess is surest if it is right; null as above.
+    pub clearest_bench: Option<String>,
+    /// p value if that bench is right.
+    #[serde(skip)]
+    pub clearest_p: f64,
+    /// What explains the verdict beside the specimen.
+    pub remark: Option<String>,
+}
+
+/// What is said of a specimen by its drawing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum DrawingVerdict {
+    /// Outside, also after correction for all questions.
+    OutOfTolerance,
+    /// The 95 % interval lies inside of the limits.
+    Within,
+    /// Neither: the runs say too little.
+    Undecided,
+}
+
+impl DrawingVerdict {
+    /// The verdict in words.
+    pub(crate) fn words(self) -> &'static str {
+        match self {
+            DrawingVerdict::OutOfTolerance => "out of tolerance",
+            DrawingVerdict::Within => "within tolerance",
+            DrawingVerdict::Undecided => "undecided",
+        }
+    }
+}
+
+/// How many judgements by drawings had each verdict.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub(crate) struct DrawingCounts {
+    pub judged: usize,
+    pub out_of_tolerance: usize,
+    pub within: usize,
+    pub undecided: usize,
+}
+
+impl DrawingCounts {
+    /// Counts the judgements of all quantities.
+    pub(super) fn of(quantities: &[QuantityFindings]) -> DrawingCounts {
+        let verdicts: Vec<DrawingVerdict> = (quantities.iter())
+            .flat_map(|q| q.against_drawing.iter().map(|j| j.verdict))
+            .collect();
+        let count = |verdict: DrawingVerdict| verdicts.iter().filter(|v| **v == verdict).count();
+        DrawingCounts {
+            judged: verdicts.len(),
+            out_of_tolerance: count(DrawingVerdict::OutOfTolerance),
+            within: count(DrawingVerdict::Within),
+            undecided: count(DrawingVerdict::Undecided),
+        }
+    }
+
+    /// The counts as a sentence.
+    pub(crate) fn sentence(&self) -> String {
+        format!(
+            "Against the drawings {} were judged, one for each specimen and quantity: {} out of tolerance, {} within, {} undecided.",
+            match self.judged {
+                1 => "1 value".to_owned(),
+                n => format!("{n} values"),
+            },
+            self.out_of_tolerance,
+            self.within,
+            self.undecided
+        )
+    }
 }
 
 impl FleetFindings {

@@ -4,14 +4,17 @@
 //! [`mixed_model`] (the fit), [`outliers`] (the fit that outliers do not spoil), [`levels`] and [`quantity`] (values and questions).
 //! What is compared within a family goes through [`within_benches`] first, with the scatter of [`run_scatter`];
 //! [`bench_form`] measures how far families disagree about a bench.
+//! Specimens whose family has a drawing are judged by it in [`against_drawing`].
 //! Then [`questions`] corrects all p values together, [`bench_cause`] explains the benches, and [`sentences`] and [`cannot_tell`] say
 //! it in words. `docs/fleet.md` has the equations.
 
+mod against_drawing;
 mod bench_cause;
 mod bench_form;
 mod cannot_tell;
 mod design;
 pub(crate) mod diagnosed;
+pub(crate) mod drawing;
 pub(crate) mod estimate;
 pub(crate) mod findings;
 mod levels;
@@ -31,8 +34,9 @@ mod wording;
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use drawing::{DrawingError, Drawings};
 use estimate::EstimateRow;
-use findings::{FleetFindings, PooledValue, QuantityFindings, QuestionKind};
+use findings::{DrawingCounts, FleetFindings, PooledValue, QuantityFindings, QuestionKind};
 use outliers::{QuantityFits, RobustFit};
 use quantity_data::QuantityData;
 use questions::FAMILY_WISE_ERROR;
@@ -46,6 +50,8 @@ pub(crate) struct FleetOptions {
     pub reference_bench: Option<String>,
     /// Leaves differences between operators in the scatter from run to run.
     pub ignore_operators: bool,
+    /// What the drawings of the families allow.
+    pub drawings: Option<Drawings>,
 }
 
 /// Why a table cannot be pooled.
@@ -72,6 +78,9 @@ pub(crate) enum FleetError {
         /// The benches of the table.
         known: String,
     },
+    /// The drawings do not fit the table.
+    #[error(transparent)]
+    Drawing(#[from] DrawingError),
 }
 
 /// Pools a table. The order of its rows does not matter.
@@ -102,13 +111,14 @@ pub(crate) fn pool(rows: &[EstimateRow], options: &FleetOptions) -> Result<Fleet
             None => too_few.push(&data.rows[0].quantity),
         }
     }
-    let mut quantities: Vec<QuantityFindings> = fits
-        .iter()
-        .map(|fit| quantity::quantity_findings(fit, reference))
-        .collect();
-    leave_unasked(&mut quantities);
-    let questions = questions::answer(quantities.iter_mut().flat_map(asked).collect());
-    mark_worth_a_look(&mut quantities);
+    let (quantities, questions) = answered(&fits, options);
+    let drawings = options.drawings.as_ref();
+    let mut cannot_tell = cannot_tell::cannot_tell(&fits, &too_few);
+    cannot_tell.extend(
+        drawings
+            .into_iter()
+            .flat_map(|d| not_judged(rows, d, &quantities)),
+    );
     let count = |name: fn(&EstimateRow) -> &str| {
         let names: BTreeSet<&str> = rows.iter().map(name).filter(|n| !n.is_empty()).collect();
         names.len()
@@ -122,11 +132,52 @@ pub(crate) fn pool(rows: &[EstimateRow], options: &FleetOptions) -> Result<Fleet
         questions,
         family_wise_error: FAMILY_WISE_ERROR,
         findings: sentences::sentences(&quantities, reference),
+        against_drawings: drawings.map(|_| DrawingCounts::of(&quantities)),
         worth_a_look: sentences::worth_a_look(&quantities),
         bench_causes: bench_cause::bench_causes(&fits, &quantities, reference),
-        cannot_tell: cannot_tell::cannot_tell(&fits, &too_few),
+        cannot_tell,
         quantities,
     })
+}
+
+/// All values of all quantities, with the answers to the questions about them and the number of questions.
+fn answered(fits: &[QuantityFits], options: &FleetOptions) -> (Vec<QuantityFindings>, usize) {
+    let reference = options.reference_bench.as_deref();
+    let mut quantities: Vec<QuantityFindings> = fits
+        .iter()
+        .map(|fit| quantity::quantity_findings(fit, reference))
+        .collect();
+    leave_unasked(&mut quantities);
+    if let Some(drawings) = &options.drawings {
+        for (fit, quantity) in fits.iter().zip(&mut quantities) {
+            quantity.against_drawing = against_drawing::judged(&fit.lab, drawings, reference);
+        }
+    }
+    let questions = questions::answer(quantities.iter_mut().flat_map(asked).collect());
+    against_drawing::conclude(&mut quantities);
+    mark_worth_a_look(&mut quantities);
+    (quantities, questions)
+}
+
+/// What the drawings limit and the table cannot judge.
+fn not_judged(rows: &[EstimateRow], drawings: &Drawings, quantities: &[QuantityFindings]) -> Vec<String> {
+    let specimens: BTreeSet<(&str, &str)> = rows
+        .iter()
+        .map(|row| (row.family.as_str(), row.specimen.as_str()))
+        .collect();
+    let specimens: Vec<(&str, &str)> = specimens.into_iter().collect();
+    let names: BTreeSet<&str> = rows.iter().map(|row| row.quantity.as_str()).collect();
+    let of_quantity = |name: &str| {
+        let judged = quantities.iter().find(|q| q.quantity == name);
+        let judged = judged.map_or(&[][..], |q| &q.against_drawing);
+        against_drawing::not_judged(name, drawings, &specimens, judged)
+    };
+    let quantities = names.into_iter().filter_map(of_quantity);
+    drawings
+        .families_without_runs(rows)
+        .into_iter()
+        .chain(quantities)
+        .collect()
 }
 
 /// True for one of the two parameters whose sum is another quantity of the table.
@@ -143,7 +194,7 @@ fn leave_unasked(quantities: &mut [QuantityFindings]) {
     parts.flat_map(asked).for_each(|(_, value)| value.p = None);
 }
 
-/// Marks the specimens that are no findings but would be if specimens followed the normal law.
+/// Marks the specimens that are no findings, not by their drawing either, but would be if specimens followed the normal law.
 fn mark_worth_a_look(quantities: &mut [QuantityFindings]) {
     let mut questions: BTreeMap<QuestionKind, usize> = BTreeMap::new();
     for quantity in &*quantities {
@@ -155,8 +206,13 @@ fn mark_worth_a_look(quantities: &mut [QuantityFindings]) {
     }
     for quantity in quantities {
         let of_kind = questions[&QuestionKind::about_specimens(quantity.role)];
+        let out = |name: &str| {
+            let mut judged = quantity.against_drawing.iter();
+            judged.any(|j| j.specimen == name && j.value.found)
+        };
         for specimen in &mut quantity.specimen_deviations {
-            specimen.worth_a_look = specimen.is_worth_a_look(of_kind, FAMILY_WISE_ERROR);
+            specimen.worth_a_look =
+                specimen.is_worth_a_look(of_kind, FAMILY_WISE_ERROR) && !out(&specimen.specimen);
         }
     }
 }
@@ -182,11 +238,14 @@ fn asked(quantity: &mut QuantityFindings) -> Vec<(QuestionKind, &mut PooledValue
         .map(|s| (QuestionKind::Age, &mut s.slope));
     let specimens = quantity.specimen_deviations.iter_mut();
     let specimens = specimens.map(|s| (about_specimens, &mut s.deviation));
+    let drawings = quantity.against_drawing.iter_mut();
+    let drawings = drawings.map(|j| (QuestionKind::Drawing, &mut j.value));
     benches
         .chain(operators)
         .chain(groups)
         .chain(slopes)
         .chain(specimens)
+        .chain(drawings)
         .collect()
 }
 
@@ -216,6 +275,10 @@ fn check(rows: &[EstimateRow], options: &FleetOptions) -> Result<(), FleetError>
         "the scale",
         |r| r.scale.word().to_owned(),
     )?;
+    options
+        .drawings
+        .as_ref()
+        .map_or(Ok(()), |drawings| drawings.check(rows))?;
     let benches: BTreeSet<&str> = rows.iter().map(|row| row.bench.as_str()).collect();
     match options
         .reference_bench

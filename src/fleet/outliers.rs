@@ -154,6 +154,22 @@ impl<'d, 'r> RobustFit<'d, 'r> {
         RobustFit::with(self.design.of, choice)
     }
 
+    /// The same fit with a mean of its own for a specimen, so that it moves neither the mean of its family nor the scatter.
+    pub(super) fn setting_aside(&self, specimen: usize) -> Option<RobustFit<'d, 'r>> {
+        let mut outliers = self.choice.outliers.clone();
+        outliers.retain(|s| *s != specimen);
+        outliers.push(specimen);
+        self.with_outliers(outliers)
+    }
+
+    /// A sum of effects that holds the mean of a specimen, which is set aside: without the scatter of its family.
+    pub(super) fn value_of(&self, specimen: usize, weights: &[(DesignTerm, f64)]) -> Contrast {
+        let data = self.design.of;
+        let unit = data.unit_of_group[data.specimens[specimen].group];
+        self.fit
+            .contrast_of_known(&self.design.entries(weights), unit * unit)
+    }
+
     /// What is known about a specimen: about the outlier's own mean, or about its random effect.
     pub(super) fn specimen(&self, specimen: usize) -> SpecimenEffect {
         let data = self.design.of;

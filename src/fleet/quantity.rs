@@ -37,7 +37,7 @@ impl PooledValue {
     }
 
     /// A value in the unit of the quantity.
-    fn level(contrast: &Contrast, scale: EstimateScale, p: Option<f64>) -> PooledValue {
+    pub(super) fn level(contrast: &Contrast, scale: EstimateScale, p: Option<f64>) -> PooledValue {
         let of = |x: f64| match scale {
             EstimateScale::Relative => x.exp(),
             EstimateScale::Absolute => x,
@@ -95,6 +95,7 @@ pub(super) fn quantity_findings(fits: &QuantityFits, reference_bench: Option<&st
         benches: benches.collect(),
         operators: level_effects(within, Factor::Operator, &operators, None),
         slopes: if of_specimens { slopes(within) } else { Vec::new() },
+        against_drawing: Vec::new(),
         specimen_deviations: (0..data.specimens.len())
             .map(|s| specimen_deviation(within, s, of_specimens))
             .collect(),

@@ -20,6 +20,7 @@ fn share(kind: QuestionKind) -> f64 {
         | QuestionKind::Group
         | QuestionKind::Batch
         | QuestionKind::Age
+        | QuestionKind::Drawing
         | QuestionKind::SpecimenEffect => 1.0,
     }
 }

@@ -2,10 +2,10 @@
 
 use super::estimate::EstimateScale;
 use super::findings::{
-    AgeSlope, FleetFinding, GroupLevel, LevelEffect, PooledValue, QuantityFindings, QuantityRole,
-    QuestionKind, SpecimenDeviation,
+    AgeSlope, DrawingJudgement, FleetFinding, GroupLevel, LevelEffect, PooledValue, QuantityFindings,
+    QuantityRole, QuestionKind, SpecimenDeviation,
 };
-use super::wording::{counted, interval, named};
+use super::wording::{counted, interval, named, rounded};
 use crate::effect::{EFFECTS, Effect};
 
 /// All findings, in the order of their kinds, the surest first. `reference`: the bench that counts as right.
@@ -79,11 +79,16 @@ fn answers<'q>(quantity: &'q QuantityFindings, reference: Option<&str>) -> Vec<A
             text,
         )
     });
+    let drawings = quantity.against_drawing.iter().map(|judgement| {
+        let text = of_drawing(quantity, judgement);
+        answer(QuestionKind::Drawing, &judgement.specimen, &judgement.value, text)
+    });
     benches
         .chain(operators)
         .chain(groups)
         .chain(slopes)
         .chain(specimens)
+        .chain(drawings)
         .collect()
 }
 
@@ -124,11 +129,19 @@ pub(super) fn worth_a_look(quantities: &[QuantityFindings]) -> Vec<String> {
 
 /// The size of a difference, without its sign, with its interval.
 fn size(quantity: &QuantityFindings, value: &PooledValue) -> String {
-    let (value, low, high) = match value.value < 0.0 {
-        true => (-value.value, -value.high95, -value.low95),
-        false => (value.value, value.low95, value.high95),
-    };
-    interval(value, low, high, quantity.scale, &quantity.unit)
+    unsigned(
+        [value.value, value.low95, value.high95],
+        quantity.scale,
+        &quantity.unit,
+    )
+}
+
+/// A value with the ends of its interval, without its sign.
+fn unsigned([value, low, high]: [f64; 3], scale: EstimateScale, unit: &str) -> String {
+    match value < 0.0 {
+        true => interval(-value, -high, -low, scale, unit),
+        false => interval(value, low, high, scale, unit),
+    }
 }
 
 fn of_bench(quantity: &QuantityFindings, bench: &LevelEffect, reference: Option<&str>) -> String {
@@ -310,4 +323,70 @@ fn of_specimen(quantity: &QuantityFindings, specimen: &SpecimenDeviation) -> Str
         },
         named(&specimen.benches)
     )
+}
+
+/// "F1-01: rate_n_per_mm 9.8 % above the drawing's 62 N/mm (95 % interval 9.2 to 10.4 %), tolerance 7 %: out of tolerance (10 runs)."
+fn of_drawing(quantity: &QuantityFindings, judgement: &DrawingJudgement) -> String {
+    let value = [
+        judgement.value.value,
+        judgement.value.low95,
+        judgement.value.high95,
+    ];
+    let (size, place) = match judgement.nominal.filter(|nominal| *nominal > 0.0) {
+        Some(nominal) => {
+            let shares = value.map(|v| v / nominal - 1.0);
+            let direction = if shares[0] < 0.0 { "below" } else { "above" };
+            let unit = if quantity.unit == "1" { "" } else { &quantity.unit };
+            let nominal = format!("{} {unit}", rounded(nominal));
+            let of = match judgement.nominal_is_family_mean {
+                true => format!("the mean of family {}, {},", judgement.family, nominal.trim_end()),
+                false => format!("the drawing's {}", nominal.trim_end()),
+            };
+            let size = unsigned(shares, EstimateScale::Relative, "");
+            (size, format!(" {direction} {of}"))
+        }
+        None => {
+            let [value, low, high] = value;
+            let size = interval(value, low, high, EstimateScale::Absolute, &quantity.unit);
+            (size, String::new())
+        }
+    };
+    let (size, range) = size.split_once(", ").unwrap_or((&size, ""));
+    let remark = judgement
+        .remark
+        .as_ref()
+        .map_or(String::new(), |remark| format!(" {remark}"));
+    format!(
+        "{}: {} {size}{place} ({range}), {}: {} ({}).{remark}",
+        judgement.specimen,
+        quantity.quantity,
+        judgement.limits,
+        judgement.verdict.words(),
+        counted(judgement.runs, "run")
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn look_alikes_are_named_from_both_sides_and_others_not_at_all() {
+        let listing = EFFECTS
+            .iter()
+            .flat_map(|e| e.confusable_with.iter().map(move |other| (e.code, other.code)));
+        let pairs: Vec<(&str, &str)> = listing.collect();
+        assert!(!pairs.is_empty());
+        for (code, other) in &pairs {
+            assert!(
+                alike(code).contains(other) && alike(other).contains(code),
+                "{code} and {other}"
+            );
+        }
+        let lonely = EFFECTS
+            .iter()
+            .find(|e| pairs.iter().all(|(a, b)| *a != e.code && *b != e.code));
+        assert_eq!(lonely.map_or(String::new(), |e| alike(e.code)), "");
+        assert_eq!(alike("rate_n_per_mm"), "", "a parameter looks like nothing");
+    }
 }

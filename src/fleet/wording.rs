@@ -23,6 +23,16 @@ pub(super) fn interval(value: f64, low95: f64, high95: f64, scale: EstimateScale
     text.replace(" ,", ",").trim_end().to_owned()
 }
 
+/// A value with four digits, without zeros behind them: "55", "0.0923".
+pub(super) fn rounded(value: f64) -> String {
+    let digits = (3 - value.abs().max(1e-9).log10().floor() as i32).clamp(0, 9) as usize;
+    let text = format!("{value:.digits$}");
+    match text.contains('.') {
+        true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
+        false => text,
+    }
+}
+
 /// "A", "A and B" or "A, B and C".
 pub(super) fn named<S: AsRef<str>>(names: &[S]) -> String {
     match names {
@@ -58,6 +68,19 @@ mod tests {
             interval(0.5, 0.25, 0.75, EstimateScale::Absolute, "1"),
             "0.50, 95 % interval 0.25 to 0.75"
         );
+    }
+
+    #[test]
+    fn a_value_is_rounded_to_four_digits() {
+        for (value, text) in [
+            (55.0, "55"),
+            (62.5, "62.5"),
+            (0.092_341, "0.09234"),
+            (1234.56, "1235"),
+            (0.0, "0"),
+        ] {
+            assert_eq!(rounded(value), text);
+        }
     }
 
     #[test]

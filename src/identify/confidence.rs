@@ -454,6 +454,41 @@ mod tests {
         assert!(low < 0.5 && 0.5 < high);
     }
 
+    /// Deviations of sums of parameters at the optimum, one for each list of places.
+    fn sums<const N: usize>(problem: &dyn Residuals, places: [&[usize]; N]) -> [f64; N] {
+        let fit = fitted(problem);
+        let mut evaluator = Evaluator::new(problem, 1);
+        let mut residuals = vec![0.0; problem.count()];
+        evaluator.residuals(&fit.values, &mut residuals);
+        places.map(|summed| sigma_of_sum(&mut evaluator, &fit.values, &residuals, 1e-5, summed))
+    }
+
+    #[test]
+    fn the_deviation_of_a_sum_has_the_covariance_of_its_parts() {
+        let mut random = ChaCha8Rng::seed_from_u64(4);
+        let y = (0..200).map(|i| 3.0 + 0.5 * f64::from(i) * 0.05 + 0.1 * normal(&mut random));
+        let [slope, sum] = sums(&StraightLine::new(y.collect()), [&[1], &[0, 1]]);
+        // offset + slope is the height at x = 1: variance / s^2 = 1 / n + (1 - mean)^2 / S with S = sum (x - mean)^2, that of the slope 1 / S.
+        let (mean, around) = (
+            4.975f64,
+            200.0 * (200.0f64 * 200.0 - 1.0) / 12.0 * 0.05f64.powi(2),
+        );
+        let expected = (around / 200.0 + (1.0 - mean).powi(2)).sqrt();
+        // As if the two were independent it would be 5.8 in place of 4.9.
+        assert!(
+            (sum / slope / expected - 1.0).abs() < 0.08,
+            "{} against {expected}",
+            sum / slope
+        );
+    }
+
+    #[test]
+    fn a_sum_along_a_direction_that_is_not_determined_has_no_deviation() {
+        let [product, third] = sums(&ProductLine::new(), [&[0, 1], &[2]]);
+        assert_eq!(product, f64::INFINITY, "only first * second is determined");
+        assert!(third > 0.0 && third < 0.1, "{third}");
+    }
+
     #[test]
     fn coverage_under_correlated_noise() {
         // First-order noise with coefficient 0.9: 200 samples are worth about ten. Without the correlation time the

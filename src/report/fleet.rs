@@ -4,13 +4,14 @@
 use maud::{Markup, PreEscaped, html};
 
 use super::coverage;
-use super::fleet_tables::{BENCHES, GROUPS, OPERATORS, SLOPES, SPECIMENS};
+use super::fleet_tables::{BENCHES, DRAWINGS, GROUPS, OPERATORS, SLOPES, SPECIMENS};
 use super::html::{document, legend};
 use super::interval_plot::{DOUBTFUL, FOUND, IntervalPlot, IntervalRow, NOT_FOUND};
 use super::svg::Ink;
 use crate::fleet::estimate::EstimateScale;
 use crate::fleet::findings::{
-    AgeUnit, FleetFindings, GroupLevel, PooledValue, QuantityFindings, QuantityRole, SpecimenDeviation,
+    AgeUnit, DrawingJudgement, DrawingVerdict, FleetFindings, GroupLevel, PooledValue, QuantityFindings,
+    QuantityRole, SpecimenDeviation,
 };
 use crate::fleet::predict::coverage::FleetCoverage;
 
@@ -34,6 +35,7 @@ pub(crate) fn page(findings: &FleetFindings, table: &str, predictions: Option<&F
         (section("Does it change with cycles?", SLOPES, quantities, |q| slope_plot(q, AgeUnit::ThousandCycles)))
         (section("Does it change with time?", SLOPES, quantities, |q| slope_plot(q, AgeUnit::Year)))
         (section("Does a specimen differ from its family?", SPECIMENS, quantities, specimen_plot))
+        (against_drawings(findings))
         @if let Some(predictions) = predictions {
             h2 { "Were the runs as predicted from those before them?" }
             (coverage::section(predictions))
@@ -111,6 +113,7 @@ fn row(name: &str, value: &PooledValue, factor: f64) -> IntervalRow {
         value: factor * value.value,
         low: factor * value.low95,
         high: factor * value.high95,
+        limits: [None; 2],
         ink: if value.found { FOUND } else { NOT_FOUND },
     }
 }
@@ -194,10 +197,93 @@ fn specimen_plot(quantity: &QuantityFindings) -> Option<IntervalPlot> {
     differences(quantity, &what, rows.collect())
 }
 
+/// What the drawings say: counts, a plot for each quantity, and a row for each value that is not within.
+fn against_drawings(findings: &FleetFindings) -> Markup {
+    let judged = findings
+        .quantities
+        .iter()
+        .flat_map(|quantity: &QuantityFindings| {
+            let of_quantity = quantity.against_drawing.iter();
+            of_quantity.map(move |judgement| (quantity, judgement))
+        });
+    let is_doubtful = |(_, j): &(&QuantityFindings, &DrawingJudgement)| j.verdict != DrawingVerdict::Within;
+    let mut doubtful: Vec<_> = judged.filter(is_doubtful).collect();
+    doubtful.sort_by(|(_, a), (_, b)| a.value.p.unwrap_or(1.0).total_cmp(&b.value.p.unwrap_or(1.0)));
+    let figure = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.4}"));
+    html! {
+        @if let Some(counts) = &findings.against_drawings {
+            (section("Is a specimen within the tolerance of its drawing?", DRAWINGS, &findings.quantities, drawing_plot))
+            p { (counts.sentence()) " Short lines across a row are its limits; undecided ones have the colour of what is worth a look. Values are those at 0 cycles, without the errors of the benches." }
+            @if !doubtful.is_empty() {
+                table {
+                    tr {
+                        @for head in ["Specimen", "Quantity", "Value", "95 % interval", "At least", "At most", "Verdict", ""] { th { (head) } }
+                    }
+                    @for (quantity, judgement) in doubtful.into_iter().take(MOST_ROWS) {
+                        tr {
+                            td { (judgement.specimen) }
+                            td { (quantity.quantity) @if quantity.unit != "1" { " in " (quantity.unit) } }
+                            td { (figure(Some(judgement.value.value))) }
+                            td { (figure(Some(judgement.value.low95))) " to " (figure(Some(judgement.value.high95))) }
+                            td { (figure(judgement.at_least)) }
+                            td { (figure(judgement.at_most)) }
+                            td { (judgement.verdict.words()) }
+                            td { (judgement.remark.as_deref().unwrap_or_default()) }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Values with their limits: in percent of the nominal where all have one, else in the unit.
+fn drawing_plot(quantity: &QuantityFindings) -> Option<IntervalPlot> {
+    let mut judged: Vec<&DrawingJudgement> = quantity.against_drawing.iter().collect();
+    judged.sort_by(|a, b| a.value.p.unwrap_or(1.0).total_cmp(&b.value.p.unwrap_or(1.0)));
+    let what = match judged.len() > MOST_ROWS {
+        true => format!(", the {MOST_ROWS} clearest"),
+        false => String::new(),
+    };
+    judged.truncate(MOST_ROWS);
+    let in_percent = judged
+        .iter()
+        .all(|j| j.nominal.is_some_and(|nominal| nominal > 0.0));
+    let row = |j: &DrawingJudgement| {
+        let of = |value: f64| match j.nominal {
+            Some(nominal) if in_percent => 100.0 * (value / nominal - 1.0),
+            _ => value,
+        };
+        IntervalRow {
+            name: j.specimen.clone(),
+            value: of(j.value.value),
+            low: of(j.value.low95),
+            high: of(j.value.high95),
+            limits: [j.at_least, j.at_most].map(|limit| limit.map(of)),
+            ink: match j.verdict {
+                DrawingVerdict::OutOfTolerance => FOUND,
+                DrawingVerdict::Within => NOT_FOUND,
+                DrawingVerdict::Undecided => DOUBTFUL,
+            },
+        }
+    };
+    let mut rows: Vec<IntervalRow> = judged.into_iter().map(row).collect();
+    rows.sort_by(|a, b| a.value.total_cmp(&b.value));
+    let unit = match in_percent {
+        true => "from the nominal in %",
+        false => &format!("in {}", quantity.unit),
+    };
+    (!rows.is_empty()).then(|| IntervalPlot {
+        x_label: format!("{} {unit}{what}", quantity.quantity),
+        rows,
+        zero: in_percent,
+    })
+}
+
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::fleet::findings::{AgeSlope, FleetFinding, LevelEffect, QuestionKind};
+    use crate::fleet::findings::{AgeSlope, DrawingCounts, FleetFinding, LevelEffect, QuestionKind};
 
     fn value(value: f64, found: bool) -> PooledValue {
         PooledValue {
@@ -256,6 +342,32 @@ pub(super) mod tests {
                 slope: value(0.0, false),
             }],
             specimen_deviations: vec![specimen],
+            against_drawing: vec![judgement()],
+        }
+    }
+
+    fn judgement() -> DrawingJudgement {
+        DrawingJudgement {
+            specimen: "S<1>".to_owned(),
+            family: "F1".to_owned(),
+            batch: String::new(),
+            benches: vec!["B1".to_owned()],
+            runs: 2,
+            value: PooledValue {
+                low95: 76.0,
+                high95: 76.6,
+                ..value(76.3, false)
+            },
+            nominal: Some(80.0),
+            nominal_is_family_mean: false,
+            at_least: Some(76.0),
+            at_most: None,
+            limits: "at least 95 % of the nominal".to_owned(),
+            verdict: DrawingVerdict::Undecided,
+            least_sure_bench: None,
+            clearest_bench: None,
+            clearest_p: 0.5,
+            remark: Some("It is close.".to_owned()),
         }
     }
 
@@ -276,6 +388,11 @@ pub(super) mod tests {
                 adjusted_p: 0.01,
                 sentence: "Bench <B2> reads higher.".to_owned(),
             }],
+            against_drawings: Some(DrawingCounts {
+                judged: 1,
+                undecided: 1,
+                ..DrawingCounts::default()
+            }),
             worth_a_look: vec!["Specimen S<1> differs.".to_owned()],
             bench_causes: Vec::new(),
             cannot_tell: Vec::new(),
@@ -288,8 +405,13 @@ pub(super) mod tests {
         let page = page(&findings(), "estimates.csv", None);
         assert!(page.contains("Bench &lt;B2&gt; reads higher.") && page.contains("S&lt;1&gt;"));
         assert!(page.contains("at most 5 %") && page.contains("href=\"specimens.csv\""));
-        // Benches, families, cycles and specimens; no operators and no years.
-        assert_eq!(page.matches("<svg").count(), 4);
+        // Benches, families, cycles, specimens and drawings; no operators and no years.
+        assert_eq!(page.matches("<svg").count(), 5);
+        assert!(page.contains("href=\"drawings.csv\"") && page.contains("1 undecided"));
+        assert!(
+            page.contains("<td>76.0000 to 76.6000</td><td>76.0000</td><td>-</td><td>undecided</td>"),
+            "{page}"
+        );
         assert!(!page.contains("operator measure") && !page.contains("cannot tell"));
         assert!(!page.contains("<script") && !page.contains("src="));
     }
@@ -308,5 +430,27 @@ pub(super) mod tests {
         assert_eq!(inks(bench_plot(quantity)), FOUND);
         assert_eq!(inks(specimen_plot(quantity)), DOUBTFUL);
         assert_eq!(inks(group_plot(quantity)), NOT_FOUND);
+        assert_eq!(inks(drawing_plot(quantity)), DOUBTFUL);
+    }
+
+    #[test]
+    fn a_report_without_drawings_does_not_speak_of_them() {
+        let mut without = findings();
+        without.against_drawings = None;
+        without.quantities[0].against_drawing.clear();
+        let page = page(&without, "estimates.csv", None);
+        assert_eq!(page.matches("<svg").count(), 4);
+        assert!(!page.contains("drawing"));
+    }
+
+    #[test]
+    fn limits_are_plotted_in_percent_of_the_nominal() {
+        let mut quantity = findings().quantities.remove(0);
+        let plot = drawing_plot(&quantity).expect("a plot");
+        let limit = plot.rows[0].limits[0].expect("a limit");
+        assert!((limit + 5.0).abs() < 1e-9 && plot.x_label.ends_with("from the nominal in %"));
+        quantity.against_drawing[0].nominal = None;
+        let plot = drawing_plot(&quantity).expect("a plot");
+        assert!(plot.rows[0].limits == [Some(76.0), None] && plot.x_label.ends_with("in N/mm"));
     }
 }

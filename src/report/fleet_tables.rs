@@ -1,7 +1,9 @@
 //! The tables behind the plots of the fleet report, as CSV. `docs/fleet.md` describes the columns.
 
 use crate::fleet::estimate::EstimateScale;
-use crate::fleet::findings::{FleetFindings, GroupLevel, LevelEffect, PooledValue, QuantityFindings};
+use crate::fleet::findings::{
+    DrawingJudgement, FleetFindings, GroupLevel, LevelEffect, PooledValue, QuantityFindings,
+};
 
 /// Columns that every table ends with.
 const VALUE_COLUMNS: [&str; 8] = [
@@ -23,6 +25,7 @@ pub(crate) fn tables(findings: &FleetFindings) -> Vec<(&'static str, String)> {
         (GROUPS, groups(findings)),
         (SLOPES, slopes(findings)),
         (SPECIMENS, specimens(findings)),
+        (DRAWINGS, drawings(findings)),
     ]
 }
 
@@ -32,6 +35,8 @@ pub(super) const OPERATORS: &str = "operators.csv";
 pub(super) const GROUPS: &str = "groups.csv";
 pub(super) const SLOPES: &str = "slopes.csv";
 pub(super) const SPECIMENS: &str = "specimens.csv";
+/// Every specimen that was judged by its drawing.
+pub(crate) const DRAWINGS: &str = "drawings.csv";
 
 /// Unit of a difference: a fraction for a relative quantity.
 fn difference_unit(quantity: &QuantityFindings) -> &str {
@@ -156,6 +161,52 @@ fn specimens(findings: &FleetFindings) -> String {
         "deletion_t",
     ];
     table(&columns, rows.collect())
+}
+
+fn drawings(findings: &FleetFindings) -> String {
+    let rows = findings.quantities.iter().flat_map(|q| {
+        let cells =
+            |j: &DrawingJudgement| [drawing_cells(&q.quantity, j), value_cells(&q.unit, &j.value)].concat();
+        q.against_drawing.iter().map(cells)
+    });
+    let columns = [
+        "quantity",
+        "specimen",
+        "family",
+        "batch",
+        "benches",
+        "runs",
+        "nominal",
+        "nominal_from",
+        "at_least",
+        "at_most",
+        "verdict",
+        "remark",
+    ];
+    table(&columns, rows.collect())
+}
+
+fn drawing_cells(quantity: &str, judgement: &DrawingJudgement) -> Vec<String> {
+    let optional = |value: Option<f64>| value.map_or(String::new(), |v| v.to_string());
+    let from = match (judgement.nominal, judgement.nominal_is_family_mean) {
+        (None, _) => "",
+        (_, true) => "family mean",
+        (_, false) => "drawing",
+    };
+    vec![
+        quantity.to_owned(),
+        judgement.specimen.clone(),
+        judgement.family.clone(),
+        judgement.batch.clone(),
+        judgement.benches.join("; "),
+        judgement.runs.to_string(),
+        optional(judgement.nominal),
+        from.to_owned(),
+        optional(judgement.at_least),
+        optional(judgement.at_most),
+        judgement.verdict.words().to_owned(),
+        judgement.remark.clone().unwrap_or_default(),
+    ]
 }
 
 #[cfg(test)]

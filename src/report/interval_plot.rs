@@ -21,6 +21,8 @@ pub(super) struct IntervalRow {
     pub value: f64,
     pub low: f64,
     pub high: f64,
+    /// Limits of the value, each drawn as a short line across the row.
+    pub limits: [Option<f64>; 2],
     /// [`FOUND`] for a finding, [`NOT_FOUND`] for others.
     pub ink: Ink,
 }
@@ -43,6 +45,8 @@ const NAME_TEXT: f64 = 15.0;
 const CHARACTER: f64 = 8.2;
 const MOST_NAME: usize = 26;
 const MARGIN: f64 = 14.0;
+/// Half the length of the line of a limit.
+const LIMIT: f64 = 9.0;
 /// Number of steps of the axis.
 const STEPS: f64 = 5.0;
 
@@ -55,7 +59,10 @@ struct PlotAxis {
 
 impl PlotAxis {
     fn of(plot: &IntervalPlot) -> PlotAxis {
-        let ends = plot.rows.iter().flat_map(|r| [r.value, r.low, r.high]);
+        let ends = plot.rows.iter().flat_map(|r| {
+            let limits = r.limits.into_iter().flatten();
+            [r.value, r.low, r.high].into_iter().chain(limits)
+        });
         let ends = ends.filter(|v| v.is_finite()).chain(plot.zero.then_some(0.0));
         let (low, high) = ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
             (low.min(v), high.max(v))
@@ -139,6 +146,10 @@ impl IntervalRow {
             text x=(px(axis.left - MARGIN)) y=(px(y + 5.0)) text-anchor="end" font-size=(NAME_TEXT) fill=(Ink::Earlier.css()) {
                 (shortened(&self.name))
             }
+            @for limit in self.limits.into_iter().flatten() {
+                @let x = px(axis.px(limit));
+                line x1=(x) x2=(x) y1=(px(y - LIMIT)) y2=(px(y + LIMIT)) stroke=(Ink::Earlier.css()) stroke-width="2" {}
+            }
             line x1=(low) x2=(high) y1=(px(y)) y2=(px(y)) stroke=(colour) stroke-width="3" {}
             circle cx=(value) cy=(px(y)) r="5" fill=(colour) {}
         }
@@ -160,6 +171,7 @@ mod tests {
             value,
             low: value - 0.5,
             high: value + 0.5,
+            limits: [None; 2],
             ink: NOT_FOUND,
         }
     }
@@ -199,6 +211,23 @@ mod tests {
             ..plot
         };
         assert!(empty.render().contains("<svg"));
+    }
+
+    #[test]
+    fn limits_are_in_view_and_drawn_beside_the_value() {
+        let limited = IntervalRow {
+            limits: [None, Some(9.0)],
+            ..row("A", 2.0)
+        };
+        let plot = IntervalPlot {
+            x_label: String::new(),
+            rows: vec![limited, row("B", 2.0)],
+            zero: false,
+        };
+        let axis = PlotAxis::of(&plot);
+        assert!(axis.high > 9.0);
+        let x = format!("x1=\"{:.1}\" x2=\"{0:.1}\" y1=\"11.0\" y2=\"29.0\"", axis.px(9.0));
+        assert_eq!(plot.render().matches(&x).count(), 1, "{}", plot.render());
     }
 
     #[test]

@@ -30,7 +30,7 @@ pub(crate) mod world;
 pub(crate) use case::{BaselineSettings, Case, Label};
 pub(crate) use family::Family;
 pub(crate) use hidden::Hidden;
-pub(crate) use lab::{Lab, LabRequest};
+pub(crate) use lab::{Lab, LabFamily, LabRequest};
 pub(crate) use lab_test::{LabCommand, LabTest};
 pub(crate) use motion::Programme;
 pub(crate) use specimen::{Form, TruthSpecimen};

@@ -35,6 +35,7 @@ impl CliCommand for FleetArgs {
         "leafbench fleet diagnose lab-archive",
         "leafbench fleet report lab-archive --specimens specimens.csv --out fleet-report",
         "leafbench fleet report examples/estimates.csv --out fleet-report --reference-bench B1",
+        "leafbench fleet report examples/estimates.csv --drawings examples/drawings.toml --out fleet-report",
         "leafbench fleet estimate leafbench-data/runs --specimens specimens.csv",
         "leafbench fleet predict lab-archive sine-6mm-1hz --specimens specimens.csv --specimen S010 --out predicted",
         "leafbench fleet coverage examples/estimates.csv --out fleet-coverage",

@@ -7,9 +7,11 @@ use clap::Args;
 use super::source::EstimateSource;
 use crate::cli::shared::local;
 use crate::cli::{CliError, Done, Output};
+use crate::fleet::drawing::Drawings;
 use crate::fleet::findings::FleetFindings;
 use crate::fleet::predict::coverage::coverage;
-use crate::fleet::{FleetOptions, pool};
+use crate::fleet::{FleetError, FleetOptions, pool};
+use crate::regular_file::{self, WRITTEN_MAX_BYTES};
 use crate::report::{fleet, fleet_tables};
 
 /// Pool the estimates of many runs: print what was found, and write a page with plots and tables
@@ -26,6 +28,9 @@ pub(super) struct FleetReportArgs {
     /// Count differences between operators as scatter from run to run
     #[arg(long)]
     ignore_operators: bool,
+    /// What the drawings of the families allow (TOML); each specimen is judged by it [default: specimens are compared with their family]
+    #[arg(long, value_name = "FILE")]
+    drawings: Option<PathBuf>,
     /// Predict each run from the runs before it, too, and show how often that was right; takes longer
     #[arg(long)]
     coverage: bool,
@@ -40,6 +45,7 @@ impl FleetReportArgs {
         let options = FleetOptions {
             reference_bench: self.reference_bench,
             ignore_operators: self.ignore_operators,
+            drawings: self.drawings.as_deref().map(drawings).transpose()?,
         };
         let findings = pool(&estimates.rows, &options)?;
         let predictions = self.coverage.then(|| coverage(&estimates.rows));
@@ -56,6 +62,12 @@ impl FleetReportArgs {
         })?;
         Ok(Done::Success)
     }
+}
+
+/// The drawings of a file.
+fn drawings(path: &Path) -> Result<Drawings, CliError> {
+    let text = regular_file::read_text(path, WRITTEN_MAX_BYTES).map_err(CliError::file(path, "reading"))?;
+    Ok(Drawings::read(&path.display().to_string(), &text).map_err(FleetError::from)?)
 }
 
 /// Writes page, JSON and tables; returns the page.
@@ -82,6 +94,13 @@ fn sentences(findings: &FleetFindings) -> String {
     for sentence in found.chain(causes) {
         text += &format!("- {sentence}\n");
     }
+    if let Some(counts) = &findings.against_drawings {
+        text += &format!(
+            "\n{} Each of them is in {}.\n",
+            counts.sentence(),
+            fleet_tables::DRAWINGS
+        );
+    }
     for (title, sentences) in [
         ("Worth a look, but not sure:", &findings.worth_a_look),
         ("This table cannot tell:", &findings.cannot_tell),
@@ -100,10 +119,37 @@ mod tests {
     use crate::fleet::estimate::read_estimates;
 
     fn findings() -> FleetFindings {
-        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/estimates.csv");
+        pooled(&FleetOptions::default())
+    }
+
+    fn pooled(options: &FleetOptions) -> FleetFindings {
+        let file = shipped("estimates.csv");
         let text = std::fs::read_to_string(&file).expect("shipped");
         let rows = read_estimates("estimates.csv", text.as_bytes()).expect("a table");
-        pool(&rows, &FleetOptions::default()).expect("pooled")
+        pool(&rows, options).expect("pooled")
+    }
+
+    fn shipped(name: &str) -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("examples").join(name)
+    }
+
+    #[test]
+    fn the_shipped_drawings_find_the_specimen_that_is_too_stiff() {
+        let options = FleetOptions {
+            drawings: Some(drawings(&shipped("drawings.toml")).expect("drawings")),
+            ..FleetOptions::default()
+        };
+        let findings = pooled(&options);
+        let said = sentences(&findings);
+        let out = findings.against_drawings.expect("judged").out_of_tolerance;
+        assert_eq!(said.matches(": out of tolerance (").count(), out, "{said}");
+        assert!(said.contains("- S010: rate_n_per_mm 2"), "{said}");
+        assert!(
+            said.contains("Against the drawings") && said.contains("drawings.csv"),
+            "{said}"
+        );
+        let unknown = drawings(Path::new("no-such-drawings.toml")).expect_err("no file");
+        assert!(unknown.to_string().contains("no-such-drawings.toml"), "{unknown}");
     }
 
     #[test]
@@ -127,7 +173,7 @@ mod tests {
         let findings = findings();
         let page = write(&findings, "page".to_owned(), &out, false).expect("written");
         assert!(page.is_file());
-        assert_eq!(std::fs::read_dir(&out).expect("listed").count(), 7);
+        assert_eq!(std::fs::read_dir(&out).expect("listed").count(), 8);
         let json: serde_json::Value =
             serde_json::from_str(&std::fs::read_to_string(out.join("fleet.json")).expect("written"))
                 .expect("JSON");

@@ -8,6 +8,7 @@ use clap::{Args, FromArgMatches};
 use super::coverage::FleetCoverageArgs;
 use super::diagnose::FleetDiagnoseArgs;
 use super::predict::FleetPredictArgs;
+use super::report::FleetReportArgs;
 use crate::acceptance::{RunResult, RunVerdict};
 use crate::archive::{AddOptions, ArchiveStore, add};
 use crate::cli::{Done, Output, lab};
@@ -145,6 +146,79 @@ fn is_imperfect(lab: &Lab, path: &Path) -> bool {
     let family = &lab.families[lab.specimens[lab.runs[number - 1].specimen].family_index];
     let test = lab::PlayedTest::new(&family.name, family.top_mm).expect("played");
     lab.record_and_tell(number - 1, &test.test).1
+}
+
+/// What the drawings of a laboratory said of its specimens: verdict of each specimen in each quantity.
+fn verdicts(request: &LabRequest, families: &[usize]) -> BTreeMap<(String, String), String> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut lab = Lab::draw(request);
+    let of_family: Vec<usize> = lab.specimens.iter().map(|s| s.family_index).collect();
+    lab.runs.retain(|run| families.contains(&of_family[run.specimen]));
+    lab::write(&lab, &folder.path().join("lab"), &QUIET).expect("written");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (archive, out) = (path("archive"), path("report"));
+    let [specimens, drawings] = ["lab/specimens.csv", "lab/drawings.toml"].map(path);
+    let files = std::fs::read_dir(path("lab/runs")).expect("listed");
+    let files: Vec<PathBuf> = files.map(|e| e.expect("an entry").path()).collect();
+    let store = ArchiveStore::open(&archive).expect("made");
+    add(&store, &files, AddOptions::default(), &|_| {}).expect("archived");
+    typed::<FleetDiagnoseArgs>(&[&archive, "--estimates-only"])
+        .run(&QUIET)
+        .expect("diagnosed");
+    let words = [
+        &archive,
+        "--specimens",
+        &specimens,
+        "--drawings",
+        &drawings,
+        "--out",
+        &out,
+    ];
+    typed::<FleetReportArgs>(&words).run(&QUIET).expect("reported");
+    let table = csv::Reader::from_path(path("report/drawings.csv")).expect("written");
+    let rows = table.into_deserialize::<BTreeMap<String, String>>();
+    rows.map(|row| {
+        let row = row.expect("a row");
+        (
+            (row["specimen"].clone(), row["quantity"].clone()),
+            row["verdict"].clone(),
+        )
+    })
+    .collect()
+}
+
+/// The two families that have the outliers, with four runs a specimen. The rate has a nominal and is sure. The friction is compared with nine
+/// others that scatter by 5 %: its outlier, 10 % beyond the limit, is out of tolerance or undecided, but never within.
+#[test]
+fn the_outliers_of_a_laboratory_are_not_within_tolerance_and_nothing_else_is_out() {
+    for nothing in [false, true] {
+        let request = LabRequest {
+            seed: 72,
+            specimens: 40,
+            runs: 160,
+            nothing,
+        };
+        let verdicts = verdicts(&request, &[0, 3]);
+        assert_eq!(verdicts.len(), 40, "two quantities of 20 specimens");
+        let of = |specimen: &str, quantity: &str| {
+            let key = (specimen.to_owned(), quantity.to_owned());
+            verdicts[&key].as_str()
+        };
+        let [rate, friction] = [of("F1-01", "rate_n_per_mm"), of("F4-10", "friction_ratio")];
+        let out = verdicts.values().filter(|v| *v == "out of tolerance").count();
+        let expected = [rate, friction]
+            .iter()
+            .filter(|v| **v == "out of tolerance")
+            .count();
+        assert_eq!(out, expected, "{verdicts:?}");
+        match nothing {
+            true => assert_eq!(out, 0, "{verdicts:?}"),
+            false => assert!(
+                rate == "out of tolerance" && friction != "within tolerance",
+                "{verdicts:?}"
+            ),
+        }
+    }
 }
 
 #[test]

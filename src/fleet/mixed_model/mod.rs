@@ -271,15 +271,22 @@ impl MixedFit {
 
     /// A combination of fixed effects: columns, each with its weight.
     pub(super) fn contrast(&self, weights: &[(usize, f64)]) -> Contrast {
+        self.contrast_of_known(weights, 0.0)
+    }
+
+    /// A combination of fixed effects that holds `own` times tau^2 of a specimen which it is about: where the specimen is, is asked here, so
+    /// that its u is no uncertainty.
+    pub(super) fn contrast_of_known(&self, weights: &[(usize, f64)], own: f64) -> Contrast {
         let mut c = DVector::zeros(self.effects.len());
         for &(column, weight) in weights {
             c[column] += weight;
         }
         let phi_c = &self.covariance * &c;
-        let variance = c.dot(&phi_c);
-        let slope = Vector2::from_fn(|i, _| phi_c.dot(&(&self.slopes[i] * &phi_c)));
+        let scatter = own * self.variances.x;
+        let variance = (c.dot(&phi_c) - scatter).max(0.0);
+        let slope = Vector2::from_fn(|i, _| phi_c.dot(&(&self.slopes[i] * &phi_c))) - Vector2::new(own, 0.0);
         // The correction makes a variance larger; where rounding says otherwise, the plain one is the safe bound.
-        let adjusted = c.dot(&(&self.adjusted * &c)).max(variance);
+        let adjusted = (c.dot(&(&self.adjusted * &c)) - scatter).max(variance);
         Contrast {
             estimate: c.dot(&self.effects),
             std_error: adjusted.sqrt(),

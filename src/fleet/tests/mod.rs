@@ -1,5 +1,6 @@
 //! Tests of pooling on synthetic labs. `docs/fleet.md` has the figures of larger simulations with the same generator.
 
+mod drawings;
 mod predictions;
 pub(in crate::fleet) mod synthetic;
 

@@ -22,6 +22,8 @@ pub(in crate::fleet) struct SyntheticLab {
     pub delay_ms: Vec<f64>,
     /// Series compliance of the specimens of batch `m2` of family `F2`, in its one-step amplitude.
     pub batch_compliance: f64,
+    /// Standard deviation of the rate between specimens of a family, a logarithm.
+    pub rate_scatter: f64,
     /// Specimens with a rate of their own: number, and logarithm of the ratio to what it would be.
     pub outliers: Vec<(usize, f64)>,
     /// Growth of the friction ratio, fraction per 1000 cycles.
@@ -46,6 +48,7 @@ impl Default for SyntheticLab {
             displacement_gain: vec![0.0; 3],
             delay_ms: vec![0.0; 3],
             batch_compliance: 0.0,
+            rate_scatter: QUANTITIES[0].4,
             outliers: Vec::new(),
             friction_growth: 0.0,
             bench_compliance: vec![0.0; 3],
@@ -147,9 +150,7 @@ impl SyntheticLab {
     pub(in crate::fleet) fn table(&self, seed: u64) -> Vec<EstimateRow> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let specimens = self.draw_specimens(&mut random);
-        let family_means: Vec<[f64; 6]> = (0..self.families)
-            .map(|_| std::array::from_fn(|q| if q < 4 { 0.1 * normal(&mut random) } else { 0.0 }))
-            .collect();
+        let family_means = self.draw_family_means(&mut random);
         let start: Timestamp = "2024-01-08T08:00:00Z".parse().expect("a time");
         let mut rows = Vec::new();
         for run in 0..self.runs {
@@ -189,9 +190,23 @@ impl SyntheticLab {
     }
 
     /// Deviation of each specimen's rate from its family, a logarithm, as in the table of this seed.
-    pub(super) fn rate_deviations(&self, seed: u64) -> Vec<(String, f64)> {
+    pub(in crate::fleet) fn rate_deviations(&self, seed: u64) -> Vec<(String, f64)> {
         let specimens = self.draw_specimens(&mut ChaCha8Rng::seed_from_u64(seed));
         specimens.into_iter().map(|s| (s.name, s.own[0])).collect()
+    }
+
+    /// Rate that each family scatters about in N/mm, as in the table of this seed.
+    pub(in crate::fleet) fn family_rates(&self, seed: u64) -> Vec<f64> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        self.draw_specimens(&mut random);
+        let means = self.draw_family_means(&mut random);
+        means.iter().map(|mean| QUANTITIES[0].3 * mean[0].exp()).collect()
+    }
+
+    /// Logarithms of the ratio of each family to the means of all.
+    fn draw_family_means(&self, random: &mut ChaCha8Rng) -> Vec<[f64; 6]> {
+        let mean = |_| std::array::from_fn(|q| if q < 4 { 0.1 * normal(random) } else { 0.0 });
+        (0..self.families).map(mean).collect()
     }
 
     fn draw_specimens(&self, random: &mut ChaCha8Rng) -> Vec<SyntheticSpecimen> {
@@ -210,6 +225,7 @@ impl SyntheticLab {
                     false => skewed(random),
                 }
         });
+        own[0] *= self.rate_scatter / QUANTITIES[0].4;
         own[0] += self
             .outliers
             .iter()
