@@ -156,8 +156,8 @@ fn specimen_table(lab: &Lab) -> String {
         .collect()
 }
 
-/// What the drawings of the families allow. The tolerances were fixed before any laboratory was judged by them: makers guarantee the rate
-/// of a spring to 5 to 10 %, and friction is known to be several times as uncertain.
+/// What the drawings of the families allow. The tolerances were fixed before any laboratory was judged by them: 5 to 10 % of the rate is
+/// usual for leaf springs, and friction is several times as uncertain.
 const RATE_TOLERANCE: &str = "7 %";
 const FRICTION_TOLERANCE: &str = "25 %";
 
