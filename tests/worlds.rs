@@ -165,6 +165,36 @@ fn a_shift_along_the_line_of_a_spring_is_no_offset() {
     assert!(found.notes.is_empty(), "{:?}", found.notes);
 }
 
+/// Cases that were looked at, with what they answered before: a joint that closes under load and a contact on a pad (a helper leaf, 95
+/// and 99 %), gaps and a start within a cycle (`unexplained`), and a shaken displacement (a helper leaf and a clipped load cell, 98 %).
+#[test]
+fn a_curve_may_be_that_of_a_joint_and_a_bad_point_is_no_physics() {
+    let diagnosed = |world, number| {
+        let case = Case::draw(world, 910_159_277, number, None);
+        examine(&case, &case.recordings, 0).expect("valid recordings")
+    };
+    for (number, other) in [(79, "series_compliance"), (55, "lift_off")] {
+        let found = diagnosed(World::BoucWen, number);
+        let listed = found.alternatives.iter().any(|a| a.code == other);
+        assert!(listed, "{number}: {:?}", found.alternatives);
+        let sure = found
+            .effects
+            .iter()
+            .any(|e| e.code != other && e.confidence >= 0.9);
+        assert!(!sure, "{number}: {}", found.summary);
+    }
+    let (pi, bouc_wen) = (World::PrandtlIshlinskii, World::BoucWen);
+    for (world, number) in [(pi, 67), (pi, 47), (bouc_wen, 38)] {
+        let found = diagnosed(world, number);
+        assert_eq!(
+            found.verdict,
+            Verdict::Adequate,
+            "{world:?} {number}: {}",
+            found.summary
+        );
+    }
+}
+
 /// Twenty cases of the worlds that do not share the library's formulas, five of each, beside the sixty of `tests/blind.rs`: only
 /// recordings of imperfect instruments are refused, and at most one wrong name is given with 90 %. How often the names are right is in
 /// docs/blind.md.

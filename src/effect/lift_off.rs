@@ -85,14 +85,10 @@ pub(super) const SOFT: Effect = Effect {
     ],
     neutral: &[NEVER_MM, 0.3],
     starts: |s| {
-        let mut starts = Vec::new();
-        for share in [0.004, 0.03, 0.1, 0.25] {
-            starts.push(vec![
-                s.displacement_at(share),
-                (0.1 * s.travel_mm()).clamp(0.001, 20.0),
-            ]);
-        }
-        starts
+        let width_mm = (0.1 * s.travel_mm()).clamp(0.001, 20.0);
+        [0.004, 0.03, 0.1, 0.25]
+            .map(|share| vec![s.displacement_at(share), width_mm])
+            .to_vec()
     },
     attach: |v, inside| {
         wrapped(
@@ -137,11 +133,24 @@ impl Wrap for LiftOff {
 #[cfg(test)]
 mod tests {
     use super::super::testing::*;
-    use super::EFFECT;
+    use super::{EFFECT, SOFT};
 
     #[test]
     fn neutral_values_change_nothing() {
         neutral_changes_nothing(&EFFECT);
+    }
+
+    #[test]
+    fn a_soft_contact_closes_over_its_width() {
+        neutral_changes_nothing(&SOFT);
+        // At the first contact half of the width of 2 mm presses: 100 + 80 * 1 N. 10 mm beyond, (10 + sqrt(104)) / 2 mm press.
+        let mut plant = (SOFT.attach)(&[2.0, 2.0], spring());
+        assert!((plant.step(2.0, 0.1) - 180.0).abs() < 1e-9);
+        assert!((plant.step(12.0, 0.1) - (100.0 + 40.0 * (10.0 + 104f64.sqrt()))).abs() < 1e-9);
+        // Where it closes at once it is the contact of the other law.
+        let mut hard = (EFFECT.attach)(&[2.0], spring());
+        let mut soft = (SOFT.attach)(&[2.0, 0.001], spring());
+        assert!((hard.step(5.0, 0.1) - soft.step(5.0, 0.1)).abs() < 1e-4);
     }
 
     #[test]

@@ -96,10 +96,9 @@ impl FixtureJoint {
     }
 
     fn deformation_mm(&self, force_n: f64) -> f64 {
-        let load = force_n / self.settles_at_n;
-        match load == 0.0 {
-            true => self.mm_per_n * force_n,
-            false => self.mm_per_n * self.settles_at_n * load.asinh(),
+        match self.settles_at_n.is_finite() {
+            true => self.mm_per_n * self.settles_at_n * (force_n / self.settles_at_n).asinh(),
+            false => self.mm_per_n * force_n,
         }
     }
 

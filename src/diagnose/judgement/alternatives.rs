@@ -205,21 +205,30 @@ pub(super) fn alternative(effect: &Effect, judged: &JudgedEffect, rival: &RivalS
     Alternative {
         code: rival.code.to_owned(),
         instead_of: effect.code.to_owned(),
-        why: if judged.group.contains(&rival.code) {
-            format!(
-                "{reason}; in these recordings the speed follows from the displacement, so nothing tells the two apart"
-            )
-        } else {
-            format!(
-                "{reason}; its log-likelihood is lower by only {:.1}, where the effect itself gains {:.0}",
-                rival.lack, judged.loss
-            )
-        },
+        why: format!("{reason}; {}", why_not_excluded(judged, rival)),
         test: known
             .map_or("a recording at another speed, mean load and amplitude", |r| {
                 r.test
             })
             .to_owned(),
+    }
+}
+
+/// Why the recordings do not exclude a rival, as the end of a sentence.
+fn why_not_excluded(judged: &JudgedEffect, rival: &RivalSet) -> String {
+    if judged.group.contains(&rival.code) {
+        return "in these recordings the speed follows from the displacement, so nothing tells the two apart"
+            .to_owned();
+    }
+    match rival.lack < 0.0 {
+        true => format!(
+            "it fits better, by {:.1} in log-likelihood, but with a law that is free to follow nearly every curve",
+            -rival.lack
+        ),
+        false => format!(
+            "its log-likelihood is lower by only {:.1}, where the effect itself gains {:.0}",
+            rival.lack, judged.loss
+        ),
     }
 }
 
@@ -268,6 +277,18 @@ mod tests {
             rivals: Vec::new(),
             group: Key::new(),
         }
+    }
+
+    #[test]
+    fn a_rival_that_fits_better_is_not_called_lower() {
+        let rival = |lack| RivalSet {
+            code: "series_compliance",
+            node: 0,
+            lack,
+        };
+        let said = |lack| why_not_excluded(&effect(0, 824.0), &rival(lack));
+        assert!(said(-5.0).starts_with("it fits better, by 5.0"), "{}", said(-5.0));
+        assert!(said(3.0).contains("lower by only 3.0"), "{}", said(3.0));
     }
 
     #[test]

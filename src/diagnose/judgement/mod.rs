@@ -15,6 +15,7 @@
 //! | `delivered` | what is written as the improved model |
 //! | `summary` | the diagnosis in a few sentences |
 //! | `of_path` | effects of the path, as they were judged before the path was in doubt |
+//! | `taken_back` | names whose size is not the same everywhere, or whose knee is only at the upper turning points, are taken back |
 //! | `beside_path` | names of speed and time that bring nothing beside every force of the path are taken back |
 //! | `verdict` | the diagnosis, but for the next test |
 
@@ -31,6 +32,7 @@ mod of_path;
 mod rest;
 mod summary;
 mod tables;
+mod taken_back;
 mod two_sided;
 mod varying_coefficient;
 mod verdict;

@@ -7,7 +7,6 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::diagnose::fitting::{FitContext, LikelihoodScale, Node};
-use crate::diagnose::search::{SearchResult, kink_is_recorded, without};
 
 /// Ridge as a share of a part's power: a part that the other parameters imitate keeps the common size.
 const RIDGE: f64 = 1e-2;
@@ -26,38 +25,10 @@ const DOUBTFUL: f64 = 0.5;
 /// Exponent of the doubt: half the spread above takes 6 % of the confidence.
 const DOUBT_EXPONENT: i32 = 4;
 
-/// Spread from which an effect is no law: its size differs by more than itself. Of the cases that were looked at, two names had more (2
-/// and 56), both wrong; the largest of a right one was 0.8.
-const MOST_SPREAD: f64 = 1.0;
-
 impl Variation {
     /// Factor of the confidence, 0 to 1.
     pub(super) fn trust(self) -> f64 {
         1.0 / (1.0 + (self.spread / DOUBTFUL).powi(DOUBT_EXPONENT))
-    }
-}
-
-/// Removes from the chosen set every missing effect whose size differs between the parts of the recordings by more than itself, the worst
-/// first, and every effect whose kink ended outside what was recorded.
-pub(super) fn without_unstable(context: &FitContext<'_>, search: &mut SearchResult) {
-    let spread = |search: &SearchResult, place: usize| {
-        let node = &search.nodes[search.chosen];
-        if node.attached[place].own {
-            return None;
-        }
-        if !kink_is_recorded(context, node, place) {
-            return Some(f64::INFINITY);
-        }
-        let spread = variation(context, search.likelihood, node, place)?.spread;
-        (spread > MOST_SPREAD).then_some(spread)
-    };
-    loop {
-        let count = search.nodes[search.chosen].attached.len();
-        let unstable = (context.setup.extras.len()..count).filter_map(|k| Some((spread(search, k)?, k)));
-        let Some((_, worst)) = unstable.max_by(|a, b| a.0.total_cmp(&b.0)) else {
-            return;
-        };
-        search.chosen = without(context, &mut search.nodes, search.chosen, worst);
     }
 }
 

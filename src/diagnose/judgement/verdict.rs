@@ -12,7 +12,8 @@ use super::of_path::{FoundOfPath, with_path};
 use super::rest::{LACK_SHARE, Rest, is_explained};
 use super::summary::{limits_in_words, summary};
 use super::tables::{baseline_parameters, candidates, curves, errors, maps, not_testable, values_of};
-use super::varying_coefficient::{Variation, variation, without_unstable};
+use super::taken_back::take_back;
+use super::varying_coefficient::{Variation, variation};
 use crate::diagnose::course::Course;
 use crate::diagnose::diagnosis::*;
 use crate::diagnose::fitting::{FitContext, Node};
@@ -62,7 +63,7 @@ pub(in crate::diagnose) fn conclude(
     mut search: SearchResult,
     known: Known<'_>,
 ) -> Judgement {
-    without_unstable(context, &mut search);
+    take_back(context, &mut search);
     let effects = judge_all(context, &mut search);
     Judgement {
         diagnosis: diagnosis(context, &search, &effects, known),

@@ -104,23 +104,33 @@ pub(in crate::diagnose) fn penalty(effects: &[Attached]) -> f64 {
 
 /// True if every kink of the missing effects lies well within what was recorded.
 pub(in crate::diagnose) fn kinks_are_recorded(context: &FitContext<'_>, node: &Node) -> bool {
-    (context.setup.extras.len()..node.attached.len()).all(|place| kink_is_recorded(context, node, place))
+    (context.setup.extras.len()..node.attached.len()).all(|k| {
+        kink(context, node, k).is_none_or(|acts| {
+            acts.to - acts.from <= MOST_OF_AXIS * context.span.width(acts.axis)
+                && !is_at_the_top(&context.span, acts)
+        })
+    })
 }
 
-/// The same for the effect at one place; true for an effect without a kink.
-pub(in crate::diagnose) fn kink_is_recorded(context: &FitContext<'_>, node: &Node, place: usize) -> bool {
+/// True for an effect with a knee in the last bit of the travel, where the turning points and a vibration round the loop.
+pub(in crate::diagnose) fn kinks_at_the_top(context: &FitContext<'_>, node: &Node, place: usize) -> bool {
+    kink(context, node, place).is_some_and(|acts| is_at_the_top(&context.span, acts))
+}
+
+/// Where an effect with a kink acts; `None` for one without, and for one that acts everywhere.
+fn kink(context: &FitContext<'_>, node: &Node, place: usize) -> Option<Place> {
     let attached = &node.attached[place];
     let from = context.offset(&node.attached, place);
     let values = &node.values[from..from + attached.parameters.len()];
-    let acts = (attached.effect.place)(values, &context.span);
-    attached.effect.kinks.is_empty() || acts.is_none_or(|acts| is_recorded(&context.span, acts))
+    let has_kink = !attached.effect.kinks.is_empty();
+    (attached.effect.place)(values, &context.span).filter(|_| has_kink)
 }
 
-/// True if a place is not nearly the whole axis, and not only the last bit before the upper turning points, where their errors are.
-fn is_recorded(span: &Span, place: Place) -> bool {
-    let share = (place.to - place.from) / span.width(place.axis);
-    let at_the_top = place.axis == Axis::DisplacementMm && place.to >= span.displacement_mm[1];
-    share <= MOST_OF_AXIS && (!at_the_top || share >= LEAST_AT_THE_TOP)
+/// True for a place that is only the last bit before the upper turning points.
+fn is_at_the_top(span: &Span, place: Place) -> bool {
+    place.axis == Axis::DisplacementMm
+        && place.to >= span.displacement_mm[1]
+        && place.to - place.from < LEAST_AT_THE_TOP * span.travel_mm()
 }
 
 /// Looks for the effect whose gain is farthest below the required gain.
@@ -361,7 +371,7 @@ mod tests {
         );
     }
     #[test]
-    fn a_knee_in_the_last_bit_of_the_travel_is_not_recorded() {
+    fn a_knee_in_the_last_bit_of_the_travel_is_at_the_top() {
         let span = Span {
             displacement_mm: [0.0, 34.34],
             force_n: [0.0, 3080.0],
@@ -375,15 +385,14 @@ mod tests {
             to: 34.34,
             branch: Branch::Both,
         };
-        assert!(is_recorded(&span, beyond(30.0)));
-        assert!(!is_recorded(&span, beyond(34.1)));
-        assert!(!is_recorded(&span, beyond(0.01)));
+        assert!(is_at_the_top(&span, beyond(34.1)));
+        assert!(!is_at_the_top(&span, beyond(30.0)));
         // A contact near the lower end is far from the upper turning points.
         let contact = Place {
             from: 0.0,
             to: 0.2,
             ..beyond(0.0)
         };
-        assert!(is_recorded(&span, contact));
+        assert!(!is_at_the_top(&span, contact));
     }
 }

@@ -27,7 +27,7 @@ mod path_search;
 mod second_search;
 mod simplest_form;
 
-pub(in crate::diagnose) use backward_elimination::{kink_is_recorded, kinks_are_recorded, penalty, without};
+pub(in crate::diagnose) use backward_elimination::{kinks_are_recorded, kinks_at_the_top, penalty, without};
 pub(in crate::diagnose) use beam_search::SearchResult;
 pub(in crate::diagnose) use binning::{AXES, BinnedAxis, binned, coordinate};
 pub(in crate::diagnose) use confounding::{

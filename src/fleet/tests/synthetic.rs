@@ -134,6 +134,19 @@ struct SyntheticSpecimen {
 }
 
 impl SyntheticLab {
+    /// A small lab in which the second bench reads 1 % high and specimens scatter by 2 %. The rate of one is off; `ln_ratio`: logarithm
+    /// of its ratio to what it would be.
+    pub(in crate::fleet) fn with_stiff_specimen(specimen: usize, ln_ratio: f64) -> SyntheticLab {
+        SyntheticLab {
+            specimens: 24,
+            runs: 144,
+            rate_scatter: 0.02,
+            force_gain: vec![0.0, 0.01, 0.0],
+            outliers: vec![(specimen, ln_ratio)],
+            ..SyntheticLab::default()
+        }
+    }
+
     /// The lab with everything that the report should find.
     pub(super) fn with_everything() -> SyntheticLab {
         SyntheticLab {
