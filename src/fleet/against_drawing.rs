@@ -1,7 +1,7 @@
 //! Specimens against the drawing of their family: out of tolerance, within, or undecided.
 //!
 //! A specimen is judged by its own value: the mean of its runs without the effects of benches and ageing, at 0 cycles. How specimens of
-//! the family scatter does not enter, so a few runs are enough, and nothing need be known about the law of that scatter.
+//! the family scatter does not enter, so a few runs are enough, and the law of that scatter need not be known.
 //!
 //! ```text
 //! value    = l'b + g     l: group, batch, bench, 0 cycles; g: the specimen's own mean (mean-shift column)
@@ -323,8 +323,8 @@ pub(super) fn not_judged(
     let names: Vec<&str> = left_out.map(|(_, name)| *name).collect();
     (!names.is_empty()).then(|| {
         format!(
-            "{quantity} of {} was not judged by the drawing: it has no usable estimate there, or nothing to compare it with. Add runs, or a \
-             nominal to the drawing.",
+            "{quantity} of {} was not judged by the drawing: there is no usable estimate, or neither a nominal nor another specimen to \
+             compare with. Record more runs, or add a nominal to the drawing.",
             named(&names)
         )
     })

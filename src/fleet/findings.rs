@@ -244,7 +244,7 @@ pub(crate) struct SpecimenDeviation {
     pub worth_a_look: bool,
 }
 
-/// A specimen as its drawing sees it.
+/// A specimen judged by the drawing of its family.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct DrawingJudgement {
     pub specimen: String,
@@ -264,14 +264,14 @@ pub(crate) struct DrawingJudgement {
     /// The limits as the drawing has them: "tolerance 7 %".
     pub limits: String,
     pub verdict: DrawingVerdict,
-    /// The bench for which an excess is least sure if it is right; null if that does not matter.
+    /// The bench that makes it least certain that the limit is exceeded, if that bench reads right; null if all benches say the same.
     pub least_sure_bench: Option<String>,
-    /// The bench for which an excess is surest if it is right; null as above.
+    /// The bench that makes it most certain, if that one reads right; null as above.
     pub clearest_bench: Option<String>,
-    /// p value if that bench is right.
+    /// p value if that second bench reads right.
     #[serde(skip)]
     pub clearest_p: f64,
-    /// What explains the verdict beside the specimen.
+    /// What else may explain the verdict: the family, the batch or a bench.
     pub remark: Option<String>,
 }
 

@@ -213,7 +213,7 @@ fn against_drawings(findings: &FleetFindings) -> Markup {
     html! {
         @if let Some(counts) = &findings.against_drawings {
             (section("Is a specimen within the tolerance of its drawing?", DRAWINGS, &findings.quantities, drawing_plot))
-            p { (counts.sentence()) " Short lines across a row are its limits; undecided ones have the colour of what is worth a look. Values are those at 0 cycles, without the errors of the benches." }
+            p { (counts.sentence()) " The short lines across a row are its limits. Undecided values have the colour of what is worth a look. All values are at 0 cycles, without the errors of the benches." }
             @if !doubtful.is_empty() {
                 table {
                     tr {

@@ -25,8 +25,8 @@ const REST_FORCE: f64 = 0.05;
 const REST_FALL: f64 = 0.003;
 /// Share of the stroke after which a motion from rest is compared.
 const FIRST_TRAVEL: f64 = 0.1;
-/// Shares of the stroke in one direction after which an unknown state counts as forgotten: the largest with which all such states together
-/// cost at most `MOST_FORGETTING` of the samples, else the smallest. After the smallest, a friction that reverses over a twentieth of the stroke has
+/// Travel in one direction, as a share of the stroke, after which an unknown state of the friction counts as forgotten. The largest share
+/// is used with which all such states together cost at most `MOST_FORGETTING` of the samples, otherwise the smallest. After the smallest, a friction that reverses over a twentieth of the stroke has
 /// 2 % of the unknown state left; one that reverses over a third needs the largest.
 const FORGETTING: [f64; 3] = [0.8, 0.4, 0.2];
 const MOST_FORGETTING: f64 = 0.1;

@@ -27,8 +27,9 @@ const DOUBT_SHARE: f64 = 0.02;
 /// (seed 626262) 6 have a wrong name that is sure, instead of 9 without it. At half: 6 too; at a third: 8. At double: 5, but 2 of 69
 /// right names are no longer sure.
 const FORM_SHARE: f64 = 0.03;
-/// The same of what laws of free shape explain: they follow a shape ten times better than one formula does. On looked-at cases of two worlds
-/// (seed 910159277) 4 of 115 names are wrong and sure, 6 without it; at half: 4 too; at double: 4, but right names lose confidence.
+/// The same share of what the laws of free shape explain. It is ten times smaller, because a free shape follows a foreign law better than
+/// one formula does. In cases of two worlds that were looked at (seed 910159277), 4 of 115 names are wrong and sure, and 6 without it; at
+/// half 4 too; at double 4, but right names lose confidence.
 const FREE_FORM_SHARE: f64 = 0.003;
 /// Number of candidates that are fitted in place of an effect.
 const RIVALS_TRIED: usize = 8;

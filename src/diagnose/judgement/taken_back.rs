@@ -5,8 +5,8 @@ use super::varying_coefficient::variation;
 use crate::diagnose::fitting::FitContext;
 use crate::diagnose::search::{SearchResult, kinks_at_the_top, without};
 
-/// Spread from which an effect is no law: its size differs by more than itself. Of the cases that were looked at, two names had more (2
-/// and 56), both wrong; the largest of a right one was 0.8.
+/// Largest spread of the size of an effect, as a share of the size. In the cases that were looked at two names had a larger one (2 and
+/// 56), and both were wrong; the largest spread of a right name was 0.8.
 const MOST_SPREAD: f64 = 1.0;
 
 /// Removes these effects from the chosen set, the worst first. After each the others are judged again.

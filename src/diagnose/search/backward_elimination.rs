@@ -11,7 +11,7 @@ use crate::effect::{Axis, Place, Span};
 
 /// An effect with a kink acts on at most this share of its axis: a knee below nearly all that was recorded is a smooth curve.
 const MOST_OF_AXIS: f64 = 0.85;
-/// Share of the travel beyond a knee from which it is recorded. A vibration that rounds the turning points makes knees in the last 0.7 %.
+/// A knee must have this share of the travel above it. A vibration that rounds the turning points made a knee in the last 0.7 %.
 const LEAST_AT_THE_TOP: f64 = 0.015;
 /// Share of the whole gain that an effect must bring.
 pub(super) const LEAST_SHARE: f64 = 5e-4;
