@@ -5,11 +5,8 @@ use std::fmt::Write;
 use super::CaseScore;
 use super::page::family_name;
 use super::statistics::{Proportion, calibration_error};
-use crate::diagnose::Verdict;
+use super::world_figures;
 use crate::truth::{Family, World};
-
-/// Confidence from which an answer counts as sure.
-const SURE: f64 = 0.9;
 
 /// Results of one family in one world. A proportion is `None` where it has no meaning.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -59,40 +56,15 @@ fn row(world: World, family: Option<Family>, scores: &[&CaseScore]) -> Option<Wo
         world,
         family,
         cases: scores.len(),
-        exact: proportion(in_library, CaseScore::exact),
-        named: proportion(in_library, |s| s.named_or_alternative().iter().all(|n| *n)),
-        wrong_and_sure: Proportion::of(scores.iter().map(|s| wrong_and_sure(s))),
-        adequate: proportion(nothing_hidden, adequate),
-        unknown: proportion(|f| f == Family::Outside, unknown),
+        exact: proportion(Family::is_in_library, CaseScore::exact),
+        named: proportion(Family::is_in_library, |s| {
+            s.named_or_alternative().iter().all(|n| *n)
+        }),
+        wrong_and_sure: Proportion::of(scores.iter().map(|s| s.is_wrong_and_sure())),
+        adequate: proportion(Family::hides_nothing, CaseScore::is_adequate),
+        unknown: proportion(|f| f == Family::Outside, CaseScore::is_unknown),
         calibration_error: calibration_error(&owned).0,
     })
-}
-
-fn nothing_hidden(family: Family) -> bool {
-    matches!(family, Family::None | Family::NoneNoisy | Family::Nuisance)
-}
-
-fn in_library(family: Family) -> bool {
-    !nothing_hidden(family) && family != Family::Outside
-}
-
-/// True if an effect that is not there is named with a high confidence, whatever the verdict.
-fn wrong_and_sure(score: &CaseScore) -> bool {
-    score
-        .claims()
-        .iter()
-        .any(|(confidence, right)| *confidence >= SURE && !right)
-}
-
-/// True if nothing is named, or only what is not wrong.
-fn adequate(score: &CaseScore) -> bool {
-    score.verdict() == Verdict::Adequate || score.exact()
-}
-
-/// True if the recordings were understood and not explained. A library that has gained the code may also name it.
-fn unknown(score: &CaseScore) -> bool {
-    let answer = score.answer.as_ref();
-    answer.is_some_and(|a| a.verdict == Verdict::Unexplained || a.codes() == score.truth())
 }
 
 /// Headings of the table.
@@ -109,14 +81,7 @@ const HEADINGS: [&str; 9] = [
 ];
 
 fn cells(row: &WorldRow) -> [String; 9] {
-    let share = |p: &Option<Proportion>| {
-        p.as_ref()
-            .and_then(|p| Some((p, p.ci95?)))
-            .map_or(String::new(), |(p, [low, high])| {
-                let percent = 100.0 * p.yes as f64 / p.of as f64;
-                format!("{percent:.0} % ({:.0} to {:.0})", 100.0 * low, 100.0 * high)
-            })
-    };
+    let share = |p: &Option<Proportion>| p.map_or(String::new(), Proportion::in_percent);
     [
         row.world.key().to_owned(),
         row.family.map_or("all", family_name).to_owned(),
@@ -162,6 +127,8 @@ pub(crate) fn markdown(seed: u64, hashes: &[(World, String)], scores: &[CaseScor
     page += "\nIn `own` each effect has one formula, close to that of the library. In the other worlds the friction of the specimen is\n\
              another operator, and each effect follows one of several laws that the library does not have. Shares with their 95 %\n\
              intervals (Wilson). Wrong and sure: an effect that is not there is named with a confidence of at least 0.9.\n\n";
+    page += &world_figures::markdown(scores);
+    page += "\n## By family\n\n";
     page += &format!(
         "| {} |\n|{}\n",
         HEADINGS.join(" | "),
@@ -171,7 +138,7 @@ pub(crate) fn markdown(seed: u64, hashes: &[(World, String)], scores: &[CaseScor
         page += &format!("| {} |\n", cells(&row).join(" | "));
     }
     page += "\n## Wrong and sure\n\n| world | case | family | hidden | law or imperfection | strength | answered |\n|---|---|---|---|---|---|---|\n";
-    for s in scores.iter().filter(|s| wrong_and_sure(s)) {
+    for s in scores.iter().filter(|s| s.is_wrong_and_sure()) {
         let laws = s.label.hidden.iter().filter_map(|h| h.law.map(|l| l.name));
         let laws: Vec<&str> = laws.chain(s.label.nuisance).collect();
         page += &format!(
@@ -223,8 +190,8 @@ mod tests {
     fn what_is_not_wrong_is_neither_exact_truth_nor_a_false_alarm() {
         let mut beside = score(&[], &["channel_delay"], &[]);
         beside.label.family = Family::Nuisance;
-        assert!(!adequate(&beside) && wrong_and_sure(&beside));
+        assert!(!beside.is_adequate() && beside.is_wrong_and_sure());
         beside.label.also = vec!["channel_delay"];
-        assert!(adequate(&beside) && !wrong_and_sure(&beside));
+        assert!(beside.is_adequate() && !beside.is_wrong_and_sure());
     }
 }

@@ -2,7 +2,7 @@
 //! are scored.
 //!
 //! `seal` hashes the labels, `score` compares one `answer` with its label, `statistics` and `requirements` evaluate many scores,
-//! `page` and `by_world` write the results as text. `cli` writes the files and shows the progress.
+//! `page`, `by_world` and `world_figures` write the results as text. `cli` writes the files and shows the progress.
 
 mod answer;
 pub(crate) mod by_world;
@@ -12,6 +12,7 @@ pub(crate) mod score;
 pub(crate) mod seal;
 pub(crate) mod settle;
 pub(crate) mod statistics;
+mod world_figures;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;

@@ -5,6 +5,9 @@ use super::settle::Settling;
 use crate::diagnose::Verdict;
 use crate::truth::{Family, Label, World};
 
+/// Confidence from which an answer counts as sure.
+const SURE: f64 = 0.9;
+
 /// A parameter of a named effect, compared with its true value.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct ComparedParameter {
@@ -144,6 +147,24 @@ impl CaseScore {
     pub(crate) fn claims(&self) -> Vec<(f64, bool)> {
         let claims = self.answer.iter().flat_map(|a| &a.effects);
         claims.map(|(code, c)| (*c, self.is_right(code))).collect()
+    }
+
+    /// True if an effect that is not there is named with a high confidence, whatever the verdict.
+    pub(crate) fn is_wrong_and_sure(&self) -> bool {
+        self.claims()
+            .iter()
+            .any(|(confidence, right)| *confidence >= SURE && !right)
+    }
+
+    /// True if nothing is named, or only what is not wrong.
+    pub(crate) fn is_adequate(&self) -> bool {
+        self.verdict() == Verdict::Adequate || self.exact()
+    }
+
+    /// True if the recordings were understood and not explained. A library that has gained the code may also name it.
+    pub(crate) fn is_unknown(&self) -> bool {
+        let answer = self.answer.as_ref();
+        answer.is_some_and(|a| a.verdict == Verdict::Unexplained || a.codes() == self.truth())
     }
 }
 

@@ -59,6 +59,14 @@ impl Proportion {
             ci95: wilson_interval(yes, of),
         }
     }
+
+    /// The share in percent with its interval; empty without cases.
+    pub(crate) fn in_percent(self) -> String {
+        self.ci95.map_or(String::new(), |[low, high]| {
+            let percent = 100.0 * self.yes as f64 / self.of as f64;
+            format!("{percent:.0} % ({:.0} to {:.0})", 100.0 * low, 100.0 * high)
+        })
+    }
 }
 
 /// Median of the finite values, and their number.

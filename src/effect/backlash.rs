@@ -16,6 +16,7 @@ pub(crate) const EFFECT: Effect = Effect {
     code: "backlash",
     stage: Stage::Frame,
     follows_path: true,
+    only_rival: false,
     parameters: &[Parameter {
         name: "gap_mm",
         unit: "mm",

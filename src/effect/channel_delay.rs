@@ -19,6 +19,7 @@ pub(crate) const EFFECT: Effect = Effect {
     code: "channel_delay",
     stage: Stage::Sensor,
     follows_path: false,
+    only_rival: false,
     parameters: &[Parameter {
         name: "delay_ms",
         unit: "ms",

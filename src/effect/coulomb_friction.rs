@@ -18,6 +18,7 @@ pub(crate) const EFFECT: Effect = Effect {
     code: "coulomb_friction",
     stage: Stage::Pusher,
     follows_path: true,
+    only_rival: false,
     parameters: &[
         Parameter {
             name: "friction_n",

@@ -48,6 +48,7 @@ pub(crate) const FORM: Effect = Effect {
     code: "friction_form",
     stage: Stage::Interleaf,
     follows_path: true,
+    only_rival: false,
     parameters: &[
         ratio("ratio_0"),
         ratio("ratio_1"),

@@ -17,6 +17,7 @@ pub(crate) const EFFECT: Effect = Effect {
     code: "geometric_stiffness",
     stage: Stage::Mounting,
     follows_path: true,
+    only_rival: false,
     parameters: &[
         Parameter {
             name: "curvature_n_per_mm2",
@@ -73,6 +74,11 @@ pub(crate) const EFFECT: Effect = Effect {
             code: "lift_off",
             why: "near zero load, a contact that closes over a travel curves the characteristic as geometry does",
             test: "a slow ramp that starts 1 mm above the free height",
+        },
+        LookAlike {
+            code: "sensor_curvature",
+            why: "a channel that is not straight curves the characteristic as geometry does",
+            test: "a calibration of both channels at five points or more: it shows whether one of them is curved",
         },
     ],
 };

@@ -17,6 +17,7 @@ pub(crate) const EFFECT: Effect = Effect {
     code: "inertia",
     stage: Stage::Pusher,
     follows_path: false,
+    only_rival: false,
     parameters: &[Parameter {
         name: "mass_kg",
         unit: "kg",

@@ -20,6 +20,7 @@ pub(crate) const EFFECT: Effect = Effect {
     code: "lift_off",
     stage: Stage::Pusher,
     follows_path: true,
+    only_rival: false,
     parameters: &[Parameter {
         name: "contact_mm",
         unit: "mm",

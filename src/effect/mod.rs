@@ -22,6 +22,7 @@ pub(crate) mod progressive_stiffness;
 pub(crate) mod rate_independent_friction;
 pub(crate) mod relaxation;
 pub(crate) mod run_in;
+pub(crate) mod sensor_curvature;
 pub(crate) mod sensor_drift;
 pub(crate) mod sensor_saturation;
 pub(crate) mod series_compliance;
@@ -153,6 +154,9 @@ pub(crate) struct Effect {
     pub stage: Stage,
     /// True if its force follows from the path of the displacement alone, not from speed, time or the number of cycles.
     pub follows_path: bool,
+    /// True if no search names it by itself, because nothing in a recording tells it from the specimen: it is only tried in the place of a
+    /// named effect ([`RIVAL_LAWS`]).
+    pub only_rival: bool,
     /// Parameters of the effect, in the order that `attach` takes.
     pub parameters: &'static [Parameter],
     /// Values at which the effect changes nothing.
@@ -191,6 +195,7 @@ pub(crate) static EFFECTS: &[Effect] = &[
     rate_independent_friction::EFFECT,
     relaxation::EFFECT,
     run_in::EFFECT,
+    sensor_curvature::EFFECT,
     sensor_drift::EFFECT,
     sensor_saturation::EFFECT,
     series_compliance::EFFECT,
@@ -201,7 +206,12 @@ pub(crate) static EFFECTS: &[Effect] = &[
 
 /// Laws with more freedom than a search may use. They are only tried in the place of a named effect that looks alike
 /// ([`Effect::confusable_with`]): with so free a law nearly every curve could be named.
-pub(crate) static RIVAL_LAWS: &[Effect] = &[lift_off::SOFT, series_compliance::SETTLING];
+pub(crate) static RIVAL_LAWS: &[Effect] = &[
+    lift_off::SOFT,
+    sensor_curvature::OF_DISPLACEMENT,
+    sensor_curvature::OF_FORCE,
+    series_compliance::SETTLING,
+];
 
 /// General forms of physics that a model already has. They are attached like effects but are never reported as missing.
 pub(crate) static FORMS: &[Effect] = &[friction_form::FORM];

@@ -19,6 +19,7 @@ pub(crate) const EFFECT: Effect = Effect {
     code: "presliding",
     stage: Stage::Interleaf,
     follows_path: true,
+    only_rival: false,
     parameters: &[
         Parameter {
             name: "friction_ratio",

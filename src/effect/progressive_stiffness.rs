@@ -19,6 +19,7 @@ pub(crate) const EFFECT: Effect = Effect {
     code: "progressive_stiffness",
     stage: Stage::Specimen,
     follows_path: true,
+    only_rival: false,
     parameters: &[
         Parameter {
             name: "extra_rate_n_per_mm",

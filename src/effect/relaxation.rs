@@ -21,6 +21,7 @@ pub(crate) const EFFECT: Effect = Effect {
     code: "relaxation",
     stage: Stage::Specimen,
     follows_path: false,
+    only_rival: false,
     parameters: &[
         Parameter {
             name: "arm_rate_n_per_mm",

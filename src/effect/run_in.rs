@@ -30,6 +30,7 @@ pub(crate) const EFFECT: Effect = Effect {
     code: "run_in",
     stage: Stage::Interleaf,
     follows_path: false,
+    only_rival: false,
     parameters: &[
         Parameter {
             name: "friction_change",

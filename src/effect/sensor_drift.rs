@@ -15,6 +15,7 @@ pub(crate) const EFFECT: Effect = Effect {
     code: "sensor_drift",
     stage: Stage::Sensor,
     follows_path: false,
+    only_rival: false,
     parameters: &[
         Parameter {
             name: "drift_n_per_min",

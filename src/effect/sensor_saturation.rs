@@ -15,6 +15,7 @@ pub(crate) const EFFECT: Effect = Effect {
     code: "sensor_saturation",
     stage: Stage::Sensor,
     follows_path: true,
+    only_rival: false,
     parameters: &[Parameter {
         name: "limit_n",
         unit: "N",

@@ -20,6 +20,7 @@ pub(crate) const EFFECT: Effect = Effect {
     code: "series_compliance",
     stage: Stage::Frame,
     follows_path: true,
+    only_rival: false,
     parameters: &[Parameter {
         name: "compliance_mm_per_kn",
         unit: "mm/kN",

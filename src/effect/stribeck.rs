@@ -18,6 +18,7 @@ pub(crate) const EFFECT: Effect = Effect {
     code: "stribeck",
     stage: Stage::Interleaf,
     follows_path: false,
+    only_rival: false,
     parameters: &[
         Parameter {
             name: "extra_ratio",

@@ -23,6 +23,7 @@ pub(crate) const EFFECT: Effect = Effect {
     code: "viscous_damping",
     stage: Stage::Specimen,
     follows_path: false,
+    only_rival: false,
     parameters: &[
         Parameter {
             name: "damping_n_s_per_mm",

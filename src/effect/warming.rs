@@ -24,6 +24,7 @@ pub(crate) const EFFECT: Effect = Effect {
     code: "warming",
     stage: Stage::Interleaf,
     follows_path: false,
+    only_rival: false,
     parameters: &[
         Parameter {
             name: "friction_change",

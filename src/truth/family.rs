@@ -45,6 +45,16 @@ const FOREIGN_ROUND: [Family; 20] = {
 };
 
 impl Family {
+    /// True if nothing is hidden in its cases, even if the instruments are imperfect.
+    pub(crate) fn hides_nothing(self) -> bool {
+        matches!(self, Family::None | Family::NoneNoisy | Family::Nuisance)
+    }
+
+    /// True if the library has what is hidden in its cases.
+    pub(crate) fn is_in_library(self) -> bool {
+        !self.hides_nothing() && self != Family::Outside
+    }
+
     /// All families, in the order of the declaration.
     pub(crate) const ALL: [Family; 8] = [
         Family::None,

@@ -13,6 +13,7 @@ pub(crate) const EFFECT: Effect = Effect {
     code: "fixture_stiffness",
     stage: Stage::Frame,
     follows_path: true,
+    only_rival: false,
     parameters: &[Parameter {
         name: "fixture_rate_n_per_mm",
         unit: "N/mm",

@@ -115,10 +115,7 @@ impl Setup {
             .filter(|e| knows(e.code) && !built_in(e.code))
             .filter_map(known_form)
             .collect();
-        let candidates = |list: &'static [Effect]| {
-            let missing = list.iter().filter(|e| !knows(e.code));
-            missing.map(Attached::candidate).collect()
-        };
+        let missing = |list: &'static [Effect]| list.iter().filter(|e| !knows(e.code));
         let form = FORMS.iter().find_map(known_form);
         Ok(Setup {
             model,
@@ -126,8 +123,11 @@ impl Setup {
             start,
             extras,
             form,
-            candidates: candidates(EFFECTS),
-            rival_laws: candidates(RIVAL_LAWS),
+            candidates: missing(EFFECTS)
+                .filter(|e| !e.only_rival)
+                .map(Attached::candidate)
+                .collect(),
+            rival_laws: missing(RIVAL_LAWS).map(Attached::candidate).collect(),
             surrogate: None,
             law: None,
             cancel: CancelFlag::default(),

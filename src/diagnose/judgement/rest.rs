@@ -43,7 +43,7 @@ impl Rest {
             unexplained: is_unexplained(context, search, base, left),
             share: unexplained_share(base, after, left),
             shape: shape_shares(context, after),
-            free_laws_gain: search.likelihood.gain(refitted.cost() - before.cost()).max(0.0),
+            free_laws_gain: free_laws_gain(search, refitted),
         };
         // The rest is also compared with what the shape of the friction law left to explain: of the whole it may be a small share.
         rest.unexplained |= repeats(search, unexplained_share(before, after, left), left);
@@ -54,6 +54,15 @@ impl Rest {
     pub(super) fn is_beyond_shape(&self) -> bool {
         self.shape.is_some_and(|s| !s.are_errors_of_shape())
     }
+}
+
+/// Gain in log-likelihood that the free shape of the laws brings before any effect is named; `refitted`: the baseline with its own
+/// friction law.
+pub(super) fn free_laws_gain(search: &SearchResult, refitted: &Node) -> f64 {
+    search
+        .likelihood
+        .gain(refitted.cost() - search.nodes[0].cost())
+        .max(0.0)
 }
 
 /// How much of the difference a set leaves to the shape of the friction law and of the spring's curve.

@@ -2,14 +2,14 @@
 
 use nalgebra::DMatrix;
 
-use super::alternatives::{JudgedEffect, alternative, judge, nearest};
+use super::alternatives::{JudgedEffect, LEAST_TRUST, alternative, judge, nearest};
 use super::delivered::{as_model, as_written, delivered};
 use super::groups::group;
 use super::intervals::intervals;
 use super::location::{locate, share_in, words};
 use super::look_alikes::{explains_most, look_alikes};
 use super::of_path::{FoundOfPath, with_path};
-use super::rest::{LACK_SHARE, Rest, is_explained};
+use super::rest::{LACK_SHARE, Rest, free_laws_gain, is_explained};
 use super::summary::{limits_in_words, summary};
 use super::tables::{baseline_parameters, candidates, curves, errors, maps, not_testable, values_of};
 use super::taken_back::take_back;
@@ -17,7 +17,7 @@ use super::varying_coefficient::{Variation, variation};
 use crate::diagnose::course::Course;
 use crate::diagnose::diagnosis::*;
 use crate::diagnose::fitting::{FitContext, Node};
-use crate::diagnose::search::{SearchResult, simplify};
+use crate::diagnose::search::{SearchResult, simplify, without};
 use crate::effect::Axis;
 use crate::identify::Residuals;
 use crate::identify::confidence::{Confidence, Warning};
@@ -64,7 +64,7 @@ pub(in crate::diagnose) fn conclude(
     known: Known<'_>,
 ) -> Judgement {
     take_back(context, &mut search);
-    let effects = judge_all(context, &mut search);
+    let effects = judge_trusted(context, &mut search, known.refitted);
     Judgement {
         diagnosis: diagnosis(context, &search, &effects, known),
         search,
@@ -161,6 +161,25 @@ fn verdict_of(unexplained: bool, nothing_named: bool) -> Verdict {
     }
 }
 
+/// Judges the effects of the chosen set, and takes back those of which nothing may be left beside the error of form of the other laws,
+/// the least trusted first.
+fn judge_trusted(context: &FitContext<'_>, search: &mut SearchResult, refitted: &Node) -> Vec<JudgedEffect> {
+    loop {
+        let effects = judge_all(context, search);
+        let of_laws = free_laws_gain(search, refitted);
+        let trust = effects
+            .iter()
+            .map(|j| (j.trust_beside(&effects, of_laws), j.place));
+        let least = trust.min_by(|a, b| a.0.total_cmp(&b.0));
+        match least.filter(|(trust, _)| *trust < LEAST_TRUST) {
+            Some((_, place)) => {
+                search.chosen = without(context, &mut search.nodes, search.chosen, place);
+            }
+            None => return effects,
+        }
+    }
+}
+
 /// Compares every effect of the chosen set with what could take its place.
 fn judge_all(context: &FitContext<'_>, search: &mut SearchResult) -> Vec<JudgedEffect> {
     let attached = &search.nodes[search.chosen].attached;
@@ -184,38 +203,47 @@ fn findings(
     confidence: &Confidence,
     rest: &Rest,
 ) -> Vec<Finding> {
-    let attached = &search.nodes[search.chosen].attached;
-    let trust = |j: &JudgedEffect| {
-        // What follows from the path may be the error of form of any law of the path; `beside_path` checks the other effects.
-        let of_laws = match attached[j.place].effect.follows_path {
-            true => rest.free_laws_gain,
-            false => 0.0,
-        };
-        j.trust_beside(judged, of_laws) * (1.0 - rest.share.powi(2))
+    let alone = |j: &JudgedEffect| {
+        [
+            j.trust_beside(judged, rest.free_laws_gain),
+            1.0 - rest.share.powi(2),
+        ]
     };
     let named = judged.iter();
     named
-        .map(|j| finding(context, search, j, confidence, trust(j)))
+        .map(|j| finding(context, search, j, confidence, alone(j)))
         .collect()
 }
 
-/// A named effect. `trust_in_set`: factor of its confidence, for the other effects of the set and for what is left unexplained.
+/// Confidence, 0 to 1, in an effect that each of several other explanations leaves this much alone: their odds against it add up, because
+/// only one of them is true.
+fn against_all(alone: [f64; 4]) -> f64 {
+    let odds = alone.map(|c| 1.0 / c.max(f64::MIN_POSITIVE) - 1.0);
+    1.0 / (1.0 + odds.iter().sum::<f64>())
+}
+
+/// A named effect. The last argument: what the error of form of the other laws, and what is left unexplained, leave of the confidence.
 fn finding(
     context: &FitContext<'_>,
     search: &SearchResult,
     judged: &JudgedEffect,
     confidence: &Confidence,
-    trust_in_set: f64,
+    [beside_laws, beside_rest]: [f64; 2],
 ) -> Finding {
     let node = &search.nodes[search.chosen];
     let attached = &node.attached[judged.place];
     let from = context.offset(&node.attached, judged.place);
     let group = &node.values[from..from + attached.parameters.len()];
     let variation = variation(context, search.likelihood, node, judged.place);
-    let trust = variation.map_or(1.0, Variation::trust);
+    let alone = [
+        judged.confidence,
+        variation.map_or(1.0, Variation::trust),
+        beside_laws,
+        beside_rest,
+    ];
     Finding {
         code: attached.effect.code.to_owned(),
-        confidence: (judged.confidence * trust * trust_in_set).clamp(0.0, MOST_CONFIDENCE),
+        confidence: against_all(alone).min(MOST_CONFIDENCE),
         size_spread: variation.map(|v| v.spread),
         statement: one_of(&judged.group, attached.effect.code) + &(attached.effect.statement)(group),
         group: match judged.group.as_slice() {
@@ -377,4 +405,18 @@ fn alarms(context: &FitContext<'_>, node: &Node, confidence: &Confidence) -> Vec
         alarms.extend(track.remarks.iter().map(|r| format!("{}: {r}", track.name)));
     }
     alarms
+}
+
+#[cfg(test)]
+mod tests {
+    use super::against_all;
+
+    #[test]
+    fn other_explanations_exclude_each_other() {
+        assert_eq!(against_all([1.0; 4]), 1.0);
+        assert_eq!(against_all([0.5, 1.0, 1.0, 1.0]), 0.5);
+        // One of three equal explanations, not the half of a half.
+        assert!((against_all([0.5, 0.5, 1.0, 1.0]) - 1.0 / 3.0).abs() < 1e-12);
+        assert_eq!(against_all([0.0, 1.0, 1.0, 1.0]), 0.0);
+    }
 }
