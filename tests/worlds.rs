@@ -213,7 +213,12 @@ fn twenty_sealed_cases_of_foreign_worlds() {
                 look_alikes: 0,
                 threads: std::thread::available_parallelism().map_or(1, usize::from),
             };
-            run(&request, &mut |labels| assert_eq!(labels.len(), cases), &|_| {}).expect("labels match")
+            run(
+                &request,
+                &mut |labels| assert_eq!(labels.len() as u64, cases),
+                &|_| {},
+            )
+            .expect("labels match")
         })
         .collect();
     let mut refused = scores.iter().filter(|s| s.refused.is_some());
