@@ -136,6 +136,17 @@ mod tests {
         assert!(error_of("ten Maxwell-slip", course(force)) < 3e-3);
     }
 
+    /// A measured damper was fitted with a rate below zero and a large force of the longest element, which hardly slid: they cancelled on
+    /// that stroke, and on a longer one the force was wrong by twice its range (docs/real-data.md).
+    #[test]
+    fn the_spring_of_the_device_has_no_negative_rate() {
+        let force = |x: f64, since_mm: f64, direction: f64, _| {
+            300.0 * direction * (1.0 - 2.0 * (-since_mm / 1.5).exp()) - 10.0 * x
+        };
+        let device = maxwell_slip::device(&[course(force)]).expect("fitted");
+        assert_eq!(device.strengths[1], 0.0, "{:?}", device.strengths);
+    }
+
     #[test]
     fn what_is_reported_on_takes_no_part_in_the_fit() {
         let force = |x: f64, since_mm: f64, direction: f64, v: f64| {
