@@ -195,6 +195,19 @@ fn a_curve_may_be_that_of_a_joint_and_a_bad_point_is_no_physics() {
     }
 }
 
+/// A case that was looked at: a filter of the fourth order on one channel. Friction near zero speed was named with its exponent at the limit of
+/// its range, and the delay was its alternative.
+#[test]
+fn a_law_at_the_limit_of_its_range_gives_way_to_one_that_fits_as_well() {
+    let case = Case::draw(World::Lugre, 910_159_277, 4, None);
+    let found = examine(&case, &case.recordings, 0).expect("valid recordings");
+    let named: Vec<&str> = found.effects.iter().map(|e| e.code.as_str()).collect();
+    assert_eq!(named, ["channel_delay"], "{}", found.summary);
+    let stribeck = found.alternatives.iter().find(|a| a.code == "stribeck");
+    let why = stribeck.map_or("", |a| &a.why);
+    assert!(why.contains("limit of its range"), "{:?}", found.alternatives);
+}
+
 /// Twenty cases of the worlds that do not share the library's formulas, five of each, beside the sixty of `tests/blind.rs`, and one that
 /// does: sealed, diagnosed, opened and scored in the row of their world. Only recordings of imperfect instruments are refused, and at
 /// most one wrong name is given with 90 %. How often the names are right is in docs/blind-worlds.md.

@@ -201,7 +201,7 @@ fn outside(score: &&CaseScore) -> bool {
 }
 
 fn in_library(score: &&CaseScore) -> bool {
-    !score.label.hidden.is_empty() && !outside(score)
+    score.label.family.is_in_library()
 }
 
 fn unknown(score: &CaseScore) -> bool {

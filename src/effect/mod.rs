@@ -204,8 +204,8 @@ pub(crate) static EFFECTS: &[Effect] = &[
     warming::EFFECT,
 ];
 
-/// Laws with more freedom than a search may use. They are only tried in the place of a named effect that looks alike
-/// ([`Effect::confusable_with`]): with so free a law nearly every curve could be named.
+/// Laws that are only tried in the place of a named effect that looks alike ([`Effect::confusable_with`]): with a law so free nearly every
+/// curve could be named, and a fault of a channel makes the same recording as a specimen.
 pub(crate) static RIVAL_LAWS: &[Effect] = &[
     lift_off::SOFT,
     sensor_curvature::OF_DISPLACEMENT,

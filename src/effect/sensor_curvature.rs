@@ -7,8 +7,8 @@
 //! the load cell with the force. F_in: force of the plant inside at the true displacement, N. G: true force, N. Over a range R the
 //! reading is off by c R^2 / 8 in the middle, from the line through its ends.
 //! Source: second-order term of a calibration polynomial (ISO 376 fits one to a load cell). Range: a few tenths of a percent of the range.
-//! An LVDT that bends and a spring that stiffens make the same recording. So no search names this effect by itself: it is compared
-//! with a curved characteristic that was named.
+//! An LVDT whose gain changes and a spring that stiffens make the same recording. So no search names this effect by itself: it is only
+//! compared with a curved characteristic that was named.
 
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Parameter, Plant};

@@ -47,7 +47,7 @@ pub(crate) const EFFECT: Effect = Effect {
             unit: "s",
             start: 60.0,
             bounds: [1.0, 1e5],
-            belief: [5.0, 3600.0],
+            belief: [5.0, 1e5],
             what: "time after which 37 % of the heat is left",
         },
     ],

@@ -33,7 +33,7 @@ const FORM_SHARE: f64 = 0.03;
 /// 6 without it; at double a name that is right in half of the cases gets a confidence of 5 %. In one world (LuGre) the only wrong name of
 /// 25 that was sure, a delay, is so no longer.
 const FREE_FORM_SHARE: f64 = 0.0015;
-/// An effect whose trust is below this is no name: the error of form of the laws beside it may be nine times what it explains.
+/// An effect whose trust is below this is not named: the error of form of the laws beside it may be nine times what it explains.
 pub(super) const LEAST_TRUST: f64 = 0.1;
 /// Number of candidates that are fitted in place of an effect.
 const RIVALS_TRIED: usize = 8;
@@ -77,6 +77,8 @@ pub(in crate::diagnose) struct RivalSet {
     pub node: usize,
     /// Gain in log-likelihood that it lacks.
     pub lack: f64,
+    /// True if a parameter of it is at a bound outside its plausible range.
+    pub strained: bool,
 }
 
 /// Lack of gain from which a rival of an effect that brings `loss` is distinguished; `distinct` is [`DISTINCT_POWER`] over all
@@ -88,8 +90,34 @@ pub(in crate::diagnose) fn distinguishable_lack(rival: &Node, loss: f64, distinc
     LEAST_LACK.max((LACK_SHARE * loss).min(distinct))
 }
 
+/// The set to name instead of the chosen one, if the chosen one needs a parameter at a bound outside its plausible range to fit as well
+/// as a rival that does not; `None` if the chosen one may stay.
+pub(super) fn more_plausible(
+    context: &FitContext<'_>,
+    search: &SearchResult,
+    judged: &[JudgedEffect],
+) -> Option<usize> {
+    if !at_implausible_bound(&search.nodes[search.chosen]) {
+        return None;
+    }
+    let rivals = judged.iter().flat_map(|j| &j.rivals);
+    let as_good = rivals.filter(|r| r.lack < LEAST_LACK && !r.strained);
+    as_good
+        .filter(|r| may_be_named(context, &search.nodes[r.node]))
+        .min_by(|a, b| a.lack.total_cmp(&b.lack))
+        .map(|r| r.node)
+}
+
+/// True if a search may name every missing effect of a set: none of them is a law that is only tried as a rival.
+fn may_be_named(context: &FitContext<'_>, node: &Node) -> bool {
+    let candidates = &context.setup.candidates;
+    let missing = node.attached.iter().rev().take_while(|a| !a.own);
+    let mut laws = missing.map(|a| a.effect);
+    laws.all(|law| candidates.iter().any(|c| std::ptr::eq(c.effect, law)))
+}
+
 /// True if a parameter of a missing effect is at a bound outside its plausible range.
-fn at_implausible_bound(node: &Node) -> bool {
+pub(super) fn at_implausible_bound(node: &Node) -> bool {
     let missing = node.attached.iter().rev().take_while(|a| !a.own);
     let parameters = missing.flat_map(|a| a.parameters.iter().rev());
     let values = node.values.iter().rev().skip(1);
@@ -119,8 +147,8 @@ pub(super) fn judge(context: &FitContext<'_>, search: &mut SearchResult, place: 
     }
 }
 
-/// Confidence, 0 to 1, in an effect whose rivals together are `doubt` times as likely as the effect itself. A doubt below 1 counts less
-/// than that, because the form of an effect is never exact; of several that fit as well, each is as likely.
+/// Confidence, 0 to 1, in an effect whose rivals together are `doubt` times as likely as the effect itself. A doubt above 1 counts in full:
+/// of three effects that fit equally well, each is right in a third of the cases. One below 1 counts less (calibrated).
 fn against_rivals(doubt: f64) -> f64 {
     1.0 / (1.0 + doubt.powf(CONFIDENCE_EXPONENT).min(doubt))
 }
@@ -191,6 +219,7 @@ fn best_replacements(
             node: i,
             lack: search.likelihood.gain(node.cost() - chosen.cost()) + penalty(&node.attached[extras..])
                 - penalty(&chosen.attached[extras..]),
+            strained: at_implausible_bound(node),
         })
     };
     let mut sets: Vec<RivalSet> = search.nodes.iter().enumerate().filter_map(replacement).collect();
@@ -231,11 +260,12 @@ fn why_not_excluded(judged: &JudgedEffect, rival: &RivalSet) -> String {
         return "in these recordings the speed follows from the displacement, so nothing tells the two apart"
             .to_owned();
     }
+    let but = match rival.strained {
+        true => "but only with a parameter at the limit of its range",
+        false => "but with a law that is free to follow nearly every curve",
+    };
     match rival.lack < 0.0 {
-        true => format!(
-            "it fits better, by {:.1} in log-likelihood, but with a law that is free to follow nearly every curve",
-            -rival.lack
-        ),
+        true => format!("it fits better, by {:.1} in log-likelihood, {but}", -rival.lack),
         false => format!(
             "its log-likelihood is lower by only {:.1}, where the effect itself gains {:.0}",
             rival.lack, judged.loss
@@ -292,12 +322,18 @@ mod tests {
 
     #[test]
     fn a_rival_that_fits_better_is_not_called_lower() {
-        let rival = |lack| RivalSet {
+        let rival = |lack, strained| RivalSet {
             code: "series_compliance",
             node: 0,
             lack,
+            strained,
         };
-        let said = |lack| why_not_excluded(&effect(0, 824.0), &rival(lack));
+        let said = |lack| why_not_excluded(&effect(0, 824.0), &rival(lack, false));
+        let at_limit = why_not_excluded(&effect(0, 824.0), &rival(-1.0, true));
+        assert!(
+            at_limit.ends_with("only with a parameter at the limit of its range"),
+            "{at_limit}"
+        );
         assert!(said(-5.0).starts_with("it fits better, by 5.0"), "{}", said(-5.0));
         assert!(said(3.0).contains("lower by only 3.0"), "{}", said(3.0));
     }

@@ -3,7 +3,7 @@
 
 use nalgebra::DVector;
 
-use super::alternatives::{JudgedEffect, RivalSet};
+use super::alternatives::{JudgedEffect, RivalSet, at_implausible_bound};
 use crate::diagnose::fitting::{FitContext, Key};
 use crate::diagnose::search::{SearchResult, binned, go_together, kinks_are_recorded, recorded_points};
 use crate::effect::Axis;
@@ -33,6 +33,7 @@ pub(super) fn group(context: &FitContext<'_>, search: &SearchResult, judged: &mu
             codes: vec![codes(context, search, search.chosen)[p[1]]],
             node: None,
             share: 1.0,
+            strained: false,
         }));
         share_confidence(effect, others);
     }
@@ -46,6 +47,8 @@ struct AlikeSet {
     node: Option<usize>,
     /// How far the confidence is shared with it: 1 where it explains the same.
     share: f64,
+    /// See [`RivalSet::strained`].
+    strained: bool,
 }
 
 /// Enters the group of an effect and divides its confidence.
@@ -66,6 +69,7 @@ fn share_confidence(effect: &mut JudgedEffect, others: Vec<AlikeSet>) {
                     node,
                     // The recordings count for nothing here: the next test must separate the two by itself.
                     lack: 0.0,
+                    strained: other.strained,
                 });
             }
         }
@@ -115,6 +119,7 @@ fn alike_sets(context: &FitContext<'_>, search: &SearchResult, effect: &JudgedEf
             node: (!new.is_empty()).then_some(set),
             codes: if new.is_empty() { of_set } else { new },
             share: (-lack(set).max(0.0) / most_lack).exp(),
+            strained: at_implausible_bound(&search.nodes[set]),
         }
     };
     sets.sort_by(|&a, &b| cost(a).total_cmp(&cost(b)));

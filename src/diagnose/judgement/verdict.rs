@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 
-use super::alternatives::{JudgedEffect, LEAST_TRUST, alternative, judge, nearest};
+use super::alternatives::{JudgedEffect, LEAST_TRUST, alternative, judge, more_plausible, nearest};
 use super::delivered::{as_model, as_written, delivered};
 use super::groups::group;
 use super::intervals::intervals;
@@ -161,8 +161,8 @@ fn verdict_of(unexplained: bool, nothing_named: bool) -> Verdict {
     }
 }
 
-/// Judges the effects of the chosen set, and takes back those of which nothing may be left beside the error of form of the other laws,
-/// the least trusted first.
+/// Judges the effects of the chosen set. Takes back those that may be nothing but the error of form of the other laws, the least trusted
+/// first, and names a rival instead that fits as well without an implausible parameter.
 fn judge_trusted(context: &FitContext<'_>, search: &mut SearchResult, refitted: &Node) -> Vec<JudgedEffect> {
     loop {
         let effects = judge_all(context, search);
@@ -171,11 +171,12 @@ fn judge_trusted(context: &FitContext<'_>, search: &mut SearchResult, refitted: 
             .iter()
             .map(|j| (j.trust_beside(&effects, of_laws), j.place));
         let least = trust.min_by(|a, b| a.0.total_cmp(&b.0));
-        match least.filter(|(trust, _)| *trust < LEAST_TRUST) {
-            Some((_, place)) => {
-                search.chosen = without(context, &mut search.nodes, search.chosen, place);
-            }
-            None => return effects,
+        if let Some((_, place)) = least.filter(|(trust, _)| *trust < LEAST_TRUST) {
+            search.chosen = without(context, &mut search.nodes, search.chosen, place);
+        } else if let Some(rival) = more_plausible(context, search, &effects) {
+            search.chosen = rival;
+        } else {
+            return effects;
         }
     }
 }
@@ -215,14 +216,15 @@ fn findings(
         .collect()
 }
 
-/// Confidence, 0 to 1, in an effect that each of several other explanations leaves this much alone: their odds against it add up, because
-/// only one of them is true.
+/// Confidence, 0 to 1, in an effect. Each number is the confidence that one other explanation alone would leave; their odds against the
+/// effect add up, because only one explanation is true.
 fn against_all(alone: [f64; 4]) -> f64 {
     let odds = alone.map(|c| 1.0 / c.max(f64::MIN_POSITIVE) - 1.0);
     1.0 / (1.0 + odds.iter().sum::<f64>())
 }
 
-/// A named effect. The last argument: what the error of form of the other laws, and what is left unexplained, leave of the confidence.
+/// A named effect. The last argument: the confidence that the error of form of the other laws alone would leave, and the confidence that
+/// the unexplained rest alone would leave.
 fn finding(
     context: &FitContext<'_>,
     search: &SearchResult,

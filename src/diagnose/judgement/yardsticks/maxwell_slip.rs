@@ -38,8 +38,8 @@ pub(in super::super) fn device(courses: &[Course]) -> Option<FittedDevice> {
     let stroke_mm = stroke_mm(courses);
     let (shortest_mm, longest_mm) = (SHORTEST * stroke_mm, LONGEST * stroke_mm);
     let lengths_mm = lengths_mm(shortest_mm, longest_mm);
-    // The longest element hardly slides in the recordings. With a negative rate beside it, a large force of the one takes away a large force
-    // of the other there, but not on a longer stroke.
+    // The longest element hardly slides in the recordings. A spring with a negative rate could cancel a large force of this element there,
+    // but not on a longer stroke.
     let mut not_negative = vec![false, true, true];
     not_negative.extend([true; ELEMENTS]);
     let terms: Vec<Terms> = courses.iter().map(|course| terms(course, lengths_mm)).collect();
