@@ -47,7 +47,7 @@ struct AlikeSet {
     node: Option<usize>,
     /// How far the confidence is shared with it: 1 where it explains the same.
     share: f64,
-    /// See [`RivalSet::strained`].
+    /// True if a parameter of the set is at a bound outside its plausible range.
     strained: bool,
 }
 
