@@ -1,4 +1,4 @@
-//! The figures that are asked of every world, one row each.
+//! The figures that are asked of every world, one row each, then a row of all worlds together.
 
 use super::CaseScore;
 use super::statistics::{Proportion, calibration_error, median};
@@ -20,22 +20,27 @@ pub(crate) const ASKED: [(&str, &str); 9] = [
 /// The figures of one world, in the order of [`ASKED`]; empty where no case counts.
 pub(crate) fn cells(scores: &[CaseScore], world: World) -> Vec<String> {
     let of_world: Vec<CaseScore> = scores.iter().filter(|s| s.world == world).cloned().collect();
+    figures(&of_world)
+}
+
+/// The figures of some cases, in the order of [`ASKED`].
+fn figures(scores: &[CaseScore]) -> Vec<String> {
     let counted = |counts: &dyn Fn(&CaseScore) -> bool, holds: &dyn Fn(&CaseScore) -> bool| {
-        let cases = of_world.iter().filter(|s| counts(s));
+        let cases = scores.iter().filter(|s| counts(s));
         Proportion::of(cases.map(holds)).in_percent()
     };
     let strong = |s: &CaseScore, from: f64| s.label.strength >= from;
     let one = |s: &CaseScore| matches!(s.label.family, Family::Single | Family::Concealed);
     let outside = |s: &CaseScore| s.label.family == Family::Outside;
-    let each = of_world
+    let each = scores
         .iter()
         .filter(|s| s.label.family.is_in_library() && strong(s, 2.0))
         .flat_map(CaseScore::named_or_alternative);
-    let overlaps = of_world
+    let overlaps = scores
         .iter()
         .filter(|s| strong(s, 2.0))
         .flat_map(CaseScore::overlaps);
-    let errors = of_world
+    let errors = scores
         .iter()
         .filter(|s| outside(s))
         .filter_map(|s| s.answer.as_ref());
@@ -52,7 +57,7 @@ pub(crate) fn cells(scores: &[CaseScore], world: World) -> Vec<String> {
         counted(&outside, &CaseScore::is_unknown),
         value(median(overlaps.collect())),
         value(median(errors.map(|a| a.heldout).collect())),
-        value(calibration_error(&of_world)),
+        value(calibration_error(scores)),
     ]
 }
 
@@ -65,10 +70,13 @@ pub(crate) fn markdown(scores: &[CaseScore]) -> String {
         "---|".repeat(ASKED.len() + 1),
         asked.join(" | ")
     );
-    for world in World::ALL {
-        if scores.iter().any(|s| s.world == world) {
-            page += &format!("| {} | {} |\n", world.key(), cells(scores, world).join(" | "));
-        }
+    let has_cases = |world: &World| scores.iter().any(|s| s.world == *world);
+    let worlds: Vec<World> = World::ALL.into_iter().filter(has_cases).collect();
+    for world in &worlds {
+        page += &format!("| {} | {} |\n", world.key(), cells(scores, *world).join(" | "));
+    }
+    if worlds.len() > 1 {
+        page += &format!("| all worlds | {} |\n", figures(scores).join(" | "));
     }
     page
 }
@@ -102,7 +110,11 @@ mod tests {
         assert_eq!(found[5], "0 % (0 to 79)");
         assert_eq!(found[7], "1.05");
         assert_eq!(cells(&scores, World::Pack)[0], "");
-        let page = markdown(&scores);
-        assert_eq!(page.lines().count(), 4, "{page}");
+        assert_eq!(markdown(&scores).lines().count(), 4, "one world needs no sum");
+        let mut elsewhere = score(&["inertia"], &["relaxation"], &[]);
+        elsewhere.world = World::Pack;
+        let page = markdown(&[&scores[..], &[elsewhere]].concat());
+        let last = page.lines().last().expect("a row");
+        assert!(last.starts_with("| all worlds | 33 % (6 to 79) |"), "{last}");
     }
 }
