@@ -285,6 +285,12 @@ fn numbers_become_number_signs_and_words_stay() {
         ),
         "a\nAdded to the baseline\ngain\nheld out\nCANDIDATES\n# more are in a file.\nb"
     );
+    assert_eq!(
+        without_nearest(
+            "or run_in instead of unknown: near\nor inertia instead of unknown: near\nrun in\nunknown\nnear\ntest\ninertia\nunknown\nnear\ntest\nb\nb"
+        ),
+        "or EFFECT instead of unknown: near\nEFFECT\nunknown\nnear\ntest\nb\nb"
+    );
 }
 
 /// The rows of the table of candidates become one. Which of two sets that fit equally well comes first depends on the last bit of the
@@ -299,6 +305,35 @@ fn without_candidates(words: &str) -> String {
         .take_while(|l| *l != "Parameters" && !l.contains("more are in"));
     let length: usize = rows.map(|row| row.len() + 1).sum();
     format!("{before}{head}CANDIDATES\n{}", &after[length..])
+}
+
+/// The nearest effects of an unexplained difference become one, on the terminal and in the report's table, for the same reason.
+fn without_nearest(words: &str) -> String {
+    let lines: Vec<&str> = words.lines().collect();
+    let named = |(i, line): (usize, &&str)| {
+        if lines.get(i + 1) == Some(&"unknown") {
+            return "EFFECT".to_owned();
+        }
+        let nearest = line
+            .strip_prefix("or ")
+            .and_then(|l| l.split_once(" instead of unknown"));
+        nearest.map_or((*line).to_owned(), |(_, why)| {
+            format!("or EFFECT instead of unknown{why}")
+        })
+    };
+    let mut kept: Vec<String> = Vec::new();
+    for line in lines.iter().enumerate().map(named) {
+        kept.push(line);
+        // A line of the terminal, or a row of four cells, that is the same as the one before.
+        for (length, starts) in [(1, "or EFFECT"), (4, "EFFECT")] {
+            let from = kept.len().saturating_sub(length);
+            let repeated = kept[..from].ends_with(&kept[from..]);
+            if repeated && kept[from].starts_with(starts) {
+                kept.truncate(from);
+            }
+        }
+    }
+    kept.join("\n")
 }
 
 /// True for a SHA-256 in hex.
@@ -326,7 +361,7 @@ fn reported(arguments: &[&str], folder: &Path) -> String {
     let lines = words
         .lines()
         .map(|l| l.split_whitespace().collect::<Vec<_>>().join(" "));
-    lines.collect::<Vec<_>>().join("\n")
+    without_nearest(&lines.collect::<Vec<_>>().join("\n"))
 }
 
 /// Diagnoses the first recordings of a case, of each only every `every`th sample.

@@ -130,6 +130,10 @@ impl Discrepancy {
         })
     }
 
+    pub(super) fn doubt(&self) -> Doubt {
+        self.doubt
+    }
+
     /// Number of terms.
     pub(super) fn count(&self) -> usize {
         self.terms.nrows()

@@ -13,6 +13,7 @@ use super::rest::{LACK_SHARE, Rest, free_laws_gain, is_explained};
 use super::summary::{limits_in_words, summary};
 use super::tables::{baseline_parameters, candidates, curves, errors, maps, not_testable, values_of};
 use super::taken_back::take_back;
+use super::two_sided;
 use super::varying_coefficient::{Variation, variation};
 use crate::diagnose::course::Course;
 use crate::diagnose::diagnosis::*;
@@ -24,8 +25,13 @@ use crate::identify::confidence::{Confidence, Warning};
 
 /// A force zero beyond this many standard deviations raises an alarm.
 const ZERO_ALARM: f64 = 4.0;
-/// A tensile force above this share of the range raises an alarm.
-const TENSION_ALARM: f64 = 0.05;
+/// Exponent of the odds of a confidence: a set that won the search is right more often than the sum of all doubts says. Of 188 names of five
+/// worlds (seeds 1211132179 and 910159277), 43 had less than 40 % without it, 23 % in the mean, and 42 % of them were right. The likeliest
+/// exponent was 0.7, and 0.78 for the first seed alone. At half, names of 99 % get 96 %, and those of 10 % get 63 %; above 1, doubtful names
+/// would be called even less likely.
+const ODDS_EXPONENT: f64 = 0.75;
+/// Confidence that the exponent leaves as it is: of 85 names with at least that, 81 were right. A wrong name is counted as sure from here.
+const FIXED_CONFIDENCE: f64 = 0.9;
 /// Highest confidence that is reported.
 const MOST_CONFIDENCE: f64 = 0.99;
 
@@ -223,6 +229,14 @@ fn against_all(alone: [f64; 4]) -> f64 {
     1.0 / (1.0 + odds.iter().sum::<f64>())
 }
 
+/// The confidence of which that share of the names is right: the odds to the power of [`ODDS_EXPONENT`], with [`FIXED_CONFIDENCE`] unchanged.
+fn calibrated(confidence: f64) -> f64 {
+    let odds = |c: f64| c / (1.0 - c).max(f64::MIN_POSITIVE);
+    let fixed = odds(FIXED_CONFIDENCE);
+    let calibrated = fixed * (odds(confidence) / fixed).powf(ODDS_EXPONENT);
+    calibrated / (1.0 + calibrated)
+}
+
 /// A named effect. The last argument: the confidence that the error of form of the other laws alone would leave, and the confidence that
 /// the unexplained rest alone would leave.
 fn finding(
@@ -245,7 +259,7 @@ fn finding(
     ];
     Finding {
         code: attached.effect.code.to_owned(),
-        confidence: against_all(alone).min(MOST_CONFIDENCE),
+        confidence: calibrated(against_all(alone)).min(MOST_CONFIDENCE),
         size_spread: variation.map(|v| v.spread),
         statement: one_of(&judged.group, attached.effect.code) + &(attached.effect.statement)(group),
         group: match judged.group.as_slice() {
@@ -397,8 +411,8 @@ fn alarms(context: &FitContext<'_>, node: &Node, confidence: &Confidence) -> Vec
             "the zero of the force channel is off by {zero_n:.1} N: check the tare"
         ));
     }
-    let lowest_n = context.span.force_n[0];
-    if lowest_n < -TENSION_ALARM * context.data.force_range_n {
+    if two_sided::pulls(context) {
+        let lowest_n = context.span.force_n[0];
         alarms.push(format!(
             "the force falls to {lowest_n:.0} N, but a pusher cannot pull a spring: check sign and zero of the force, and which device was measured"
         ));
@@ -411,7 +425,22 @@ fn alarms(context: &FitContext<'_>, node: &Node, confidence: &Confidence) -> Vec
 
 #[cfg(test)]
 mod tests {
-    use super::against_all;
+    use super::{against_all, calibrated};
+
+    #[test]
+    fn a_doubtful_name_is_right_more_often_than_its_doubts_say() {
+        for (before, after) in [
+            (0.0, 0.0),
+            (0.2, 0.380),
+            (0.5, 0.634),
+            (0.9, 0.9),
+            (0.99, 0.982),
+            (1.0, 1.0),
+        ] {
+            let found = calibrated(before);
+            assert!((found - after).abs() < 0.001, "{before}: {found}");
+        }
+    }
 
     #[test]
     fn other_explanations_exclude_each_other() {
