@@ -293,8 +293,8 @@ fn numbers_become_number_signs_and_words_stay() {
     );
 }
 
-/// The rows of the table of candidates become one. Which of two sets that fit equally well comes first depends on the last bit of the
-/// arithmetic, which differs between processors.
+/// The rows of the table of candidates become one word. Which of two equally good sets comes first depends on the last bit of the
+/// arithmetic, and that differs between processors.
 fn without_candidates(words: &str) -> String {
     let head = "\nAdded to the baseline\ngain\nheld out\n";
     let Some((before, after)) = words.split_once(head) else {
@@ -304,6 +304,7 @@ fn without_candidates(words: &str) -> String {
         .lines()
         .take_while(|l| *l != "Parameters" && !l.contains("more are in"));
     let length: usize = rows.map(|row| row.len() + 1).sum();
+    assert!(length > 0, "a table without rows: {words}");
     format!("{before}{head}CANDIDATES\n{}", &after[length..])
 }
 

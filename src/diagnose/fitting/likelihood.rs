@@ -9,11 +9,11 @@ pub(in crate::diagnose) const PENALTY: f64 = 8.0;
 /// Penalty of each further parameter of an effect, so that chance exceeds it as rarely as that of one parameter.
 pub(in crate::diagnose) const PARAMETER_PENALTY: f64 = 1.3;
 
-/// Longest correlation time in samples that counts where every force that follows from the path is in doubt. What is correlated for longer
-/// there is no noise, whose slow part is in the weights, but the error of the terms: it does not make a delay or a drift less certain, and
-/// the verdict refuses a set that leaves too much of it. Without the limit, a fall of the sum of squares from 26 000 to 17 500, which was
-/// Stribeck friction and a delay, gained 9. Of 17 cases that were looked at (LuGre and pack, seed 1211132179) a drift and a delay are named
-/// with it, rightly, and 15 stay as they were. Not tried at half and double.
+/// Longest correlation time, in samples, in the search beside the path. Residuals that are correlated for longer there are an error of its
+/// terms. They are no noise, because slow noise is already in the weights, so they do not make a delay or a drift less certain. A set that
+/// leaves too much of them is still refused by the verdict. In one case a fall of the sum of squares from 26 000 to 17 500 (Stribeck friction
+/// and a delay) gained only 9 without this limit. Of 17 cases that were looked at (LuGre and pack, seed 1211132179), a drift and a delay are
+/// named only with it, both rightly; the other 15 stay. Not tried at half and double.
 const LONGEST_BESIDE_PATH: f64 = 5.0;
 
 /// Turns a fall of the sum of squares into log-likelihood of effective samples: neighbouring residuals are correlated, and they

@@ -1,23 +1,24 @@
 //! A device that a leaf spring under a pusher cannot be, such as a damper: where no effect explains the recordings and the model
-//! `two-sided` predicts them better than the improved baseline, that model is what the diagnosis delivers. Where the recordings show that
-//! the device pulls, it is enough if that model predicts them as well.
+//! `two-sided` predicts them better than the improved baseline, that model is what the diagnosis delivers. If the device pulls, it is enough
+//! that this model predicts them equally well.
 
 use super::tables::errors_of;
 use super::yardsticks::maxwell_slip::device;
 use crate::diagnose::course::{Course, Split};
 use crate::diagnose::diagnosis::{Errors, ImprovedModel};
 use crate::diagnose::fitting::{Data, FitContext};
+use crate::diagnose::note::NoteKind;
 use crate::model::two_sided;
 
-/// A tensile force above this share of the range: no spring under a pusher.
-const PULLS: f64 = 0.05;
-/// A sum of squares up to this factor is as good: 5 % of the error. At 1, a damper that was looked at (`brfd`, fitted to two recordings with
-/// errors of 6.38 and 6.39 %) got the spring's model, which predicts the other two worse by 0.3 and 0.4 % of the range.
+/// For a device that pulls, a sum of squares up to this factor is as good: 5 % more error. At 1 a damper that was looked at (`brfd`, fitted to
+/// two of its recordings) got the spring's model with an error of 6.38 % instead of this one with 6.39 %. The spring's model then predicted
+/// the two other recordings worse, by 0.3 and 0.4 % of the range. At half (1.05) it would get this one too.
 const AS_GOOD: f64 = 1.1;
 
-/// True if the recordings show a force that a spring under a pusher cannot have.
-pub(super) fn pulls(context: &FitContext<'_>) -> bool {
-    context.span.force_n[0] < -PULLS * context.data.force_range_n
+/// True if a note on the recordings says that the device pulls.
+fn pulls(data: &Data) -> bool {
+    let mut notes = data.tracks.iter().flat_map(|t| &t.notes);
+    notes.any(|note| note.kind == NoteKind::Device)
 }
 
 /// The fitted device.
@@ -28,8 +29,8 @@ pub(super) struct TwoSidedFit {
     pub errors: Errors,
 }
 
-/// The device, if it predicts the points that sets are compared on better than a model with these residuals, or, where the device pulls,
-/// as well.
+/// The device, if it predicts the points that sets are compared on better than a model with these residuals. A device that pulls need only
+/// be as good.
 pub(super) fn better_than(
     context: &FitContext<'_>,
     courses: &[Course],
@@ -42,11 +43,7 @@ pub(super) fn better_than(
     let model_n: Vec<f64> = courses.iter().flat_map(|c| c.simulated_n(&mut *plant)).collect();
     let compared = data.force_n.iter().zip(&model_n).zip(&data.weight);
     let own: Vec<f64> = compared.map(|((f, m), w)| (f - m) * w).collect();
-    if !predicts_enough(
-        squares_n2(data, &own),
-        squares_n2(data, residuals),
-        pulls(context),
-    ) {
+    if !predicts_enough(squares_n2(data, &own), squares_n2(data, residuals), pulls(data)) {
         return None;
     }
     let names = two_sided::MODEL.parameters.iter().map(|p| p.name.to_owned());
