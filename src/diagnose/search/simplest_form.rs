@@ -9,21 +9,29 @@ pub(in crate::diagnose) fn simplify(context: &FitContext<'_>, search: &mut Searc
     search.nodes[set] = simplest_form(context, search.nodes[set].clone(), search.likelihood);
 }
 
-/// The node with every shape at its neutral value whose freedom gains less than a parameter must.
+/// The node with every shape at its neutral value whose freedom gains less than it must.
 fn simplest_form(context: &FitContext<'_>, mut node: Node, likelihood: LikelihoodScale) -> Node {
     loop {
         let simpler = context.parallel_map(&free_shapes(context, &node), |&(place, shape)| {
-            with_neutral(context, &node, place, shape)
+            let simple = with_neutral(context, &node, place, shape)?;
+            let gain = likelihood.gain(simple.cost() - node.cost());
+            Some((
+                gain - least_gain(node.attached[place].effect.shapes.len()),
+                simple,
+            ))
         });
-        let least = simpler
-            .into_iter()
-            .flatten()
-            .min_by(|a, b| a.cost().total_cmp(&b.cost()));
+        let least = simpler.into_iter().flatten().min_by(|a, b| a.0.total_cmp(&b.0));
         match least {
-            Some(simple) if likelihood.gain(simple.cost() - node.cost()) < PARAMETER_PENALTY => node = simple,
+            Some((beyond, simple)) if beyond < 0.0 => node = simple,
             _ => return node,
         }
     }
+}
+
+/// Log-likelihood that the freedom of one shape must gain. Of many shapes chance picks the best, so that it frees one of an effect
+/// with many as rarely as that of an effect with one.
+fn least_gain(shapes: usize) -> f64 {
+    PARAMETER_PENALTY + (shapes as f64).ln()
 }
 
 /// Places of the missing effects with the indices of their shapes that are free.
@@ -46,4 +54,28 @@ fn with_neutral(context: &FitContext<'_>, node: &Node, place: usize, shape: usiz
     let mut values = node.values.clone();
     values[context.offset(&attached, place) + shape] = neutral;
     converge(&context.structure(attached), values).map(|(node, _)| node)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Twice the gain of a shape that is not there has the distribution chi-square with one degree of freedom.
+    #[test]
+    fn chance_frees_a_shape_of_many_as_rarely_as_a_single_one() {
+        let of_one = beyond_by_chance(least_gain(1));
+        for shapes in 2..=6 {
+            let of_any = 1.0 - (1.0 - beyond_by_chance(least_gain(shapes))).powf(shapes as f64);
+            assert!(
+                of_any < of_one && of_any > 0.6 * of_one,
+                "{shapes}: {of_any}, {of_one}"
+            );
+        }
+    }
+
+    /// Probability that chance gains more than this.
+    fn beyond_by_chance(gain: f64) -> f64 {
+        use statrs::distribution::{ContinuousCDF, Normal};
+        2.0 * Normal::standard().cdf(-(2.0 * gain).sqrt())
+    }
 }
