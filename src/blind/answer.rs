@@ -1,5 +1,6 @@
 //! The answer of one diagnosis: the parts that `score` compares with the label.
 
+use crate::diagnose::note::NoteKind;
 use crate::diagnose::{Diagnosis, Verdict};
 
 /// The parts of a diagnosis that are scored.
@@ -20,6 +21,8 @@ pub(crate) struct Answer {
     pub alternatives: Vec<String>,
     /// Axis, lower end and upper end of each location.
     pub locations: Vec<(String, f64, f64)>,
+    /// What is imperfect about the recordings, in their order.
+    pub notes: Vec<NoteKind>,
     /// Held-out error of the improved model divided by the noise floor.
     pub heldout: f64,
     /// Held-out error of the baseline divided by the noise floor.
@@ -55,6 +58,7 @@ impl Answer {
                 .iter()
                 .map(|l| (axis_name(l.axis), l.from, l.to))
                 .collect(),
+            notes: d.notes.iter().map(|note| note.kind).collect(),
             heldout: d.fit.improved.nrmse_heldout / floor,
             heldout_before: d.fit.baseline.nrmse_heldout / floor,
         }

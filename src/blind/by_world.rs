@@ -23,6 +23,8 @@ pub(crate) struct WorldRow {
     pub wrong_and_sure: Proportion,
     /// Nothing is missing, where nothing is.
     pub adequate: Option<Proportion>,
+    /// What is imperfect about the recordings is said.
+    pub said: Option<Proportion>,
     /// `unknown`, where the library does not have the effect.
     pub unknown: Option<Proportion>,
     /// Expected calibration error of the confidence; `None` if nothing is named.
@@ -62,13 +64,14 @@ fn row(world: World, family: Option<Family>, scores: &[&CaseScore]) -> Option<Wo
         }),
         wrong_and_sure: Proportion::of(scores.iter().map(|s| s.is_wrong_and_sure())),
         adequate: proportion(Family::hides_nothing, CaseScore::is_adequate),
+        said: proportion(|f| f == Family::Nuisance, CaseScore::says_its_nuisance),
         unknown: proportion(|f| f == Family::Outside, CaseScore::is_unknown),
         calibration_error: calibration_error(&owned).0,
     })
 }
 
 /// Headings of the table.
-const HEADINGS: [&str; 9] = [
+const HEADINGS: [&str; 10] = [
     "world",
     "family",
     "n",
@@ -76,11 +79,12 @@ const HEADINGS: [&str; 9] = [
     "named or an alternative",
     "wrong and sure",
     "adequate",
+    "imperfection said",
     "unknown",
     "calibration error",
 ];
 
-fn cells(row: &WorldRow) -> [String; 9] {
+fn cells(row: &WorldRow) -> [String; 10] {
     let share = |p: &Option<Proportion>| p.map_or(String::new(), Proportion::in_percent);
     [
         row.world.key().to_owned(),
@@ -90,6 +94,7 @@ fn cells(row: &WorldRow) -> [String; 9] {
         share(&row.named),
         share(&Some(row.wrong_and_sure)),
         share(&row.adequate),
+        share(&row.said),
         share(&row.unknown),
         row.calibration_error.map_or(String::new(), |e| format!("{e:.2}")),
     ]
@@ -97,7 +102,7 @@ fn cells(row: &WorldRow) -> [String; 9] {
 
 /// The table for a terminal.
 pub(crate) fn text(rows: &[WorldRow]) -> String {
-    let table: Vec<[String; 9]> = std::iter::once(HEADINGS.map(str::to_owned))
+    let table: Vec<[String; 10]> = std::iter::once(HEADINGS.map(str::to_owned))
         .chain(rows.iter().map(cells))
         .collect();
     let widths: Vec<usize> = (0..HEADINGS.len())

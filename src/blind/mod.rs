@@ -19,7 +19,8 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use crate::diagnose::{Baseline, DiagnoseError, DiagnoseOptions, Diagnosis, diagnose};
+use crate::diagnose::note::NoteKind;
+use crate::diagnose::{Baseline, ConditionError, DiagnoseError, DiagnoseOptions, Diagnosis, diagnose};
 use crate::model::equivalent;
 use crate::recording::Recording;
 use crate::truth::{BaselineSettings, Case, Family, World};
@@ -142,12 +143,34 @@ fn on_own_thread<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     done.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
+/// Diagnoses a case on one core. Where a channel is refused for its sign, the sign is turned as the error says, and the second value is
+/// true.
+fn examine_as_told(case: &Case) -> (Result<Diagnosis, DiagnoseError>, bool) {
+    let first = examine(case, &case.recordings, 1);
+    let Err(DiagnoseError::Condition(ConditionError::Polarity { remedy, .. })) = first else {
+        return (first, false);
+    };
+    let mut turned = case.recordings.clone();
+    for recording in &mut turned {
+        let channel = if remedy == "force" {
+            &mut recording.force_n
+        } else {
+            &mut recording.displacement_mm
+        };
+        channel.iter_mut().for_each(|value| *value = -*value);
+    }
+    (examine(case, &turned, 1), true)
+}
+
 /// Diagnoses a case on one core, runs its further tests if it needs them, opens its label and scores the answer.
 fn scored(case: Case, label: &SealedLabel) -> Result<CaseScore, String> {
     let begun = Instant::now();
-    let first = examine(&case, &case.recordings, 1);
+    let (first, turned) = examine_as_told(&case);
     let seconds = begun.elapsed().as_secs_f64();
-    let answer = first.as_ref().map(Answer::of).map_err(ToString::to_string);
+    let mut answer = first.as_ref().map(Answer::of).map_err(ToString::to_string);
+    if let (Ok(answer), true) = (&mut answer, turned) {
+        answer.notes.push(NoteKind::Polarity);
+    }
     let settling = match first {
         Ok(first) if settle::needs_further_tests(&case, &Answer::of(&first)) => {
             Some(settle::settle(&case, first))
@@ -166,6 +189,17 @@ fn scored(case: Case, label: &SealedLabel) -> Result<CaseScore, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// What a technician does whose recordings are refused.
+    #[test]
+    fn a_refused_sign_is_turned_as_the_error_says() {
+        let mut cases = (2..).step_by(5).map(|n| Case::draw(World::BoucWen, 2, n, None));
+        let turned = |case: &Case| case.label.nuisance == Some("polarity");
+        let case = cases.find(turned).expect("one of many");
+        assert!(examine(&case, &case.recordings, 1).is_err());
+        let (diagnosis, turned) = examine_as_told(&case);
+        assert!(turned && diagnosis.is_ok());
+    }
 
     #[test]
     fn further_cases_with_a_look_alike_are_drawn_and_split_off() {

@@ -3,6 +3,7 @@
 use super::answer::Answer;
 use super::settle::Settling;
 use crate::diagnose::Verdict;
+use crate::diagnose::note::NoteKind;
 use crate::truth::{Family, Label, World};
 
 /// Confidence from which an answer counts as sure.
@@ -88,6 +89,14 @@ impl CaseScore {
         self.label.hidden.iter().any(|h| h.code == code) || self.label.also.contains(&code)
     }
 
+    /// True if the answer says what is imperfect about the recordings, or nothing is.
+    pub(crate) fn says_its_nuisance(&self) -> bool {
+        let said = |kind| self.answer.as_ref().is_some_and(|a| a.notes.contains(&kind));
+        self.label
+            .nuisance
+            .is_none_or(|name| note_kind(name).is_some_and(said))
+    }
+
     /// True if the last answer after the further tests is exactly the truth; `None` without further tests.
     pub(crate) fn settled(&self) -> Option<bool> {
         let settling = self.settling.as_ref()?;
@@ -168,6 +177,22 @@ impl CaseScore {
     }
 }
 
+/// The note that an imperfection of `truth` must lead to.
+fn note_kind(nuisance: &str) -> Option<NoteKind> {
+    let kind = match nuisance {
+        "flicker_noise" | "correlated_noise" => NoteKind::Colour,
+        "vibration" => NoteKind::Hum,
+        "spikes" => NoteKind::Spike,
+        "gaps" => NoteKind::Gap,
+        "start_in_mid_cycle" => NoteKind::Start,
+        "tare" | "displacement_zero" => NoteKind::Zero,
+        "skew" => NoteKind::Skew,
+        "polarity" => NoteKind::Polarity,
+        _ => return None,
+    };
+    Some(kind)
+}
+
 /// Intersection over union of two intervals.
 fn overlap(a: [f64; 2], b: [f64; 2]) -> f64 {
     let common = (a[1].min(b[1]) - a[0].max(b[0])).max(0.0);
@@ -227,10 +252,25 @@ pub(crate) mod tests {
             )],
             alternatives: alternatives.iter().map(|c| (*c).to_owned()).collect(),
             locations: vec![("displacement_mm".to_owned(), 13.0, 25.0)],
+            notes: Vec::new(),
             heldout: 1.05,
             heldout_before: 3.0,
         };
         CaseScore::new(label, Ok(answer), 1.0, None)
+    }
+
+    #[test]
+    fn an_imperfection_is_said_by_a_note_of_its_kind() {
+        assert!(crate::truth::imperfections().all(|name| note_kind(name).is_some()));
+        let mut vibrating = score(&[], &[], &[]);
+        assert!(vibrating.says_its_nuisance(), "there is none");
+        vibrating.label.nuisance = Some("vibration");
+        let answer = vibrating.answer.as_mut().expect("an answer");
+        answer.notes = vec![NoteKind::Colour];
+        assert!(!vibrating.says_its_nuisance());
+        let answer = vibrating.answer.as_mut().expect("an answer");
+        answer.notes.push(NoteKind::Hum);
+        assert!(vibrating.says_its_nuisance());
     }
 
     #[test]

@@ -5,12 +5,13 @@ use super::statistics::{Proportion, calibration_error, median};
 use crate::truth::{Family, World};
 
 /// What is measured and what is asked, one for each column after the world.
-pub(crate) const ASKED: [(&str, &str); 9] = [
+pub(crate) const ASKED: [(&str, &str); 10] = [
     ("exact, one effect, strength 5 and up", "90 %, own 97 %"),
     ("exact, two effects, strength 5 and up", "75 %"),
     ("named or an alternative, strength 2 and up", "93 %"),
     ("wrong and sure", "at most 2 %"),
     ("adequate, nothing hidden", "95 %"),
+    ("imperfection of the instruments said", "95 %"),
     ("unknown, outside the library", "95 %"),
     ("located, median overlap", "0.7"),
     ("outside: error over noise, median", "at most 1.5"),
@@ -54,6 +55,10 @@ fn figures(scores: &[CaseScore]) -> Vec<String> {
         Proportion::of(each).in_percent(),
         counted(&|_| true, &CaseScore::is_wrong_and_sure),
         counted(&|s| s.label.family.hides_nothing(), &CaseScore::is_adequate),
+        counted(
+            &|s| s.label.family == Family::Nuisance,
+            &CaseScore::says_its_nuisance,
+        ),
         counted(&outside, &CaseScore::is_unknown),
         value(median(overlaps.collect())),
         value(median(errors.map(|a| a.heldout).collect())),
@@ -107,8 +112,8 @@ mod tests {
         assert_eq!(found[2], "100 % (34 to 100)");
         assert_eq!(found[3], "40 % (12 to 77)");
         assert_eq!(found[4], "100 % (21 to 100)");
-        assert_eq!(found[5], "0 % (0 to 79)");
-        assert_eq!(found[7], "1.05");
+        assert_eq!(found[6], "0 % (0 to 79)");
+        assert_eq!(found[8], "1.05");
         assert_eq!(cells(&scores, World::Pack)[0], "");
         assert_eq!(markdown(&scores).lines().count(), 4, "one world needs no sum");
         let mut elsewhere = score(&["inertia"], &["relaxation"], &[]);

@@ -33,6 +33,8 @@ pub(crate) use hidden::Hidden;
 pub(crate) use lab::{Lab, LabFamily, LabRequest};
 pub(crate) use lab_test::{LabCommand, LabTest};
 pub(crate) use motion::Programme;
+#[cfg(test)]
+pub(crate) use nuisance::imperfections;
 pub(crate) use specimen::{Form, TruthSpecimen};
 pub(crate) use world::World;
 

@@ -60,6 +60,14 @@ const IMPERFECTIONS: [Imperfection; 10] = [
     Polarity,
 ];
 
+/// Names of all imperfections.
+#[cfg(test)]
+pub(crate) fn imperfections() -> impl Iterator<Item = &'static str> {
+    IMPERFECTIONS
+        .into_iter()
+        .map(|kind| Nuisance { kind, size: 0.0 }.name())
+}
+
 /// The imperfection of one case.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Nuisance {

@@ -12,6 +12,7 @@
 //! | `two_sided` | the model of a device that pushes and pulls, where that is better than a spring |
 //! | `left_out` | errors on points that no parameter was fitted to |
 //! | `rest` | what the chosen set leaves: structure above the noise, the shape of laws in doubt |
+//! | `few_points` | points that are missed by far where all others fit |
 //! | `delivered` | what is written as the improved model |
 //! | `summary` | the diagnosis in a few sentences |
 //! | `of_path` | effects of the path, as they were judged before the path was in doubt |
@@ -22,6 +23,7 @@
 mod alternatives;
 mod beside_path;
 mod delivered;
+mod few_points;
 mod groups;
 mod intervals;
 mod law;

@@ -1,5 +1,7 @@
 //! What a chosen set leaves: whether that is structure above the noise, and how much of it was left to the shape of laws in doubt.
 
+use super::few_points::{FewPoints, OUTLIER};
+use super::summary::limits_in_words;
 use crate::diagnose::course::Split;
 use crate::diagnose::fitting::{Data, FitContext, ModelStructure, Node, ShapeShares, converge};
 use crate::diagnose::search::{LACK_GAIN, LACK_POWER, LackOfFit, SearchResult, lack_of_fit};
@@ -13,8 +15,6 @@ const NO_FIT_POWER: f64 = 3.0;
 const NO_FIT_SHARE: f64 = 0.5;
 /// Such residuals must also be correlated over this many samples: a noise that was estimated too low is not.
 const NO_FIT_CORRELATION: f64 = 4.0;
-/// A residual counts on reporting cycles as this many standard deviations at most: one bad point is no change of the specimen.
-const OUTLIER: f64 = 5.0;
 /// If a set leaves this mean square, the verdict is `unexplained`, even if the set explains a large share.
 const FAR_OFF_POWER: f64 = 25.0;
 
@@ -25,6 +25,8 @@ pub(super) struct Rest {
     pub share: f64,
     /// How much of the difference was left to the shape of the laws in doubt.
     pub shape: Option<ShapeShares>,
+    /// Points that are missed by far, where all others fit.
+    pub few_points: Option<FewPoints>,
     /// Gain in log-likelihood of the free shape of the laws, before any effect is named.
     pub free_laws_gain: f64,
 }
@@ -43,12 +45,21 @@ impl Rest {
             unexplained: is_unexplained(context, search, base, left),
             share: unexplained_share(base, after, left),
             shape: shape_shares(context, after),
+            few_points: FewPoints::of(context.data, after),
             free_laws_gain: free_laws_gain(search, refitted),
         };
         // The rest is also compared with what the shape of the friction law left to explain: of the whole it may be a small share.
         rest.unexplained |= repeats(search, unexplained_share(before, after, left), left);
         rest.unexplained |= nothing_named && rest.is_beyond_shape();
         rest
+    }
+
+    /// What limits the diagnosis. Where nothing explains the recordings, there is no law that a few points or the shape could differ from.
+    pub(super) fn limits_in_words(&self, cut_short: bool) -> String {
+        let explained = !self.unexplained;
+        let few_points = self.few_points.as_ref().filter(|_| explained);
+        few_points.map_or(String::new(), FewPoints::in_words)
+            + &limits_in_words(self.shape.filter(|_| explained), cut_short)
     }
 
     pub(super) fn is_beyond_shape(&self) -> bool {
@@ -93,14 +104,15 @@ fn is_unexplained(context: &FitContext<'_>, search: &SearchResult, before: &Node
     let repeats = repeats(search, unexplained_share(before, after, left), left);
     // Structure that does not repeat from cycle to cycle is not found by regressions, but it exceeds the noise.
     let counted = data.count(Split::Select).max(1) as f64;
-    let (power, power_before) = (after.select / counted, before.select / counted);
-    let no_fit = power > NO_FIT_POWER
+    let [robust, robust_before] = [after, before].map(|set| robust_sum(data, set, Split::Select) / counted);
+    let no_fit = robust > NO_FIT_POWER
         && correlation_time > NO_FIT_CORRELATION
-        && power - 1.0 > NO_FIT_SHARE * (power_before - 1.0);
+        && robust - 1.0 > NO_FIT_SHARE * (robust_before - 1.0);
+    let power = after.select / counted;
     // A change that only the reporting cycles show, as of a specimen that changed late.
     let reporting = data.count(Split::Report).max(1) as f64;
-    let reported = reported_robustly(data, after) / reporting;
-    let changed = reported > NO_FIT_POWER.max(2.0 * power);
+    let reported = robust_sum(data, after, Split::Report) / reporting;
+    let changed = reported > NO_FIT_POWER.max(2.0 * robust);
     // The rest on reporting cycles exceeds the noise and is a considerable share of what the baseline leaves there.
     let reported_before = data.sum(&before.residuals, Split::Report) / reporting;
     let above_noise = reported > 1.0 + REPORT_POWER && reported - 1.0 > LACK_SHARE * (reported_before - 1.0);
@@ -108,11 +120,11 @@ fn is_unexplained(context: &FitContext<'_>, search: &SearchResult, before: &Node
     repeats || no_fit || late || power > FAR_OFF_POWER
 }
 
-/// Sum of squares on reporting cycles, in which no residual counts more than [`OUTLIER`] standard deviations.
-fn reported_robustly(data: &Data, node: &Node) -> f64 {
+/// Sum of squares on the cycles of a split, in which no residual counts more than [`OUTLIER`] standard deviations.
+fn robust_sum(data: &Data, node: &Node, of: Split) -> f64 {
     let residuals = node.residuals.iter().zip(&data.split);
-    let reported = residuals.filter(|(_, split)| **split == Split::Report);
-    reported.map(|(r, _)| r.abs().min(OUTLIER).powi(2)).sum()
+    let counted = residuals.filter(|(_, split)| **split == of);
+    counted.map(|(r, _)| r.abs().min(OUTLIER).powi(2)).sum()
 }
 
 /// True if the structure that is left is larger than chance and than the error of an effect's form; `share`: its share of what was to

@@ -10,7 +10,7 @@ use super::location::{locate, share_in, words};
 use super::look_alikes::{explains_most, look_alikes};
 use super::of_path::{FoundOfPath, with_path};
 use super::rest::{LACK_SHARE, Rest, free_laws_gain, is_explained};
-use super::summary::{limits_in_words, summary};
+use super::summary::summary;
 use super::tables::{baseline_parameters, candidates, curves, errors, maps, not_testable, values_of};
 use super::taken_back::take_back;
 use super::varying_coefficient::{Variation, variation};
@@ -124,12 +124,11 @@ fn diagnosis(
     let location = with_path(of_path.location, located);
     let others = alternatives(context, search, refitted, judged, unexplained);
     let fit = errors(plain, search, refitted, delivered.errors, known.nominal);
-    let of_shape = rest.shape.filter(|_| !unexplained);
     let residuals = [&refitted.residuals[..], &delivered.residuals];
     Diagnosis {
         verdict,
         summary: summary(verdict, &effects, delivered.modelled_by(), &location, &fit)
-            + &limits_in_words(of_shape, search.cut_short),
+            + &rest.limits_in_words(search.cut_short),
         alternatives: [of_path.alternatives, others].concat(),
         location,
         next_test: None,
