@@ -20,7 +20,9 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use crate::diagnose::note::NoteKind;
-use crate::diagnose::{Baseline, ConditionError, DiagnoseError, DiagnoseOptions, Diagnosis, diagnose};
+use crate::diagnose::{
+    Baseline, ConditionError, DiagnoseError, DiagnoseOptions, Diagnosis, TurnedSign, diagnose,
+};
 use crate::model::equivalent;
 use crate::recording::Recording;
 use crate::truth::{BaselineSettings, Case, Family, World};
@@ -147,17 +149,12 @@ fn on_own_thread<R: Send>(work: impl FnOnce() -> R + Send) -> R {
 /// true.
 fn examine_as_told(case: &Case) -> (Result<Diagnosis, DiagnoseError>, bool) {
     let first = examine(case, &case.recordings, 1);
-    let Err(DiagnoseError::Condition(ConditionError::Polarity { remedy, .. })) = first else {
+    let Err(DiagnoseError::Condition(ConditionError::Polarity { sign, .. })) = first else {
         return (first, false);
     };
     let mut turned = case.recordings.clone();
     for recording in &mut turned {
-        let channel = if remedy == "force" {
-            &mut recording.force_n
-        } else {
-            &mut recording.displacement_mm
-        };
-        channel.iter_mut().for_each(|value| *value = -*value);
+        recording.turn_signs(sign != TurnedSign::Displacement, sign != TurnedSign::Force);
     }
     (examine(case, &turned, 1), true)
 }

@@ -56,15 +56,33 @@ pub enum ConditionError {
     },
     /// A channel whose sign is turned.
     #[error(
-        "{name}: loading the spring must raise displacement_mm and force_n, but {what}: turn the sign with --flip {remedy}"
+        "{name}: loading the spring must raise displacement_mm and force_n, but {what}: turn the sign with --flip {sign}"
     )]
     Polarity {
         name: String,
         /// What the recording shows.
         what: String,
-        /// Argument of `--flip`.
-        remedy: &'static str,
+        /// Which sign.
+        sign: TurnedSign,
     },
+}
+
+/// Channels whose sign is turned, displayed as the argument of `--flip` that repairs it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TurnedSign {
+    Force,
+    Displacement,
+    Both,
+}
+
+impl std::fmt::Display for TurnedSign {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            TurnedSign::Force => "force",
+            TurnedSign::Displacement => "displacement",
+            TurnedSign::Both => "force,displacement",
+        })
+    }
 }
 
 /// Why a baseline cannot be used.

@@ -34,7 +34,7 @@ mod search;
 
 pub(crate) use course::Split;
 pub use diagnosis::{Diagnosis, Finding, Verdict};
-pub(crate) use error::{ConditionError, DiagnoseError};
+pub(crate) use error::{ConditionError, DiagnoseError, TurnedSign};
 pub use estimates::{EffectEstimate, Estimates, ParameterEstimate};
 pub(crate) use estimates::{FORCE_AT_ZERO, PARTS_OF_FORCE_AT_ZERO};
 pub use fitting::Baseline;

@@ -361,4 +361,15 @@ impl Recording {
     pub fn is_empty(&self) -> bool {
         self.time_s.is_empty()
     }
+
+    /// Turns the sign of one channel or both. 0 stays 0 and does not become -0.
+    pub(crate) fn turn_signs(&mut self, force: bool, displacement: bool) {
+        let turn = |values: &mut Vec<f64>| values.iter_mut().for_each(|value| *value = 0.0 - *value);
+        if force {
+            turn(&mut self.force_n);
+        }
+        if displacement {
+            turn(&mut self.displacement_mm);
+        }
+    }
 }

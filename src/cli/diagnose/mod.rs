@@ -141,19 +141,6 @@ enum FlippedChannel {
     Displacement,
 }
 
-/// Turns the sign of some channels.
-fn flip(recording: &mut Recording, channels: &[FlippedChannel]) {
-    for channel in [FlippedChannel::Force, FlippedChannel::Displacement] {
-        let column = match channel {
-            FlippedChannel::Force => &mut recording.force_n,
-            FlippedChannel::Displacement => &mut recording.displacement_mm,
-        };
-        if channels.contains(&channel) {
-            column.iter_mut().for_each(|value| *value = -*value);
-        }
-    }
-}
-
 fn codes_of_physics() -> String {
     let codes: Vec<&str> = effect::EFFECTS.iter().map(|e| e.code).collect();
     let list = local::wrapped(&codes).replace('\n', "\n  ");
@@ -195,9 +182,11 @@ impl CliCommand for DiagnoseArgs {
         let (mut recordings, read) =
             inputs::read(&self.recordings, &self.data.folder, self.mixed_specimens, output)?;
         recordings.iter().try_for_each(in_mm_and_n)?;
+        let [force, displacement] =
+            [FlippedChannel::Force, FlippedChannel::Displacement].map(|channel| self.flip.contains(&channel));
         recordings
             .iter_mut()
-            .for_each(|recording| flip(recording, &self.flip));
+            .for_each(|recording| recording.turn_signs(force, displacement));
         if let Some(rig) = self.run_next {
             let tester = run_next::tester(rig, &self.data, &job)?;
             return run_next::run(tester, self.rounds, &job, recordings, read);

@@ -2,6 +2,7 @@
 //! models: input and output are columns of numbers.
 
 use super::smoothing::range;
+use crate::diagnose::error::TurnedSign;
 
 /// Correlation of force and displacement from which they rise or fall together. Friction and relaxation stay far from the negative.
 const CLEAR: f64 = 0.5;
@@ -9,25 +10,6 @@ const CLEAR: f64 = 0.5;
 const BELOW_ZERO: f64 = 0.05;
 /// Negative loop energy as a share of stroke times force range, from which the loop runs backwards. Noise stays below 0.001.
 const BACKWARDS: f64 = 0.005;
-
-/// Channels whose sign is turned.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum TurnedSign {
-    Force,
-    Displacement,
-    Both,
-}
-
-impl TurnedSign {
-    /// Argument of `--flip` that repairs it.
-    pub(super) fn remedy(self) -> &'static str {
-        match self {
-            TurnedSign::Force => "force",
-            TurnedSign::Displacement => "displacement",
-            TurnedSign::Both => "force,displacement",
-        }
-    }
-}
 
 /// The channels whose sign is turned, if that is certain.
 pub(super) fn turned(displacement_mm: &[f64], force_n: &[f64]) -> Option<TurnedSign> {

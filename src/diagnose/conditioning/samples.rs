@@ -7,7 +7,7 @@ use super::polarity::turned;
 use super::smoothing::{noise, range};
 use super::spikes::spikes;
 use super::vibration::{Vibration, amplitude_at, motion_frequency_hz, remove_vibrations};
-use crate::diagnose::error::ConditionError;
+use crate::diagnose::error::{ConditionError, TurnedSign};
 use crate::diagnose::note::{Note, NoteAction, NoteKind};
 use crate::recording::{Flags, Recording};
 
@@ -176,8 +176,8 @@ impl<'a> Samples<'a> {
         let end = |pick: fn(f64, f64) -> f64| self.force_n.iter().copied().reduce(pick).unwrap_or(0.0);
         let (low_n, high_n) = (end(f64::min), end(f64::max));
         let rate = range(&self.force_n) / range(&self.displacement_mm);
-        let what = match sign.remedy() {
-            "force,displacement" => format!("the force is never positive ({low_n:.0} to {high_n:.0} N)"),
+        let what = match sign {
+            TurnedSign::Both => format!("the force is never positive ({low_n:.0} to {high_n:.0} N)"),
             _ => format!(
                 "the force falls by about {rate:.1} N per mm of rising displacement ({low_n:.0} to {high_n:.0} N)"
             ),
@@ -185,7 +185,7 @@ impl<'a> Samples<'a> {
         Err(ConditionError::Polarity {
             name: self.recording.name.clone(),
             what,
-            remedy: sign.remedy(),
+            sign,
         })
     }
 

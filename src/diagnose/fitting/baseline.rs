@@ -55,6 +55,13 @@ impl Attached {
             own: false,
         }
     }
+
+    /// Holds its parameters at these values: a fit does not move them.
+    pub(in crate::diagnose) fn hold(&mut self, values: &[f64]) {
+        for (parameter, value) in self.parameters.iter_mut().zip(values) {
+            parameter.bounds = [*value; 2];
+        }
+    }
 }
 
 /// The baseline ready to be fitted.

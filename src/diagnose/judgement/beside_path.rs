@@ -26,7 +26,7 @@ pub(in crate::diagnose) fn confirmed_beside_path(
 
 /// Costs of a set of effects in the search beside the path.
 struct BesideCosts {
-    /// With the sizes that were named; all else is fitted again, or a law of the path that differs would count against a right size.
+    /// With the sizes that were named, and all else fitted again: the laws of the path are others here, and a right size must not pay for it.
     as_named: f64,
     /// With all sizes fitted again.
     refitted: f64,
@@ -45,9 +45,9 @@ fn refused(
         .collect();
     let costs = |places: &[usize]| {
         let named = beside(context, set, places, path, &of_path.nodes[0])?;
-        let held = path.converged(&held(&named, of_path.nodes[0].attached.len()))?.0;
+        let named_sizes = held(path, named.clone(), of_path.nodes[0].attached.len());
         Some(BesideCosts {
-            as_named: held.cost(),
+            as_named: path.converged(&named_sizes)?.0.cost(),
             refitted: path.converged(&named)?.0.cost(),
         })
     };
@@ -96,15 +96,12 @@ fn beside(
     Node::new(&path.structure(attached), values)
 }
 
-/// The node with the values of all effects from this place on held.
-fn held(node: &Node, first: usize) -> Node {
-    let mut held = node.clone();
-    let count: usize = held.attached[first..].iter().map(|a| a.parameters.len()).sum();
-    // The last value is the zero of the force.
-    let from = held.values.len() - 1 - count;
-    let named = held.attached[first..].iter_mut().flat_map(|a| &mut a.parameters);
-    for (parameter, value) in named.zip(&node.values[from..]) {
-        parameter.bounds = [*value; 2];
+/// The node with the values of its effects from this place on held.
+fn held(path: &FitContext<'_>, mut node: Node, first: usize) -> Node {
+    for place in first..node.attached.len() {
+        let from = path.offset(&node.attached, place);
+        let values = &node.values[from..];
+        node.attached[place].hold(values);
     }
-    held
+    node
 }

@@ -102,13 +102,11 @@ pub(super) fn as_written(
         let own = &node.values[from..from + attached.parameters.len()];
         values.extend(own);
         written.push(attached.clone());
-        held.push(attached.clone());
+        let mut kept = attached.clone();
         if k >= extras {
-            let parameters = held.iter_mut().last().map(|h| &mut h.parameters);
-            for (parameter, value) in parameters.into_iter().flatten().zip(own) {
-                parameter.bounds = [*value; 2];
-            }
+            kept.hold(own);
         }
+        held.push(kept);
     }
     values.extend(node.values.last());
     converge(&plain.structure(held), values).map_or_else(

@@ -2,8 +2,7 @@
 
 use crate::diagnose::fitting::{Data, Node};
 
-/// A residual counts as this many standard deviations at most: one bad point is no change of the specimen, and one small loop that the
-/// friction law closes wrongly is no misfit of the whole.
+/// A residual counts on reporting cycles as this many standard deviations at most: one bad point is no change of the specimen.
 pub(super) const OUTLIER: f64 = 5.0;
 /// Points beyond [`OUTLIER`] are told where they have this share of the sum of squares.
 const TOLD_SHARE: f64 = 0.2;

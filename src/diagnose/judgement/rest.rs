@@ -1,5 +1,7 @@
 //! What a chosen set leaves: whether that is structure above the noise, and how much of it was left to the shape of laws in doubt.
 
+use std::collections::BTreeMap;
+
 use super::few_points::{FewPoints, OUTLIER};
 use super::summary::limits_in_words;
 use crate::diagnose::course::Split;
@@ -15,6 +17,8 @@ const NO_FIT_POWER: f64 = 3.0;
 const NO_FIT_SHARE: f64 = 0.5;
 /// Such residuals must also be correlated over this many samples: a noise that was estimated too low is not.
 const NO_FIT_CORRELATION: f64 = 4.0;
+/// A cycle is a small part of all that are compared if it has at most this share of their points.
+const SMALL_SHARE: f64 = 0.1;
 /// If a set leaves this mean square, the verdict is `unexplained`, even if the set explains a large share.
 const FAR_OFF_POWER: f64 = 25.0;
 
@@ -104,15 +108,14 @@ fn is_unexplained(context: &FitContext<'_>, search: &SearchResult, before: &Node
     let repeats = repeats(search, unexplained_share(before, after, left), left);
     // Structure that does not repeat from cycle to cycle is not found by regressions, but it exceeds the noise.
     let counted = data.count(Split::Select).max(1) as f64;
-    let [robust, robust_before] = [after, before].map(|set| robust_sum(data, set, Split::Select) / counted);
-    let no_fit = robust > NO_FIT_POWER
+    let (power, power_before) = (after.select / counted, before.select / counted);
+    let no_fit = without_worst_cycle(data, after) > NO_FIT_POWER
         && correlation_time > NO_FIT_CORRELATION
-        && robust - 1.0 > NO_FIT_SHARE * (robust_before - 1.0);
-    let power = after.select / counted;
+        && power - 1.0 > NO_FIT_SHARE * (power_before - 1.0);
     // A change that only the reporting cycles show, as of a specimen that changed late.
     let reporting = data.count(Split::Report).max(1) as f64;
-    let reported = robust_sum(data, after, Split::Report) / reporting;
-    let changed = reported > NO_FIT_POWER.max(2.0 * robust);
+    let reported = reported_robustly(data, after) / reporting;
+    let changed = reported > NO_FIT_POWER.max(2.0 * power);
     // The rest on reporting cycles exceeds the noise and is a considerable share of what the baseline leaves there.
     let reported_before = data.sum(&before.residuals, Split::Report) / reporting;
     let above_noise = reported > 1.0 + REPORT_POWER && reported - 1.0 > LACK_SHARE * (reported_before - 1.0);
@@ -120,11 +123,39 @@ fn is_unexplained(context: &FitContext<'_>, search: &SearchResult, before: &Node
     repeats || no_fit || late || power > FAR_OFF_POWER
 }
 
-/// Sum of squares on the cycles of a split, in which no residual counts more than [`OUTLIER`] standard deviations.
-fn robust_sum(data: &Data, node: &Node, of: Split) -> f64 {
+/// Sum of squares on reporting cycles, in which no residual counts more than [`OUTLIER`] standard deviations.
+fn reported_robustly(data: &Data, node: &Node) -> f64 {
     let residuals = node.residuals.iter().zip(&data.split);
-    let counted = residuals.filter(|(_, split)| **split == of);
-    counted.map(|(r, _)| r.abs().min(OUTLIER).powi(2)).sum()
+    let reported = residuals.filter(|(_, split)| **split == Split::Report);
+    reported.map(|(r, _)| r.abs().min(OUTLIER).powi(2)).sum()
+}
+
+/// Mean square on selecting cycles without the worst of them, if that is a small part of all: one small loop that the friction law closes
+/// wrongly is no misfit of the whole.
+fn without_worst_cycle(data: &Data, node: &Node) -> f64 {
+    let cycles = data
+        .tracks
+        .iter()
+        .enumerate()
+        .flat_map(|(track, t)| t.cycle.iter().map(move |cycle| (track, *cycle)));
+    let mut sums = BTreeMap::<_, [f64; 2]>::new();
+    for (i, cycle) in cycles.enumerate() {
+        if data.split[i] == Split::Select && data.weight[i] > 0.0 {
+            let [sum, count] = sums.entry(cycle).or_default();
+            *sum += node.residuals[i].powi(2);
+            *count += 1.0;
+        }
+    }
+    mean_without_worst(&sums.into_values().collect::<Vec<_>>())
+}
+
+/// Mean of sums over counts, without the largest sum if its count is at most [`SMALL_SHARE`] of all.
+fn mean_without_worst(sums: &[[f64; 2]]) -> f64 {
+    let total = |k: usize| sums.iter().map(|s| s[k]).sum::<f64>();
+    let worst = sums.iter().copied().max_by(|a, b| a[0].total_cmp(&b[0]));
+    let small = worst.filter(|worst| worst[1] <= SMALL_SHARE * total(1));
+    let [sum, count] = small.unwrap_or_default();
+    (total(0) - sum) / (total(1) - count).max(1.0)
 }
 
 /// True if the structure that is left is larger than chance and than the error of an effect's form; `share`: its share of what was to
@@ -152,4 +183,27 @@ fn fits_every_cycle(context: &FitContext<'_>, node: &Node) -> bool {
             let counted = context.data.count(split).max(1) as f64;
             context.data.sum(&refitted.residuals, split) / counted < 1.0 + REPORT_POWER
         })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_small_cycle_does_not_count_two_do() {
+        let mut sums = vec![[20.0, 20.0]; 10];
+        sums.push([900.0, 20.0]);
+        assert!((mean_without_worst(&sums) - 1.0).abs() < 1e-12);
+        sums.push([900.0, 20.0]);
+        assert!(
+            (mean_without_worst(&sums) - 5.0).abs() < 1e-12,
+            "1100 of 220 points"
+        );
+        let large = [[20.0, 20.0], [900.0, 20.0]];
+        assert!(
+            (mean_without_worst(&large) - 23.0).abs() < 1e-12,
+            "half of all points"
+        );
+        assert_eq!(mean_without_worst(&[]), 0.0);
+    }
 }

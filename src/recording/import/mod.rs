@@ -127,23 +127,13 @@ fn check_time(
 
 /// Turns the signs that the user asked for; names of the columns that were turned.
 fn flip(recording: &mut Recording, options: &ImportOptions) -> Vec<&'static str> {
+    recording.turn_signs(options.flip_force, options.flip_displacement);
     let columns = [
-        (
-            options.flip_displacement,
-            MapTarget::Displacement,
-            &mut recording.displacement_mm,
-        ),
-        (options.flip_force, MapTarget::Force, &mut recording.force_n),
+        (options.flip_displacement, MapTarget::Displacement),
+        (options.flip_force, MapTarget::Force),
     ];
-    let mut flipped = Vec::new();
-    for (wanted, target, values) in columns {
-        if wanted {
-            // 0 - x, so that 0 does not become -0.
-            values.iter_mut().for_each(|value| *value = 0.0 - *value);
-            flipped.push(target.name());
-        }
-    }
-    flipped
+    let flipped = columns.into_iter().filter(|(wanted, _)| *wanted);
+    flipped.map(|(_, target)| target.name()).collect()
 }
 
 /// Loading the spring is positive for both. Tells where it looks as if that is not so.
