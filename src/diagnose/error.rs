@@ -62,7 +62,7 @@ pub enum ConditionError {
         name: String,
         /// What the recording shows.
         what: String,
-        /// Which sign.
+        /// Channels whose sign is turned.
         sign: TurnedSign,
     },
 }

@@ -26,7 +26,7 @@ pub(in crate::diagnose) fn confirmed_beside_path(
 
 /// Costs of a set of effects in the search beside the path.
 struct BesideCosts {
-    /// With the sizes that were named, and all else fitted again: the laws of the path are others here, and a right size must not pay for it.
+    /// With the sizes that were named, and all else fitted again: friction law and curve are others here, which says nothing about a size.
     as_named: f64,
     /// With all sizes fitted again.
     refitted: f64,

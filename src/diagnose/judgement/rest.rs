@@ -58,7 +58,7 @@ impl Rest {
         rest
     }
 
-    /// What limits the diagnosis. Where nothing explains the recordings, there is no law that a few points or the shape could differ from.
+    /// What limits the diagnosis. Points and shapes are told only where something explains the recordings.
     pub(super) fn limits_in_words(&self, cut_short: bool) -> String {
         let explained = !self.unexplained;
         let few_points = self.few_points.as_ref().filter(|_| explained);

@@ -28,8 +28,8 @@ fn simplest_form(context: &FitContext<'_>, mut node: Node, likelihood: Likelihoo
     }
 }
 
-/// Log-likelihood that the freedom of one shape must gain. Of many shapes chance picks the best, so that it frees one of an effect
-/// with many as rarely as that of an effect with one.
+/// Log-likelihood that the freedom of one shape must gain. The more shapes an effect has, the more often one of them gains by chance. The
+/// logarithm makes up for that.
 fn least_gain(shapes: usize) -> f64 {
     PARAMETER_PENALTY + (shapes as f64).ln()
 }
