@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use crate::config::Bench;
+use crate::effect::FORMS;
 use crate::recording::Recording;
 use crate::truth::{Case, sensors};
 
@@ -196,11 +197,14 @@ fn effects_that_the_diagnosis_refuses_are_not_written() {
     assert!(chosen, "nothing was refused: choose another device");
     let effects = json["improved"]["effects"].as_array().expect("a list");
     assert!(
-        effects.iter().all(|e| e["code"] == "friction_form"),
+        effects
+            .iter()
+            .all(|e| FORMS.iter().any(|form| e["code"] == form.code)),
         "{effects:?}"
     );
     let bench = Bench::load(&out.join("improved.toml")).expect("runs as it is");
-    assert!(bench.model.effects.iter().all(|e| e.code == "friction_form"));
+    let is_form = |code: &str| FORMS.iter().any(|form| form.code == code);
+    assert!(bench.model.effects.iter().all(|e| is_form(&e.code)));
 }
 
 /// A device that pushes and pulls is delivered as one: the model is written, runs, and is as good as the yardstick of its form.

@@ -167,16 +167,17 @@ fn a_shift_along_the_line_of_a_spring_is_no_offset() {
 
 /// Cases that were looked at, with what they answered before: a joint that closes under load and a contact on a pad (a helper leaf, 95
 /// and 99 %), gaps and a start within a cycle (`unexplained`), and a shaken displacement (a helper leaf and a clipped load cell, 98 %).
+/// Beside the elements the joint is an alternative; beside the friction that forgets it is not listed any more.
 #[test]
 fn a_curve_may_be_that_of_a_joint_and_a_bad_point_is_no_physics() {
     let diagnosed = |world, number| {
         let case = Case::draw(world, 910_159_277, number, None);
         examine(&case, &case.recordings, 0).expect("valid recordings")
     };
-    for (number, other) in [(79, "series_compliance"), (55, "lift_off")] {
+    for (number, other, is_listed) in [(79, "series_compliance", false), (55, "lift_off", true)] {
         let found = diagnosed(World::BoucWen, number);
         let listed = found.alternatives.iter().any(|a| a.code == other);
-        assert!(listed, "{number}: {:?}", found.alternatives);
+        assert!(listed || !is_listed, "{number}: {:?}", found.alternatives);
         let sure = found
             .effects
             .iter()
@@ -195,43 +196,33 @@ fn a_curve_may_be_that_of_a_joint_and_a_bad_point_is_no_physics() {
     }
 }
 
-/// A case that was looked at: a filter of the fourth order on one channel. Friction near zero speed was named with its exponent at the limit of
-/// its range, and the delay was its alternative.
-#[test]
-fn a_law_at_the_limit_of_its_range_gives_way_to_one_that_fits_as_well() {
-    let case = Case::draw(World::Lugre, 910_159_277, 4, None);
-    let found = examine(&case, &case.recordings, 0).expect("valid recordings");
-    let named: Vec<&str> = found.effects.iter().map(|e| e.code.as_str()).collect();
-    assert_eq!(named, ["channel_delay"], "{}", found.summary);
-    let stribeck = found.alternatives.iter().find(|a| a.code == "stribeck");
-    let why = stribeck.map_or("", |a| &a.why);
-    assert!(why.contains("limit of its range"), "{:?}", found.alternatives);
-}
-
-/// Two cases that were looked at; both were `unexplained`. The friction law of the library closes small loops, that of this world does not.
-/// A delay was refused although its size was right, because the law beside the path is another one. In the other case nothing is hidden: a
-/// few points of one small loop are off by up to 77 N, all others fit.
+/// Cases that were looked at: filters on one channel, and no effect. Friction near zero speed was named with its exponent at the limit of its
+/// range, or the delay was refused although its size was right, because the law beside the path is another one. In the third, a few
+/// points of one small loop were off by up to 77 N, and all was `unexplained`; the law forgets now.
 #[test]
 fn a_foreign_friction_law_neither_refuses_a_delay_nor_makes_one_small_loop_unexplained() {
-    let diagnosed = |number| {
-        let case = Case::draw(World::Lugre, 4_067_032_518, number, None);
+    let diagnosed = |seed, number| {
+        let case = Case::draw(World::Lugre, seed, number, None);
         examine(&case, &case.recordings, 0).expect("valid recordings")
     };
-    let late = diagnosed(35);
-    let named: Vec<&str> = late.effects.iter().map(|e| e.code.as_str()).collect();
-    assert_eq!(named, ["channel_delay"], "{}", late.summary);
-    let loops = diagnosed(38);
+    for late in [diagnosed(910_159_277, 4), diagnosed(4_067_032_518, 35)] {
+        let named: Vec<&str> = late.effects.iter().map(|e| e.code.as_str()).collect();
+        assert_eq!(named, ["channel_delay"], "{}", late.summary);
+    }
+    let loops = diagnosed(4_067_032_518, 38);
     assert_eq!(loops.verdict, Verdict::Adequate, "{}", loops.summary);
-    let told = [
-        "points fit badly, by up to 7",
-        " N at 12.9",
-        " s of case-0038-3.csv",
-    ];
-    assert!(
-        told.iter().all(|part| loops.summary.contains(part)),
-        "{}",
-        loops.summary
-    );
+}
+
+/// Nothing is hidden in these cases that were looked at, but the friction forgets earlier reversals. Beside elements that close every small
+/// loop, a compliance of the fixture was named in each (33, 54 and 58 %).
+#[test]
+fn friction_that_forgets_is_no_compliance() {
+    for number in [1, 9, 16] {
+        let case = Case::draw(World::Lugre, 4_067_032_518, number, None);
+        assert!(case.label.hidden.is_empty());
+        let found = examine(&case, &case.recordings, 0).expect("valid recordings");
+        assert_eq!(found.verdict, Verdict::Adequate, "{number}: {}", found.summary);
+    }
 }
 
 /// Twenty cases of the worlds that do not share the library's formulas, five of each, beside the sixty of `tests/blind.rs`, and one that

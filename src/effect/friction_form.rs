@@ -189,7 +189,7 @@ impl FrictionForm {
 
 /// A power with a fixed exponent, fast for ratios close to one: a general power took a fifth of a diagnosis.
 #[derive(Debug, Clone, Copy)]
-struct Power {
+pub(super) struct Power {
     exponent: f64,
     /// Coefficients of the binomial series after the first, each divided by the one before.
     series: [f64; Power::TERMS],
@@ -200,14 +200,14 @@ impl Power {
     /// Largest distance from one at which the series is exact to rounding.
     const NEAR: f64 = 0.01;
 
-    fn new(exponent: f64) -> Power {
+    pub(super) fn new(exponent: f64) -> Power {
         Power {
             exponent,
             series: std::array::from_fn(|k| (exponent - k as f64) / (k + 1) as f64),
         }
     }
 
-    fn of(&self, ratio: f64) -> f64 {
+    pub(super) fn of(&self, ratio: f64) -> f64 {
         let past = ratio - 1.0;
         if self.exponent == 0.0 {
             1.0

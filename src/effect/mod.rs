@@ -11,6 +11,7 @@ pub(crate) mod backlash;
 pub(crate) mod channel_delay;
 pub(crate) mod coulomb_friction;
 pub(crate) mod friction_form;
+pub(crate) mod friction_state;
 pub(crate) mod geometric_stiffness;
 pub(crate) mod inertia;
 pub(crate) mod law;
@@ -214,7 +215,7 @@ pub(crate) static RIVAL_LAWS: &[Effect] = &[
 ];
 
 /// General forms of physics that a model already has. They are attached like effects but are never reported as missing.
-pub(crate) static FORMS: &[Effect] = &[friction_form::FORM];
+pub(crate) static FORMS: &[Effect] = &[friction_form::FORM, friction_state::FORM];
 
 /// Errors of attaching effects.
 #[derive(Debug, thiserror::Error, PartialEq)]

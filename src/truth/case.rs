@@ -280,10 +280,9 @@ fn specimen(random: &mut ChaCha8Rng, world: World) -> TruthSpecimen {
         bushing_n: 0.0,
         range_n: between(random, 1500.0, 3000.0),
         world,
-        build: if world == World::Pack {
-            between(random, 0.0, 1.0)
-        } else {
-            0.0
+        build: match world {
+            World::Pack | World::Lugre => between(random, 0.0, 1.0),
+            _ => 0.0,
         },
     }
 }

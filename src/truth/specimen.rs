@@ -55,7 +55,8 @@ pub(crate) struct TruthSpecimen {
     pub range_n: f64,
     /// Equations that it follows. Those of [`World::Own`] are in this file.
     pub world: World,
-    /// Random number in [0, 1) that sets number, lengths and gaps of the leaves in [`World::Pack`]; 0 in the others.
+    /// Random number in [0, 1) that sets number, lengths and gaps of the leaves in [`World::Pack`], and up to which force the bristles are
+    /// elastic in [`World::Lugre`]; 0 in the others.
     pub build: f64,
 }
 

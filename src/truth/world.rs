@@ -16,7 +16,8 @@ pub(crate) enum World {
     PrandtlIshlinskii,
     /// The differential equation of R. Bouc (1967) and Y. K. Wen (1976) for the friction force; its limit follows the load.
     BoucWen,
-    /// Bristles of C. Canudas de Wit et al. (1995) with a stiffness in N/mm that does not follow the load.
+    /// Bristles of C. Canudas de Wit et al. (1995), elastic up to a share of the limit (P. Dupont et al. 2002), with a stiffness in
+    /// N/mm that does not follow the load.
     Lugre,
     /// Leaves as Euler-Bernoulli cantilevers, with tip contacts that open and close and friction at every interface.
     Pack,

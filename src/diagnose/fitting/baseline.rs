@@ -72,7 +72,9 @@ pub(in crate::diagnose) struct Setup {
     pub start: Vec<f64>,
     /// Effects of the baseline: known physics that the model lacks, later the general friction law too.
     pub extras: Vec<Attached>,
-    /// General friction law, for a baseline whose friction is load-dependent and has presliding.
+    /// General friction laws, for a baseline whose friction is load-dependent and has presliding; the usual one first.
+    pub forms: Vec<Attached>,
+    /// The one of them that is in use.
     pub form: Option<Attached>,
     /// Effects that may be missing.
     pub candidates: Vec<Attached>,
@@ -123,13 +125,14 @@ impl Setup {
             .filter_map(known_form)
             .collect();
         let missing = |list: &'static [Effect]| list.iter().filter(|e| !knows(e.code));
-        let form = FORMS.iter().find_map(known_form);
+        let forms: Vec<Attached> = FORMS.iter().filter_map(known_form).collect();
         Ok(Setup {
             model,
             structure,
             start,
             extras,
-            form,
+            form: forms.first().cloned(),
+            forms,
             candidates: missing(EFFECTS)
                 .filter(|e| !e.only_rival)
                 .map(Attached::candidate)

@@ -166,6 +166,24 @@ impl<'a> FitContext<'a> {
         Node::new(&structure, optimum.values)
     }
 
+    /// A node with effects of another context's set added, at the values that they have there.
+    pub(in crate::diagnose) fn with_effects_of(
+        &self,
+        root: &Node,
+        (other, set): (&FitContext<'_>, &Node),
+        places: &[usize],
+    ) -> Option<Node> {
+        let (mut attached, mut values) = (root.attached.clone(), root.values.clone());
+        let zero_n = values.pop()?;
+        for &place in places {
+            let from = other.offset(&set.attached, place);
+            values.extend(&set.values[from..from + set.attached[place].parameters.len()]);
+            attached.push(set.attached[place].clone());
+        }
+        values.push(zero_n);
+        Node::new(&self.structure(attached), values)
+    }
+
     /// A node fitted to convergence, with its tangent.
     pub(in crate::diagnose) fn converged(&self, node: &Node) -> Option<(Node, Tangent)> {
         converge(&self.structure(node.attached.clone()), node.values.clone())

@@ -19,7 +19,8 @@ mod shift;
 
 pub(super) use shift::{corrected, without_zero};
 
-use offset_fit::{GAIN_OF_EACH, OffsetFit, OffsetsOf, fitted, fitted_in_all, sparse};
+pub(super) use offset_fit::OffsetFit;
+use offset_fit::{GAIN_OF_EACH, OffsetsOf, fitted, fitted_in_all, sparse};
 use offsets::OffsetKind::{Delay, Displacement, Force};
 use offsets::{FileOffsets, OffsetKind};
 use shift::shifted;
@@ -55,13 +56,18 @@ const SETS: [&[OffsetKind]; 7] = [
     &[Force, Displacement, Delay],
 ];
 
+/// True for a fit that leaves too little to look for offsets.
+pub(super) fn fits(data: &Data, node: &Node) -> bool {
+    let rough = data.sum(&node.residuals, Split::Fit) + data.sum(&node.residuals, Split::Select);
+    rough < LEAST_POWER * data.counted() as f64
+}
+
 /// Offsets of the recordings, if they explain what the baseline leaves.
 pub(super) fn find(structure: &ModelStructure<'_>, node: &Node) -> Option<OffsetFit> {
     let data = structure.data;
     let files = data.tracks.len();
     let counted = data.counted() as f64;
-    let rough = data.sum(&node.residuals, Split::Fit) + data.sum(&node.residuals, Split::Select);
-    if files < 2 || structure.setup.model.slow || rough < LEAST_POWER * counted {
+    if files < 2 || structure.setup.model.slow || fits(data, node) {
         return None;
     }
     let (node, _) = converge(structure, node.values.clone())?;

@@ -8,12 +8,21 @@ use super::node::Node;
 use super::score::insert_group;
 use super::structure::ModelStructure;
 
-/// A node with the general friction law of the setup, where the data support one and the node does not have it yet.
+/// Number of fits without bends that are fitted further with them.
+const STRAIGHT: usize = 2;
+
+/// A node with the general friction law of the setup, where the data support one and the node has none yet.
 pub(in crate::diagnose) fn with_general_law(context: &FitContext<'_>, node: &Node) -> Option<Node> {
-    let form = context.setup.form.as_ref()?;
-    let has = node.attached.iter().any(|a| a.effect.code == form.effect.code);
+    with_form(context, node, context.setup.form.as_ref()?)
+}
+
+/// The same with one of the general friction laws.
+pub(super) fn with_form(context: &FitContext<'_>, node: &Node, form: &Attached) -> Option<Node> {
+    let is_form = |a: &Attached| context.setup.forms.iter().any(|f| f.effect.code == a.effect.code);
     let starts = (form.effect.starts)(&context.span);
-    (!has).then(|| generalise(context, node, form, &starts)).flatten()
+    (!node.attached.iter().any(is_form))
+        .then(|| generalise(context, node, form, &starts))
+        .flatten()
 }
 
 /// A node with the general friction law, fitted from these starts of its parameters, where the data support one.
@@ -37,6 +46,7 @@ pub(in crate::diagnose) fn generalise(
     let coarse = context
         .coarse()
         .map(|data| ModelStructure::new(context.setup, data, structure.attached.clone()));
+    let starts = straight(context, node, form, starts);
     let general = context
         .parallel_map(&starts, |start| {
             let near = coarse.as_ref().and_then(|coarse| converge(coarse, start.clone()));
@@ -50,4 +60,25 @@ pub(in crate::diagnose) fn generalise(
         .map(|(node, _)| node)
         .min_by(|a, b| a.cost().total_cmp(&b.cost()))?;
     (0.5 * (node.cost() - general.cost()) > PENALTY).then_some(general)
+}
+
+/// Starts for a fit of a law with bends: the best of its fits without them, which are few parameters that matter most.
+fn straight(context: &FitContext<'_>, node: &Node, form: &Attached, starts: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+    if form.effect.shapes.is_empty() || starts.len() <= STRAIGHT {
+        return starts;
+    }
+    let mut held = form.clone();
+    for &k in form.effect.shapes {
+        held.parameters[k].bounds = [form.effect.neutral[k]; 2];
+    }
+    let data = context.coarse().unwrap_or(context.data);
+    let structure = ModelStructure::new(context.setup, data, node.attached.clone()).with(&held);
+    let fitted = context.parallel_map(&starts, |start| converge(&structure, start.clone()));
+    let mut fitted: Vec<Node> = fitted.into_iter().flatten().map(|(node, _)| node).collect();
+    fitted.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
+    fitted
+        .into_iter()
+        .take(STRAIGHT)
+        .map(|node| node.values)
+        .collect()
 }

@@ -52,6 +52,8 @@ pub(in crate::diagnose) use node::{Key, Node};
 pub(in crate::diagnose) use score::{Tangent, insert_group};
 pub(in crate::diagnose) use structure::ModelStructure;
 
+use file_offsets::OffsetFit;
+
 use crate::diagnose::conditioning::{Track, tracks};
 use crate::diagnose::error::{BaselineError, DiagnoseError};
 use crate::diagnose::options::DiagnoseOptions;
@@ -85,21 +87,14 @@ pub(in crate::diagnose) fn fitted_input(
         first = first_fit(setup, &mut data, &run)?;
     }
     let recordings = if zero_mm.is_some() { &shifted } else { recordings };
-    let found = [LawBesideOffsets::OfBaseline, LawBesideOffsets::General]
-        .into_iter()
-        .find_map(|law| {
-            let context = run.context(setup, &data);
-            let node = with_law(&context, &first, law)?;
-            let found = file_offsets::find(&context.structure(node.attached.clone()), &node)?;
-            (!file_offsets::physics_suffices(&context, &node, &found)).then_some((found, law))
-        });
+    let found = offsets_beside_a_law(&run.context(setup, &data), &first);
     if let Some((mut found, law)) = found {
         for _ in 0..2 {
             let corrected = file_offsets::corrected(recordings, &found.offsets);
             (data, run) = again(&corrected)?;
             first = first_fit(setup, &mut data, &run)?;
             let context = run.context(setup, &data);
-            let node = with_law(&context, &first, law).unwrap_or_else(|| first.clone());
+            let node = with_law(&context, &first, law.as_ref()).unwrap_or_else(|| first.clone());
             file_offsets::refine(&context.structure(node.attached.clone()), &node, &mut found);
         }
         for (recording, offset) in recordings.iter().zip(&found.offsets) {
@@ -122,18 +117,29 @@ pub(in crate::diagnose) fn fitted_input(
     Ok((data, run, first))
 }
 
-/// The friction law beside which offsets of single recordings are looked for.
-#[derive(Clone, Copy)]
-enum LawBesideOffsets {
-    OfBaseline,
-    General,
+/// Offsets of single recordings, and the general friction law beside which they were found; `None` for the baseline's own law.
+fn offsets_beside_a_law(context: &FitContext<'_>, first: &Node) -> Option<(OffsetFit, Option<Attached>)> {
+    let general = context.setup.forms.iter().map(Some);
+    for law in std::iter::once(None).chain(general) {
+        let Some(node) = with_law(context, first, law) else {
+            continue;
+        };
+        let found = file_offsets::find(&context.structure(node.attached.clone()), &node);
+        if let Some(found) = found.filter(|found| !file_offsets::physics_suffices(context, &node, found)) {
+            return Some((found, law.cloned()));
+        }
+        if file_offsets::fits(context.data, &node) {
+            return None;
+        }
+    }
+    None
 }
 
-/// The fitted baseline with a friction law; `None` if the recordings do not support the general one.
-fn with_law(context: &FitContext<'_>, first: &Node, law: LawBesideOffsets) -> Option<Node> {
+/// The fitted baseline with a friction law, its own for `None`; `None` if the recordings do not support the general one.
+fn with_law(context: &FitContext<'_>, first: &Node, law: Option<&Attached>) -> Option<Node> {
     match law {
-        LawBesideOffsets::OfBaseline => Some(first.clone()),
-        LawBesideOffsets::General => with_general_law(context, first),
+        None => Some(first.clone()),
+        Some(form) => general_law::with_form(context, first, form),
     }
 }
 

@@ -44,7 +44,7 @@ fn refused(
         .filter(|&k| !set.attached[k].own && !set.attached[k].effect.follows_path)
         .collect();
     let costs = |places: &[usize]| {
-        let named = beside(context, set, places, path, &of_path.nodes[0])?;
+        let named = path.with_effects_of(&of_path.nodes[0], (context, set), places)?;
         let named_sizes = held(path, named.clone(), of_path.nodes[0].attached.len());
         Some(BesideCosts {
             as_named: path.converged(&named_sizes)?.0.cost(),
@@ -75,25 +75,6 @@ fn refused(
         places.retain(|kept| *kept != place);
     }
     refused
-}
-
-/// The baseline of the search beside the path (`root`), with some effects of a set added at the values that they have there.
-fn beside(
-    context: &FitContext<'_>,
-    set: &Node,
-    places: &[usize],
-    path: &FitContext<'_>,
-    root: &Node,
-) -> Option<Node> {
-    let (mut attached, mut values) = (root.attached.clone(), root.values.clone());
-    let zero_n = values.pop()?;
-    for &place in places {
-        let from = context.offset(&set.attached, place);
-        values.extend(&set.values[from..from + set.attached[place].parameters.len()]);
-        attached.push(set.attached[place].clone());
-    }
-    values.push(zero_n);
-    Node::new(&path.structure(attached), values)
 }
 
 /// The node with the values of its effects from this place on held.

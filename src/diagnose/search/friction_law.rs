@@ -1,7 +1,15 @@
 //! Generalises the baseline's friction law before any effect is called missing, so that its shape is not reported as missing
 //! physics: which law a model has is its author's choice.
 
-use crate::diagnose::fitting::{Attached, FitContext, Node, Tangent, generalise, with_general_law};
+use super::backward_elimination::penalty;
+use super::beam_search::{SearchResult, search};
+use super::budget::Budget;
+use super::lack_of_fit::leaves_structure;
+use super::simplest_form::simplify;
+use crate::diagnose::fitting::{
+    Attached, Data, FitContext, LikelihoodScale, Node, PARAMETER_PENALTY, RunSettings, Setup, Tangent,
+    generalise, with_general_law,
+};
 
 /// Candidates that are fitted under the baseline's own law, and the number of the best that get the general law afterwards.
 const SEEDS_TRIED: usize = 6;
@@ -18,12 +26,111 @@ pub(in crate::diagnose) struct SearchStart {
     pub seeds: Vec<Node>,
 }
 
-/// Refits the baseline and generalises its friction law where that gains more than an effect must.
-pub(super) fn search_start(context: &FitContext<'_>, first: &Node) -> Option<SearchStart> {
+/// The search with the general friction law that is likeliest, and what it started from; `setup` gets that law. The usual law comes first;
+/// another is tried where that leaves structure or effects are named: what the law lacks may have been named as an effect.
+pub(super) fn first_search(
+    run: &RunSettings,
+    setup: &mut Setup,
+    data: &Data,
+    fitted: &Node,
+    budget: Budget,
+    progress: &mut dyn FnMut(f64, &str),
+) -> Option<(SearchStart, SearchResult)> {
+    let plain = setup.clone();
+    let mut best = search_with(run, setup, data, (fitted, None), budget, progress)?;
+    let others = plain.forms.iter().skip(1).filter(|_| !plain.model.slow);
+    for form in others {
+        let mut other = plain.clone();
+        other.form = Some(form.clone());
+        let Some(base) = likelier_base(run, (setup, &best), &other, data) else {
+            continue;
+        };
+        let from = (&best.0.refitted, Some(base));
+        let mut again = |_, step: &str| progress(1.0, step);
+        let Some(found) = search_with(run, &mut other, data, from, budget, &mut again) else {
+            continue;
+        };
+        let scale = best.1.likelihood;
+        let cost = |setup: &Setup, search: &SearchResult| {
+            cost_with_law(scale, &search.nodes[search.chosen], setup.extras.len())
+        };
+        if cost(&other, &found.1) < cost(setup, &best.1) {
+            *setup = other;
+            best = found;
+        }
+    }
+    Some(best)
+}
+
+/// The search from a fitted baseline, with the general law of `setup`, which joins the extras of `setup` where the data support it. That law
+/// is fitted here, or was before.
+fn search_with(
+    run: &RunSettings,
+    setup: &mut Setup,
+    data: &Data,
+    (fitted, general): (&Node, Option<Node>),
+    budget: Budget,
+    progress: &mut dyn FnMut(f64, &str),
+) -> Option<(SearchStart, SearchResult)> {
+    let start = search_start(&run.context(setup, data), fitted, general)?;
+    if start.generalised {
+        setup.extras.clone_from(&start.base.attached);
+    }
+    let context = run.context(setup, data);
+    let mut found = search(&context, start.base.clone(), &start.seeds, budget, progress);
+    let chosen = found.chosen;
+    simplify(&context, &mut found, chosen);
+    Some((start, found))
+}
+
+/// Cost of a set in log-likelihood: what it leaves, its effects, and the free parameters of the friction law (the `extras` first effects).
+fn cost_with_law(likelihood: LikelihoodScale, node: &Node, extras: usize) -> f64 {
+    let free = |a: &Attached| a.parameters.iter().filter(|p| p.is_free()).count() as f64;
+    let of_law: f64 = node.attached[..extras].iter().map(free).sum();
+    likelihood.gain(node.cost()) + penalty(&node.attached[extras..]) + PARAMETER_PENALTY * of_law
+}
+
+/// The baseline with the general law of `other`, if the set that a search chose, or that set without one or all of its effects, is likelier
+/// with it. It is asked only where the set leaves structure, or effects were named beside a free law.
+fn likelier_base(
+    run: &RunSettings,
+    (setup, (start, search)): (&Setup, &(SearchStart, SearchResult)),
+    other: &Setup,
+    data: &Data,
+) -> Option<Node> {
+    let chosen = &search.nodes[search.chosen];
+    let skipped = setup.extras.len();
+    let named = start.generalised && chosen.attached.len() > skipped;
+    if !named && !leaves_structure(data, search.likelihood, chosen) {
+        return None;
+    }
+    let its = run.context(setup, data);
+    let context = run.context(other, data);
+    let base = with_general_law(&context, &start.refitted)?;
+    let with_all_but = |left_out: &Option<usize>| {
+        let kept = (skipped..chosen.attached.len()).filter(|k| Some(*k) != *left_out);
+        let node = context.with_effects_of(&base, (&its, chosen), &kept.collect::<Vec<_>>())?;
+        context.converged(&node).map(|(node, _)| node)
+    };
+    let left_out: Vec<Option<usize>> = std::iter::once(None)
+        .chain((skipped..chosen.attached.len()).map(Some))
+        .collect();
+    let fitted = context.parallel_map(&left_out, with_all_but);
+    let costs = fitted
+        .iter()
+        .flatten()
+        .chain([&base])
+        .map(|node| cost_with_law(search.likelihood, node, base.attached.len()));
+    let least = costs.fold(f64::INFINITY, f64::min);
+    (least < cost_with_law(search.likelihood, chosen, skipped)).then_some(base)
+}
+
+/// Refits the baseline, and generalises its friction law where that gains more than an effect must; `general`: as fitted before.
+fn search_start(context: &FitContext<'_>, first: &Node, general: Option<Node>) -> Option<SearchStart> {
     let parent = context.converged(first)?;
     let refitted = parent.0.clone();
     let form = context.setup.form.as_ref();
-    let general = with_general_law(context, &refitted);
+    let general = general.or_else(|| with_general_law(context, &refitted));
     let seeds = match (&general, form) {
         (Some(general), Some(form)) => {
             let own = context.setup.model.parameters.len();

@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use super::binning::{AXES, BinnedAxis, binned};
 use super::near_replicates;
 use crate::diagnose::course::Split;
-use crate::diagnose::fitting::Data;
+use crate::diagnose::fitting::{Data, LikelihoodScale, Node};
 use crate::effect::Axis;
 
 /// Number of bins along the displacement, where ripples are finest, and along every other axis.
@@ -39,6 +39,12 @@ pub(in crate::diagnose) struct LackOfFit {
 /// Sum of squares of the structure that a set leaves, over all fitted and compared points.
 pub(in crate::diagnose) fn rest(data: &Data, residuals: &[f64]) -> f64 {
     lack_of_fit(data, residuals).power.max(0.0) * data.counted() as f64
+}
+
+/// True if a set leaves more than noise and the inexact form of an effect.
+pub(super) fn leaves_structure(data: &Data, likelihood: LikelihoodScale, set: &Node) -> bool {
+    let left = lack_of_fit(data, &set.residuals);
+    left.power > LACK_POWER && likelihood.gain(left.sum) > LACK_GAIN
 }
 
 /// The largest of four: all axes together, displacement alone, near replicates, and a change after some cycles.

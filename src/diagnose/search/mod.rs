@@ -64,21 +64,11 @@ pub(in crate::diagnose) fn searches(
     fitted: &Node,
     progress: &mut dyn FnMut(f64, &str),
 ) -> Option<Searches> {
-    let mut start = friction_law::search_start(&run.context(setup, data), fitted)?;
-    if start.generalised {
-        setup.extras.clone_from(&start.base.attached);
-    }
-    let context = run.context(setup, data);
     let budget = Budget::up_to(FIRST_SHARE);
-    let mut first = beam_search::search(
-        &context,
-        start.base.clone(),
-        &start.seeds,
-        budget,
-        &mut |share, step| progress(0.15 + 0.6 * share, step),
-    );
-    let chosen = first.chosen;
-    simplify(&context, &mut first, chosen);
+    let (mut start, mut first) =
+        friction_law::first_search(run, setup, data, fitted, budget, &mut |share, step| {
+            progress(0.15 + 0.6 * share, step);
+        })?;
     if setup.model.slow {
         progress(0.75, "refitting the best sets on the model itself");
         let fits = (&mut start.refitted, &start.base);

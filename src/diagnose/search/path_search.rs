@@ -3,7 +3,7 @@
 
 use super::beam_search::{SearchResult, search};
 use super::budget::Budget;
-use super::lack_of_fit::{LACK_GAIN, LACK_POWER, lack_of_fit};
+use super::lack_of_fit::leaves_structure;
 use super::second_search::{DoubtedSearch, at_likeliest_scale, cost, of_set};
 use crate::diagnose::fitting::{Attached, Data, Doubt, Node, RunSettings, Setup};
 
@@ -30,7 +30,7 @@ pub(super) fn path_search(
     let (before, known, freedom_before) =
         second.map_or((first, data, 0.0), |s| (&s.search, &s.data, s.freedom));
     let chosen = &before.nodes[before.chosen];
-    if setup.model.slow || (second.is_none() && !leaves_structure(data, before, chosen)) {
+    if setup.model.slow || (second.is_none() && !leaves_structure(data, before.likelihood, chosen)) {
         return None;
     }
     let (kept, values) = of_the_path(setup, chosen);
@@ -62,12 +62,6 @@ pub(super) fn path_search(
         search,
         likelier: cost < cost_before,
     })
-}
-
-/// True if a set leaves more than noise and the inexact form of an effect.
-fn leaves_structure(data: &Data, search: &SearchResult, set: &Node) -> bool {
-    let left = lack_of_fit(data, &set.residuals);
-    left.power > LACK_POWER && search.likelihood.gain(left.sum) > LACK_GAIN
 }
 
 /// The baseline and the effects of a set that follow from the path, with their values.

@@ -3,11 +3,12 @@
 //! ```text
 //! Prandtl-Ishlinskii   T = L sum w_i (x - p_i) / r_i,   p_i = min(max(p_i, x - r_i), x + r_i)
 //! Bouc-Wen             dT/dx = L / l (1 - |T / L|^n (gamma + beta sgn(T dx)))
-//! LuGre                dz/dx = 1 - s |z| sgn(z dx) / L,   T = s z + d dz/dt
+//! LuGre                dz/dx = 1 - a s |z| / L,   T = s z + d dz/dt,   a = 0 where z dx < 0 or s |z| < b L, rising to 1 at L
 //! ```
 //! T: friction force, N. L: limiting friction, N. x: displacement, mm. p_i, r_i, w_i: positions in mm, thresholds in mm and
 //! weights of the plays. l: travel, mm. beta + gamma = 1. z: deflection of the bristles, mm. s: their stiffness, N/mm.
-//! d: their damping, N s/mm.
+//! d: their damping, N s/mm. a, b: elastic up to a share b of the limit (P. Dupont et al., Single state elastoplastic friction models,
+//! IEEE Trans. Automatic Control 47, 2002, equations 8 to 12), so that small loops close and larger ones do not.
 
 use crate::truth::{TruthSpecimen, World};
 
@@ -15,8 +16,11 @@ use crate::truth::{TruthSpecimen, World};
 const PLAYS: usize = 40;
 /// Smallest limiting friction in N; below it a contact is open and has no friction.
 const OPEN_N: f64 = 1e-9;
-/// Largest sub-step of the differential equation of Bouc and Wen, as a share of the travel l.
+/// Largest sub-step of a differential equation, as a share of its travel.
 const SUB_STEP: f64 = 0.1;
+/// Range of the share of the limit up to which bristles are elastic.
+const LEAST_ELASTIC: f64 = 0.1;
+const MOST_ELASTIC: f64 = 0.8;
 /// Share of the limit above which a contact slides.
 const SLIDING: f64 = 1.0 - 1e-7;
 
@@ -33,11 +37,13 @@ pub(super) enum FrictionOperator {
         exponent: f64,
         beta: f64,
     },
-    /// LuGre: deflection z, stiffness s, damping d and friction T.
+    /// LuGre: deflection z, stiffness s, damping d, share b and friction T.
     Bristles {
         deflection_mm: f64,
         stiffness_n_per_mm: f64,
         damping_n_s_per_mm: f64,
+        /// Share of the limit up to which they are elastic.
+        elastic: f64,
         friction_n: f64,
     },
 }
@@ -61,6 +67,7 @@ impl FrictionOperator {
                     deflection_mm: 0.0,
                     stiffness_n_per_mm,
                     damping_n_s_per_mm: 1e-3 * shape * stiffness_n_per_mm,
+                    elastic: LEAST_ELASTIC + (MOST_ELASTIC - LEAST_ELASTIC) * specimen.build,
                     friction_n: 0.0,
                 }
             }
@@ -86,16 +93,17 @@ impl FrictionOperator {
                 deflection_mm,
                 stiffness_n_per_mm,
                 damping_n_s_per_mm,
+                elastic,
                 friction_n,
             } => {
                 let before_mm = *deflection_mm;
                 if limit_n <= OPEN_N {
                     *deflection_mm = 0.0;
                 } else if travel_mm != 0.0 {
-                    // Exact for a constant limit within the step.
-                    let end_mm = travel_mm.signum() * limit_n / *stiffness_n_per_mm;
-                    let left = (-*stiffness_n_per_mm * travel_mm.abs() / limit_n).exp();
-                    *deflection_mm = end_mm + (before_mm - end_mm) * left;
+                    let end_mm = limit_n / *stiffness_n_per_mm;
+                    let along = travel_mm.signum() * before_mm / end_mm;
+                    let bent = bristles(along, travel_mm.abs() / end_mm, *elastic);
+                    *deflection_mm = travel_mm.signum() * end_mm * bent;
                 }
                 let speed = (*deflection_mm - before_mm) / dt_s.max(1e-6);
                 *friction_n = *stiffness_n_per_mm * *deflection_mm + *damping_n_s_per_mm * speed;
@@ -132,6 +140,33 @@ fn plays(travel_mm: f64, shape: f64) -> FrictionOperator {
     let sum: f64 = plays.iter().map(|p| p[1]).sum();
     plays.iter_mut().for_each(|p| p[1] /= sum);
     FrictionOperator::Plays { x_mm: 0.0, plays }
+}
+
+/// Deflection of the bristles along the motion after a travel, both in units of the deflection at full sliding, by the method of
+/// Runge and Kutta. They are elastic up to `elastic`, or where they are bent against the motion.
+fn bristles(from: f64, travel: f64, elastic: f64) -> f64 {
+    let slope = |z: f64| {
+        let plastic = match z {
+            z if z < elastic => 0.0,
+            z if z < 1.0 => {
+                let place = (z - 0.5 * (1.0 + elastic)) / (1.0 - elastic);
+                0.5 * (std::f64::consts::PI * place).sin() + 0.5
+            }
+            _ => 1.0,
+        };
+        1.0 - plastic * z
+    };
+    let (mut z, mut left) = (from, travel);
+    while left > 0.0 && (1.0 - z).abs() > 1.0 - SLIDING {
+        let h = left.min(SUB_STEP);
+        let a = slope(z);
+        let b = slope(z + 0.5 * h * a);
+        let c = slope(z + 0.5 * h * b);
+        let d = slope(z + h * c);
+        z += h / 6.0 * (a + 2.0 * b + 2.0 * c + d);
+        left -= h;
+    }
+    z
 }
 
 /// Friction force in N after a travel in mm, by the method of Runge and Kutta.
