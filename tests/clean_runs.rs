@@ -163,7 +163,7 @@ fn a_diagnosis_finds_nothing_in_clean_runs_of_every_shipped_profile() {
     assert!(found.is_empty(), "{}", found.join("\n"));
 }
 
-/// `LEAFBENCH_CLEAN_RUNS=50 LEAFBENCH_CLEAN_SEED=N cargo test --lib clean_runs -- --ignored --nocapture`: 100 runs of every
+/// `LEAFBENCH_CLEAN_RUNS=50 LEAFBENCH_CLEAN_SEED=N cargo test --release --lib clean_runs -- --ignored --nocapture`: 100 runs of every
 /// profile, in pairs on one bench. The seeds are new in every call unless they are given.
 #[test]
 #[ignore = "minutes: run it after a change of twin, servo or sensors"]
@@ -248,7 +248,7 @@ fn real_time_rounds(rig: u64, rounds: u64, over_pty: bool) -> (usize, Vec<String
     (completed, lines)
 }
 
-/// `LEAFBENCH_CLEAN_RUNS=20 LEAFBENCH_CLEAN_RIGS=5 cargo test --lib in_real_time -- --ignored --nocapture`: 100 runs of every
+/// `LEAFBENCH_CLEAN_RUNS=20 LEAFBENCH_CLEAN_RIGS=5 cargo test --release --lib in_real_time -- --ignored --nocapture`: 100 runs of every
 /// profile, 20 on each of five rigs that run at the same time, every second one over pseudo-terminals. A round takes 8 min.
 #[test]
 #[ignore = "hours: run it after a change of twin, control or link"]

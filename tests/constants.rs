@@ -1,6 +1,6 @@
 //! docs/diagnosis-constants.md lists every constant of the diagnosis with its reason, as it stands beside the constant.
 //!
-//! `LEAFBENCH_WRITE_CONSTANTS=1 cargo test --lib constants` writes the page anew.
+//! `LEAFBENCH_WRITE_CONSTANTS=1 cargo test --release --lib constants` writes the page anew.
 
 use std::fmt::Write;
 use std::fs;
@@ -152,7 +152,7 @@ fn every_constant_of_the_diagnosis_is_on_the_page_with_its_reason() {
     let differs = page.lines().zip(written.lines()).find(|(now, then)| now != then);
     assert!(
         written == page,
-        "{PAGE} is not up to date (LEAFBENCH_WRITE_CONSTANTS=1 cargo test --lib constants writes it); first difference: {differs:?}"
+        "{PAGE} is not up to date (LEAFBENCH_WRITE_CONSTANTS=1 cargo test --release --lib constants writes it); first difference: {differs:?}"
     );
 }
 

@@ -1,5 +1,5 @@
 //! How fast the page draws with fifty cycles in view, and what ten viewers that never read cost the control loop. Both print
-//! their figures: `cargo test --lib page_frames -- --nocapture`.
+//! their figures: `cargo test --release --lib page_frames -- --nocapture`.
 
 use std::net::TcpStream;
 

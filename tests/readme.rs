@@ -28,7 +28,7 @@ const PARSED_ONLY: &[(&str, &str)] = &[
     ),
 ];
 /// Commands of cargo that build or test: this test is one of them.
-const OF_CARGO: &[&str] = &["cargo test"];
+const OF_CARGO: &[&str] = &["cargo test --release"];
 /// The daemon of the README, which the other commands find through its data folder.
 const DAEMON: &str = "leafbench daemon --bench bench-configs/benches/mock.toml";
 /// The program as cargo runs it.

@@ -1,6 +1,6 @@
 //! Snapshots of the words that a user reads: the help, the errors, the reports. They lie in `tests/snapshots/`.
 //!
-//! After a text was changed on purpose, `INSTA_UPDATE=always cargo test words` writes the snapshots again (not with `--lib`,
+//! After a text was changed on purpose, `INSTA_UPDATE=always cargo test --release words` writes the snapshots again (not with `--lib`,
 //! which would leave an older program there); read the difference before the commit. Numbers of the reports are `#`, so that only words are compared.
 
 use std::fmt::Write as _;

@@ -123,8 +123,8 @@ pub(crate) fn of_panic(payload: &(dyn Any + Send)) -> PyErr {
     ))
 }
 
-/// Panics, so that a test can see what becomes of it. Only in builds with debug assertions.
-#[cfg(debug_assertions)]
+/// Panics, so that a test can see what becomes of it. Only with the feature `provoke-panic`.
+#[cfg(feature = "provoke-panic")]
 #[pyfunction]
 pub(crate) fn provoke_panic(py: Python<'_>) -> PyResult<()> {
     crate::work::until_done(py, |_| panic!("asked for by a test"))

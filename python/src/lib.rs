@@ -26,7 +26,7 @@ mod _leafbench {
     };
     #[pymodule_export]
     use super::columns::{Column, Columns};
-    #[cfg(debug_assertions)]
+    #[cfg(feature = "provoke-panic")]
     #[pymodule_export]
     use super::errors::provoke_panic;
     #[pymodule_export]

@@ -79,7 +79,6 @@ impl CliCommand for DaemonArgs {
 
     fn run(self, output: &Output) -> Result<Done, CliError> {
         log_to_stderr();
-        end_with_the_first_panic();
         let bench = Arc::new(self.bench.load()?);
         let wire_log = self.wire_log.clone().zip(Some(self.wire_log_mb));
         let listen = self.listen.unwrap_or(bench.daemon.listen);
@@ -182,13 +181,4 @@ fn log_to_stderr() {
     let _ = tracing_subscriber::registry()
         .with(lines.with_filter(levels))
         .try_init();
-}
-
-/// Ends the process at the first panic: otherwise the daemon could renew the rig's lease and control nothing. Without a lease the rig unloads by itself.
-pub(crate) fn end_with_the_first_panic() {
-    let report = std::panic::take_hook();
-    std::panic::set_hook(Box::new(move |panic| {
-        report(panic);
-        std::process::abort();
-    }));
 }

@@ -207,6 +207,7 @@ impl Output {
 
 /// Runs the command line of this process.
 pub fn main() -> ExitCode {
+    end_with_the_first_panic();
     let matches = match command_line().try_get_matches() {
         Ok(matches) => matches,
         Err(error) => {
@@ -230,6 +231,16 @@ pub fn main() -> ExitCode {
             ExitCode::from(error.exit_code())
         }
     }
+}
+
+/// Ends the process at the first panic: otherwise the daemon could renew the rig's lease and control nothing. Without a lease the rig
+/// unloads by itself.
+pub(crate) fn end_with_the_first_panic() {
+    let report = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        report(panic);
+        std::process::abort();
+    }));
 }
 
 /// Prints why the arguments cannot be used. Help and version come this way too.

@@ -184,7 +184,7 @@ fn o2_no_part_of_control_reads_the_wall_clock() {
 fn d2_a_panic_in_a_thread_ends_the_process() {
     const CHILD: &str = "LEAFBENCH_TEST_PANIC";
     if std::env::var_os(CHILD).is_some() {
-        crate::cli::daemon::end_with_the_first_panic();
+        crate::cli::end_with_the_first_panic();
         let _ = std::thread::spawn(|| panic!("in a thread beside control")).join();
         // Without the hook the process lives on, and ends well.
         std::process::exit(0);

@@ -1,5 +1,5 @@
 //! The fault matrix of docs/faults.md, row by row: each row has a test that begins with its id. What the tests measure in virtual
-//! time is in the document's table "Measured", and each test compares its row. `LEAFBENCH_RECORD=1 cargo test faults` writes it.
+//! time is in the document's table "Measured", and each test compares its row. `LEAFBENCH_RECORD=1 cargo test --release faults` writes it.
 
 mod daemon;
 mod firmware;
@@ -72,7 +72,7 @@ fn is_as_documented(id: &str, measured: Measured) {
         assert_eq!(
             of_row,
             Some(line.as_str()),
-            "{id}: run `LEAFBENCH_RECORD=1 cargo test faults`, and read the difference"
+            "{id}: run `LEAFBENCH_RECORD=1 cargo test --release faults`, and read the difference"
         );
         return;
     }

@@ -34,7 +34,7 @@ pub fn program() -> PathBuf {
         .join("leafbench");
     assert!(
         program.is_file(),
-        "{} is missing: run `cargo test`, which builds it, or `cargo build` first",
+        "{} is missing: run `cargo test --release`, which builds it, or `cargo build` first",
         program.display()
     );
     program

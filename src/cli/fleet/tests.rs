@@ -261,7 +261,7 @@ fn a_held_out_run_keeps_its_predicted_band() {
     assert!(table.lines().count() > 100, "{table}");
 }
 
-/// Some five minutes. `cargo test --lib held_out_runs_of_whole -- --ignored --nocapture` prints the figures of docs/fleet.md.
+/// Some five minutes. `cargo test --release --lib held_out_runs_of_whole -- --ignored --nocapture` prints the figures of docs/fleet.md.
 #[test]
 #[ignore = "takes about five minutes"]
 fn held_out_runs_of_whole_laboratories_keep_their_band() {

@@ -20,7 +20,10 @@ const CONVERGED_SHARE: f64 = 2e-5;
 const STEPS: usize = 9;
 const ROUNDS: usize = 12;
 /// Most steps with one Jacobian on the way to convergence: a step is one run of the model, a Jacobian one for each parameter.
-const CHORD_STEPS: usize = 6;
+const CHORD_STEPS: usize = 12;
+/// A round of such steps that lowers the sum of squares by less than this number of idle steps is the last one: its slopes followed the
+/// steps, so that a new Jacobian finds next to nothing. A tenth of it takes half as long again and changes no name.
+const LAST_ROUND: f64 = 50.0;
 /// A step of a child that lowers the sum of squares by less than this share is idle; two idle steps end the fit.
 const IDLE_FALL: f64 = 2e-4;
 /// Search for the position of a kink by trials: first and last move as a share of the range that the recordings cover, and the
@@ -370,17 +373,60 @@ pub(in crate::diagnose) fn converge(
             return Some((descent.node()?, tangent));
         }
         let before = descent.cost;
+        let mut slopes = SecantSlopes::new(&tangent);
+        let mut settled = false;
         for _ in 0..CHORD_STEPS {
-            let gradient = tangent.jacobian.tr_mul(&descent.residuals);
-            if descent.step(&tangent.normal, &gradient, &tangent.scale) < descent.idle_fall() {
+            let from = (descent.values.clone(), descent.residuals.clone());
+            let gradient = slopes.jacobian.tr_mul(&descent.residuals);
+            let fell = descent.step(&slopes.normal, &gradient, &tangent.scale);
+            settled = fell < descent.idle_fall();
+            if settled {
                 break;
             }
+            slopes.learn(from, &descent, &tangent.scale);
         }
-        if before - descent.cost < 5.0 * descent.idle_fall() {
+        if settled && before - descent.cost < LAST_ROUND * descent.idle_fall() {
             return Some((descent.node()?, tangent));
         }
     }
     None
+}
+
+/// Slopes that follow the steps taken (C. G. Broyden, 1965): a step costs one run of the model, a Jacobian one for each parameter.
+struct SecantSlopes {
+    jacobian: DMatrix<f64>,
+    normal: DMatrix<f64>,
+}
+
+impl SecantSlopes {
+    fn new(tangent: &Tangent) -> Self {
+        SecantSlopes {
+            jacobian: tangent.jacobian.clone(),
+            normal: tangent.normal.clone(),
+        }
+    }
+
+    /// The slopes along the last step become what the residuals did on it.
+    fn learn(
+        &mut self,
+        (values, residuals): (Vec<f64>, DVector<f64>),
+        to: &NodeDescent<'_, '_>,
+        scale: &[f64],
+    ) {
+        let step = DVector::from_fn(scale.len(), |i, _| (to.values[i] - values[i]) / scale[i]);
+        let length = step.norm_squared();
+        if length == 0.0 {
+            return;
+        }
+        let mut missed = &to.residuals - residuals;
+        missed.gemv(-1.0, &self.jacobian, &step, 1.0);
+        missed /= length;
+        let along = self.jacobian.tr_mul(&missed);
+        self.normal.ger(1.0, &along, &step, 1.0);
+        self.normal.ger(1.0, &step, &along, 1.0);
+        self.normal.ger(missed.norm_squared(), &step, &step, 1.0);
+        self.jacobian.ger(1.0, &missed, &step, 1.0);
+    }
 }
 
 /// A few steps on the model itself, with the slopes of its surrogate.

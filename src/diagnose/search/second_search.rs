@@ -108,15 +108,18 @@ pub(super) fn at_likeliest_scale(
     sets: &[Node],
 ) -> Option<DoubtedData> {
     let mut likeliest: Option<DoubtedData> = None;
+    // Each scale starts from the fits of the one before.
+    let mut sets = sets.to_vec();
     for scale in SCALES {
         let discrepancy = whole.scaled(scale, &data.split)?;
         let mut doubted = data.clone();
         doubted.discrepancy = Some(Arc::new(discrepancy));
         let context = run.context(setup, &doubted);
         let fitted: Vec<Node> = context
-            .parallel_map(sets, |set| context.converged(set).map(|(node, _)| node))
+            .parallel_map(&sets, |set| context.converged(set).map(|(node, _)| node))
             .into_iter()
             .collect::<Option<_>>()?;
+        sets.clone_from(&fitted);
         // All scales are compared by what the largest, which explains most, leaves.
         let of_largest = LikelihoodScale::of(&doubted, &fitted[0].residuals);
         let likelihood = likeliest.as_ref().map_or(of_largest, |l| l.likelihood);

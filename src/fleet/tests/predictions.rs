@@ -62,7 +62,7 @@ fn predictions_hold_what_they_say() {
     }
 }
 
-/// `cargo test --lib predictions_of_many_labs -- --ignored --nocapture` prints the figures of docs/fleet.md.
+/// `cargo test --release --lib predictions_of_many_labs -- --ignored --nocapture` prints the figures of docs/fleet.md.
 #[test]
 #[ignore = "takes some minutes"]
 fn predictions_of_many_labs_hold_what_they_say() {

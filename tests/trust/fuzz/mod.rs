@@ -2,7 +2,7 @@
 //!
 //! | command | time for each parser |
 //! |---|---|
-//! | `cargo test --lib trust::fuzz` | 0.7 s |
+//! | `cargo test --release --lib trust::fuzz` | 0.7 s |
 //! | `LEAFBENCH_FUZZ_SECONDS=3600 cargo test --release --lib trust::fuzz -- --nocapture` | an hour |
 //!
 //! `LEAFBENCH_FUZZ_SEED` chooses other inputs. Input number N of a parser is the same for the same seed. No input may panic, take
