@@ -136,7 +136,7 @@ fn is_runnable(d: &Diagnosis) {
     let next = d
         .next_test
         .as_ref()
-        .unwrap_or_else(|| panic!("no next test: {:?}", d.no_next_test));
+        .unwrap_or_else(|| panic!("no next test: {:?}, {:?}", d.no_next_test, d.not_testable));
     let profile = Profile::from_toml(&next.profile_toml, "next-test.toml").expect("a profile");
     let violations = check::violations(&profile, &LIMITS, 0.0, 1000.0).expect("it can be played");
     assert!(violations.is_empty(), "{}", next.profile_toml);
@@ -251,11 +251,19 @@ fn the_unknown_has_a_next_test_that_separates_its_axes() {
 
 #[test]
 fn what_an_adequate_recording_cannot_show_has_a_next_test() {
-    let d = of_one_sine(Nothing, 751);
-    assert_eq!(d.verdict, Verdict::Adequate, "{:?}", named(&d));
-    assert!(!d.not_testable.is_empty());
-    is_runnable(&d);
-    let next = d.next_test.as_ref().expect("checked");
-    assert!(next.why.contains("cannot show"), "{}", next.why);
-    assert!(d.settled().is_some(), "such a test is no condition of the answer");
+    // One sine hardly shows an inertia beside the friction, so it is on the list in most draws. A compliance in series is on it too,
+    // and no motion tells that from softer leaves, so alone it has no test.
+    let mut tests = 0;
+    for seed in 751..757 {
+        let d = of_one_sine(Nothing, seed);
+        assert_eq!(d.verdict, Verdict::Adequate, "{:?}", named(&d));
+        assert!(d.settled().is_some(), "such a test is no condition of the answer");
+        if d.not_testable.iter().any(|n| n.code == "inertia") {
+            is_runnable(&d);
+            let next = d.next_test.as_ref().expect("checked");
+            assert!(next.why.contains("cannot show inertia"), "{}", next.why);
+            tests += 1;
+        }
+    }
+    assert!(tests >= 3, "{tests}");
 }

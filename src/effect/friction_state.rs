@@ -28,8 +28,7 @@ const PLACES: [f64; BENDS + 1] = [-1.0, -0.5, 0.0, 0.35, 0.65, 0.85, 1.0];
 const UNBENT: usize = 2;
 /// Number of bends.
 const BENDS: usize = 6;
-/// Cells over u from -1 to 1 in each of which q is constant, so that no step has to be integrated. Twice as many change no force by more
-/// than 0.1 % of the friction.
+/// Cells over u from -1 to 1 in each of which q is constant, so that no step has to be integrated. It changes the drag by less than 0.002.
 const CELLS: usize = 80;
 
 const fn bend(name: &'static str) -> Parameter {
@@ -131,7 +130,7 @@ const LOOK_ALIKES: &[LookAlike] = friction_form::FORM.confusable_with;
 struct FrictionState {
     ratio: f64,
     length_mm: f64,
-    cells: [Cell; CELLS],
+    cells: [SlopeCell; CELLS],
     length_exponent: Power,
     force_memory: Power,
     lag_s: f64,
@@ -196,7 +195,7 @@ impl FrictionState {
 
 /// One of [`CELLS`].
 #[derive(Clone, Copy)]
-struct Cell {
+struct SlopeCell {
     /// 1 - u at its beginning.
     to_go: f64,
     /// q in its middle.
@@ -205,7 +204,7 @@ struct Cell {
     lengths: f64,
 }
 
-fn cells(bends: &[f64]) -> [Cell; CELLS] {
+fn cells(bends: &[f64]) -> [SlopeCell; CELLS] {
     let [back, on] = [&bends[..UNBENT], &bends[UNBENT..]];
     let all: Vec<f64> = back.iter().chain(&[0.0]).chain(on).copied().collect();
     let begins_at = |k: usize| -1.0 + 2.0 * k as f64 / CELLS as f64;
@@ -215,7 +214,7 @@ fn cells(bends: &[f64]) -> [Cell; CELLS] {
         let share = (middle - PLACES[above - 1]) / (PLACES[above] - PLACES[above - 1]);
         let slope = (all[above - 1] + share * (all[above] - all[above - 1])).exp();
         let [to_go, next] = [begins_at(k), begins_at(k + 1)].map(|along| 1.0 - along);
-        Cell {
+        SlopeCell {
             to_go,
             slope,
             lengths: if k + 1 == CELLS {
