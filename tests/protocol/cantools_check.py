@@ -87,7 +87,7 @@ def main():
                 lines.append(json.dumps(line | {"fields": fields}))
         pathlib.Path(folder, "theirs.jsonl").write_text("\n".join(lines) + "\n")
         subprocess.run(
-            ["cargo", "test", "--quiet", "--lib", "--", "--ignored", "--exact", EXCHANGE],
+            ["cargo", "test", "--release", "--quiet", "--lib", "--", "--ignored", "--exact", EXCHANGE],
             cwd=ROOT,
             env=os.environ | {"LEAFBENCH_EXCHANGE": folder},
             check=True,
