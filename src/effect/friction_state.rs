@@ -28,7 +28,8 @@ const PLACES: [f64; BENDS + 1] = [-1.0, -0.5, 0.0, 0.35, 0.65, 0.85, 1.0];
 const UNBENT: usize = 2;
 /// Number of bends.
 const BENDS: usize = 6;
-/// Cells over u from -1 to 1 in each of which q is constant, so that no step has to be integrated. It changes the drag by less than 0.002.
+/// Number of cells into which u from -1 to 1 is divided. In a cell q is constant, so a step has a formula and needs no integration. The
+/// drag differs by less than 0.002 from that of the continuous q.
 const CELLS: usize = 80;
 
 const fn bend(name: &'static str) -> Parameter {
@@ -172,7 +173,7 @@ impl FrictionState {
         [self.force_memory.of(before_n / load_n), length_mm]
     }
 
-    /// Moves the drag by a travel in lengths. In a cell, 1 - u falls exponentially; above 1 it rises so.
+    /// Moves the drag by a travel in settling lengths. In each cell, the distance from u to 1 falls exponentially with the travel.
     fn slide(&mut self, lengths: f64) {
         let direction = lengths.signum();
         let along = direction * self.drag;
@@ -193,7 +194,7 @@ impl FrictionState {
     }
 }
 
-/// One of [`CELLS`].
+/// A part of the range of u in which q is constant.
 #[derive(Clone, Copy)]
 struct SlopeCell {
     /// 1 - u at its beginning.

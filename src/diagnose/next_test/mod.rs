@@ -55,7 +55,7 @@ fn plan(
         return Ok(test.and_then(Result::ok));
     }
     let codes: Vec<String> = diagnosis.not_testable.iter().map(|n| n.code.clone()).collect();
-    Ok(testability::propose(context, chosen, &codes))
+    testability::propose(context, chosen, &codes)
 }
 
 /// The test for the first finding that has rivals and that a test can separate from them.

@@ -14,13 +14,28 @@ struct UnseenEffect<'c> {
     start: Vec<f64>,
 }
 
-/// The shortest test of those that show most of the effects `codes`; `None` if none shows any. `node` explains the recordings.
+/// The shortest test of those that show most of the effects `codes`, or why there is none. `node` explains the recordings.
 ///
 /// A slow model is left out: it would be run once for each parameter, effect and test.
-pub(super) fn propose(context: &FitContext<'_>, node: &Node, codes: &[String]) -> Option<NextTest> {
+pub(super) fn propose(
+    context: &FitContext<'_>,
+    node: &Node,
+    codes: &[String],
+) -> Result<Option<NextTest>, String> {
     if context.setup.model.slow || codes.is_empty() {
-        return None;
+        return Ok(None);
     }
+    let none = || {
+        format!(
+            "the recordings cannot show {}, and no profile within the limits can: the baseline's own parameters imitate it over each of them",
+            spoken(codes)
+        )
+    };
+    shortest(context, node, codes).map(Some).ok_or_else(none)
+}
+
+/// The shortest test of those that show most of the effects `codes`; `None` if none shows any.
+fn shortest(context: &FitContext<'_>, node: &Node, codes: &[String]) -> Option<NextTest> {
     let noise = ChannelNoise::of(context);
     let range = noise.test_range(context);
     let rival = Rival {
@@ -45,9 +60,14 @@ pub(super) fn propose(context: &FitContext<'_>, node: &Node, codes: &[String]) -
     Some(in_words(test, &codes, duration_s))
 }
 
+/// The codes as a sentence has them.
+fn spoken(codes: &[impl AsRef<str>]) -> String {
+    let names: Vec<String> = codes.iter().map(|code| code.as_ref().replace('_', " ")).collect();
+    names.join(" and ")
+}
+
 fn in_words(test: &TestProfile, codes: &[&str], duration_s: f64) -> NextTest {
-    let names: Vec<String> = codes.iter().map(|code| code.replace('_', " ")).collect();
-    let names = names.join(" and ");
+    let names = spoken(codes);
     NextTest {
         profile_toml: test.toml(&format!("Shows {names}.")),
         why: format!(
