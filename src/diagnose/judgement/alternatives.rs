@@ -166,8 +166,8 @@ fn fit_rivals(
     base: &Key,
     effect: &Effect,
 ) {
-    let extras = context.setup.extras.len();
-    let seen: Vec<_> = search.nodes.iter().map(|n| n.key(extras)).collect();
+    // Fits of the search do not count: the set without the effect may be better fitted now than when they started from it.
+    let seen = [search.nodes[search.chosen].key(context.setup.extras.len())];
     if let Some(parent) = context.converged(&search.nodes[without]) {
         let children = context.children(std::slice::from_ref(&parent), &seen, RIVALS_TRIED);
         search.nodes.extend(children);
