@@ -239,7 +239,7 @@ impl<'a> FitContext<'a> {
         let tasks = self.tasks(&parents, seen, count);
         let fitted = self.parallel_map(&tasks, |(parent, score)| {
             let candidate = &self.setup.candidates[score.candidate];
-            fit_child(&parents[*parent], candidate, &score.start, &self.span)
+            fit_child(&parents[*parent], candidate, score, &self.span)
         });
         // Of several starts of one candidate the best fit is kept.
         let mut children: Vec<Node> = Vec::new();
@@ -260,7 +260,8 @@ impl<'a> FitContext<'a> {
         candidate: &Attached,
     ) -> Option<Node> {
         let parent = self.parent(node, tangent);
-        let starts = (candidate.effect.starts)(&self.span);
+        let (structure, tangent) = parent.screen();
+        let starts = tangent.scores(structure, &node.values, 0, candidate, &self.span);
         let fitted = self.parallel_map(&starts, |start| fit_child(&parent, candidate, start, &self.span));
         let fitted = fitted.into_iter().flatten();
         fitted.min_by(|a, b| a.cost().total_cmp(&b.cost()))

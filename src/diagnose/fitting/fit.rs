@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::baseline::Attached;
 use super::node::Node;
-use super::score::{Tangent, insert_group};
+use super::score::{CandidateScore, Tangent, insert_group};
 use super::structure::ModelStructure;
 use crate::effect::Span;
 use crate::identify::least_squares::bounded_step;
@@ -275,28 +275,28 @@ impl Parent<'_> {
 }
 
 /// Fits a child of a converged node: one more effect, from one start, with the node's Jacobian used again. Where there are many points,
-/// it is first fitted to fewer of them, and from there to all.
+/// it is first fitted to fewer of them, and from there to all. The node's own values start as they are, or moved to what suits the
+/// effect: whichever fits better.
 pub(super) fn fit_child(
     parent: &Parent<'_>,
     candidate: &Attached,
-    start: &[f64],
+    score: &CandidateScore,
     span: &Span,
 ) -> Option<Node> {
-    let from = insert_group(&parent.node.values, start);
+    let (screen, tangent) = parent.screen();
+    let structure = screen.with(candidate);
+    let starts = [&parent.node.values, &score.moved].map(|values| insert_group(values, &score.start));
+    let starts = starts
+        .into_iter()
+        .filter_map(|values| NodeDescent::new(&structure, values));
+    let start = starts.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
+    let fitted = descend(start, tangent, candidate, span, FROM_START);
+    if parent.coarse.is_none() {
+        return fitted.node();
+    }
     let structure = parent.structure.with(candidate);
-    let Some((coarse, tangent)) = &parent.coarse else {
-        return descend(&structure, parent.tangent, from, candidate, span, FROM_START)?.node();
-    };
-    let near = descend(
-        &coarse.with(candidate),
-        tangent,
-        from,
-        candidate,
-        span,
-        FROM_START,
-    )?
-    .values;
-    descend(&structure, parent.tangent, near, candidate, span, FROM_COARSE)?.node()
+    let start = NodeDescent::new(&structure, fitted.values)?;
+    descend(start, parent.tangent, candidate, span, FROM_COARSE).node()
 }
 
 /// Effort of a descent.
@@ -321,18 +321,17 @@ const FROM_COARSE: DescentSettings = DescentSettings {
 
 /// Descends from the values of a child, with the tangent of its parent.
 fn descend<'s, 'a>(
-    structure: &'s ModelStructure<'a>,
+    mut descent: NodeDescent<'s, 'a>,
     tangent: &Tangent,
-    values: Vec<f64>,
     candidate: &Attached,
     span: &Span,
     settings: DescentSettings,
-) -> Option<NodeDescent<'s, 'a>> {
+) -> NodeDescent<'s, 'a> {
+    let structure = descent.structure;
     let (p, k) = (tangent.scale.len(), candidate.parameters.len());
     // Order of the values: the parent's without the force zero, the new effect's, the force zero.
     let place = |i: usize| if i + 1 == p { p - 1 + k } else { i };
     let own: Vec<usize> = (p - 1..p - 1 + k).collect();
-    let mut descent = NodeDescent::new(structure, values)?;
     let mut scale = structure.scale(&descent.values);
     for i in 0..p {
         scale[place(i)] = tangent.scale[i];
@@ -377,7 +376,7 @@ fn descend<'s, 'a>(
             });
         }
     }
-    Some(descent)
+    descent
 }
 
 /// Gradient in the order of the values: the parent's without the force zero, the new effect's, the force zero.

@@ -28,6 +28,8 @@ pub(in crate::diagnose) struct CandidateScore {
     pub candidate: usize,
     /// Values to start a fit from, with the amplitudes scaled to the best size.
     pub start: Vec<f64>,
+    /// The structure's own values, moved by as much as the effect takes over of what they explain.
+    pub moved: Vec<f64>,
     /// Predicted gain in log-likelihood, for independent samples.
     pub gain: f64,
     /// Share of the candidate's signature that a refit of the structure leaves.
@@ -55,7 +57,22 @@ impl Tangent {
 
     /// The part of a signature that is orthogonal to the structure's sensitivities.
     pub(in crate::diagnose) fn project(&self, signature: &DVector<f64>) -> DVector<f64> {
-        signature - &self.jacobian * self.factor.solve(&self.jacobian.tr_mul(signature))
+        signature - &self.jacobian * self.imitation(signature)
+    }
+
+    /// The move of the parameters, in units of their scale, that imitates a signature best.
+    fn imitation(&self, signature: &DVector<f64>) -> DVector<f64> {
+        self.factor.solve(&self.jacobian.tr_mul(signature))
+    }
+
+    /// Values after a move in units of the parameters' scale, within their bounds.
+    fn moved(&self, structure: &ModelStructure<'_>, values: &[f64], by: &DVector<f64>) -> Vec<f64> {
+        let bounds = structure.parameters_bounds();
+        let moves = by.iter().zip(&self.scale).map(|(by, scale)| by * scale);
+        let moved = values.iter().zip(moves).zip(bounds);
+        moved
+            .map(|((v, by), [low, high])| (v + by).clamp(low, high))
+            .collect()
     }
 
     /// Scores of every start of a candidate, best first.
@@ -76,28 +93,23 @@ impl Tangent {
                 }
                 let moved = with.fitted(&insert_group(values, &start))?;
                 let signature = &self.residuals - moved;
-                let left = self.project(&signature);
+                let imitation = self.imitation(&signature);
+                let left = &signature - &self.jacobian * &imitation;
                 let (whole, power) = (signature.norm_squared(), left.norm_squared());
                 if !(power > 1e-12 && whole > 0.0) {
                     return None;
                 }
                 let along = self.residuals.dot(&left);
-                let mut size = along / power;
+                let size = best_size(candidate, along / power);
                 let amplitudes = candidate.effect.amplitudes;
-                if amplitudes.is_empty() {
-                    size = size.clamp(0.0, 1.0);
-                } else if amplitudes
-                    .iter()
-                    .all(|&a| candidate.parameters[a].bounds[0] >= 0.0)
-                {
-                    size = size.max(0.0);
-                }
+                let applied = if amplitudes.is_empty() { 1.0 } else { size };
                 for &a in amplitudes {
                     let [low, high] = candidate.parameters[a].bounds;
                     start[a] = (start[a] * size).clamp(low, high);
                 }
                 Some(CandidateScore {
                     candidate: index,
+                    moved: self.moved(structure, values, &(imitation * applied)),
                     start,
                     gain: size * along - 0.5 * size * size * power,
                     surviving: (power / whole).sqrt(),
@@ -106,6 +118,21 @@ impl Tangent {
             .collect();
         scores.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         scores
+    }
+}
+
+/// The size in units of its start that an effect should have, within what its parameters allow.
+fn best_size(candidate: &Attached, free: f64) -> f64 {
+    let amplitudes = candidate.effect.amplitudes;
+    if amplitudes.is_empty() {
+        return free.clamp(0.0, 1.0);
+    }
+    match amplitudes
+        .iter()
+        .all(|&a| candidate.parameters[a].bounds[0] >= 0.0)
+    {
+        true => free.max(0.0),
+        false => free,
     }
 }
 

@@ -37,8 +37,8 @@ const FREE_FORM_SHARE: f64 = 0.0015;
 pub(super) const LEAST_TRUST: f64 = 0.1;
 /// Number of candidates that are fitted in place of an effect.
 const RIVALS_TRIED: usize = 8;
-/// Number of the closest rivals that are fitted to convergence. With all of them a diagnosis takes longer and says the same; with none, a
-/// curve of the LVDT that was hidden lacked 146 of 202 to the geometry that was named instead.
+/// Number of the closest rivals that are fitted to convergence. With none, a curve of the LVDT that was hidden lacked 146 of 202 to the
+/// geometry that was named instead.
 const RIVALS_CONVERGED: usize = 4;
 /// Where nothing explains the recordings, the effects of all sets within this share of the best gain are listed as the nearest.
 /// `MOST_NEAREST` limits their number.
@@ -166,8 +166,11 @@ fn fit_rivals(
     base: &Key,
     effect: &Effect,
 ) {
-    // Fits of the search do not count: the set without the effect may be better fitted now than when they started from it.
-    let seen = [search.nodes[search.chosen].key(context.setup.extras.len())];
+    let extras = context.setup.extras.len();
+    // A fit that is worse than without the effect started from an older, worse fit of the same set: it is fitted again.
+    let most = search.nodes[without].cost();
+    let fitted = search.nodes.iter().filter(|n| n.cost() < most);
+    let seen: Vec<_> = fitted.map(|n| n.key(extras)).collect();
     if let Some(parent) = context.converged(&search.nodes[without]) {
         let children = context.children(std::slice::from_ref(&parent), &seen, RIVALS_TRIED);
         search.nodes.extend(children);
