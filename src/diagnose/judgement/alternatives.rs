@@ -185,23 +185,14 @@ fn fit_rivals(
     }
 }
 
-/// Fits the closest rivals to convergence, as the chosen set is. Before, they were only led towards their minimum with the slopes of the
-/// set without them, which ends early where an effect moves the parameters of the baseline. A slow model is fitted by `refit_rivals`.
+/// Fits the closest rivals to convergence, as the chosen set is; so far they were fitted with the slopes of the set without them, which ends
+/// early where an effect moves the parameters of the baseline. The rivals of a slow model are fitted by `refit_rivals`.
 fn converge_closest(context: &FitContext<'_>, search: &mut SearchResult, base: &Key, code: &str) {
     if context.setup.surrogate.is_some() {
         return;
     }
-    let freer = |r: &RivalSet| {
-        context
-            .setup
-            .rival_laws
-            .iter()
-            .any(|law| law.effect.code == r.code)
-    };
     let rivals = best_replacements(context, search, base, code);
-    let closest = rivals.iter().enumerate();
-    let closest = closest.filter(|(rank, rival)| *rank < RIVALS_CONVERGED || freer(rival));
-    let closest: Vec<usize> = closest.map(|(_, rival)| rival.node).collect();
+    let closest: Vec<usize> = rivals.iter().take(RIVALS_CONVERGED).map(|r| r.node).collect();
     let fitted = context.parallel_map(&closest, |&i| context.converged(&search.nodes[i]));
     for (i, fitted) in closest.into_iter().zip(fitted) {
         if let Some((node, _)) = fitted.filter(|(node, _)| node.cost() < search.nodes[i].cost()) {
