@@ -42,7 +42,7 @@ const LEAST_HALF_WIDTH: f64 = 1e-5;
 const BISECTIONS: usize = 5;
 
 /// Values tried by a step, and the residuals there.
-struct Trial {
+struct TriedStep {
     values: Vec<f64>,
     residuals: DVector<f64>,
 }
@@ -109,19 +109,19 @@ impl<'s, 'a> NodeDescent<'s, 'a> {
     }
 
     /// Where a step with the present damping leads; `None` where the model cannot be run there.
-    fn trial(&self, normal: &DMatrix<f64>, gradient: &DVector<f64>, scale: &[f64]) -> Option<Trial> {
+    fn trial(&self, normal: &DMatrix<f64>, gradient: &DVector<f64>, scale: &[f64]) -> Option<TriedStep> {
         let bounds = self.structure.parameters_bounds();
         let step = bounded_step(normal, gradient, self.damping, &self.room(&bounds, scale));
         let values: Vec<f64> = (0..scale.len())
             .map(|i| (self.values[i] + step[i] * scale[i]).clamp(bounds[i][0], bounds[i][1]))
             .collect();
         let residuals = self.structure.fitted(&values)?;
-        Some(Trial { values, residuals })
+        Some(TriedStep { values, residuals })
     }
 
     /// Goes to a trial that lowers the sum of squares, and returns by how much; else raises the damping.
-    fn judge(&mut self, trial: Option<Trial>) -> Option<f64> {
-        if let Some(Trial { values, residuals }) = trial {
+    fn judge(&mut self, trial: Option<TriedStep>) -> Option<f64> {
+        if let Some(TriedStep { values, residuals }) = trial {
             let cost = residuals.norm_squared();
             if cost < self.cost {
                 let fell = self.cost - cost;
@@ -433,7 +433,7 @@ impl SecantSlopes {
     }
 
     /// Corrects the Jacobian so that it predicts the change of the residuals from `from` to `trial`.
-    fn learn(&mut self, from: &NodeDescent<'_, '_>, trial: &Trial, scale: &[f64]) {
+    fn learn(&mut self, from: &NodeDescent<'_, '_>, trial: &TriedStep, scale: &[f64]) {
         let step = DVector::from_fn(scale.len(), |i, _| (trial.values[i] - from.values[i]) / scale[i]);
         let length = step.norm_squared();
         if length == 0.0 {
