@@ -21,12 +21,13 @@ const STEPS: usize = 9;
 const ROUNDS: usize = 12;
 /// Most steps with one Jacobian on the way to convergence: a step is one run of the model, a Jacobian one for each parameter.
 const CHORD_STEPS: usize = 12;
-/// A round of such steps that lowers the sum of squares by less than this number of idle steps is the last one. Of 865 fits of six cases,
-/// 5.5 % stopped more than 10 above what 40 further rounds reached. With ten times the number it was 9.4 %, in 0.95 of the time.
+/// A round is the last one if all its steps together lower the sum of squares by less than this many times an idle step. Of 865 fits of
+/// six cases, 5.5 % stopped more than 10 above what 40 further rounds reached. With ten times the number it was 9.4 %, in 0.95 of the time.
 const LAST_ROUND: f64 = 5.0;
-/// Most trials of a step, each with ten times the damping of the one before, and the damping that a fit and each of its rounds start with.
-/// Without the latter, a round after a step that failed would creep, and so count as the last one.
+/// Most trials of a step. Each has ten times the damping of the one before.
 const TRIALS: usize = 5;
+/// Highest damping at the beginning of a round. A failed step leaves a high damping; with it the next round would hardly move, and the fit
+/// would count as converged.
 const DAMPING: f64 = 1e-4;
 /// A step of a child that lowers the sum of squares by less than this share is idle; two idle steps end the fit.
 const IDLE_FALL: f64 = 2e-4;
@@ -94,7 +95,7 @@ impl<'s, 'a> NodeDescent<'s, 'a> {
             .unwrap_or(0.0)
     }
 
-    /// The same with slopes that learn from each trial: most from one that failed.
+    /// The same, but each trial corrects the Jacobian, also a trial that failed.
     fn step_and_learn(&mut self, slopes: &mut SecantSlopes, scale: &[f64]) -> f64 {
         (0..TRIALS)
             .find_map(|_| {
@@ -275,8 +276,8 @@ impl Parent<'_> {
 }
 
 /// Fits a child of a converged node: one more effect, from one start, with the node's Jacobian used again. Where there are many points,
-/// it is first fitted to fewer of them, and from there to all. The node's own values start as they are, or moved to what suits the
-/// effect: whichever fits better.
+/// it is first fitted to fewer of them, and from there to all. The node's own values start as they are, or corrected for what the effect
+/// now explains in their place: the start that fits better is used.
 pub(super) fn fit_child(
     parent: &Parent<'_>,
     candidate: &Attached,

@@ -28,7 +28,7 @@ pub(in crate::diagnose) struct CandidateScore {
     pub candidate: usize,
     /// Values to start a fit from, with the amplitudes scaled to the best size.
     pub start: Vec<f64>,
-    /// The structure's own values, moved by as much as the effect takes over of what they explain.
+    /// The structure's own values, corrected for what the effect now explains in their place.
     pub moved: Vec<f64>,
     /// Predicted gain in log-likelihood, for independent samples.
     pub gain: f64,

@@ -37,8 +37,8 @@ const FREE_FORM_SHARE: f64 = 0.0015;
 pub(super) const LEAST_TRUST: f64 = 0.1;
 /// Number of candidates that are fitted in place of an effect.
 const RIVALS_TRIED: usize = 8;
-/// Number of the closest rivals that are fitted to convergence. With none, a curve of the LVDT that was hidden lacked 146 of 202 to the
-/// geometry that was named instead.
+/// Number of the closest rivals that are fitted to convergence. A version before had none: a hidden curve of the LVDT then lacked 146 in
+/// log-likelihood to the geometry that was named and gained 202. Other numbers were not tried.
 const RIVALS_CONVERGED: usize = 4;
 /// Where nothing explains the recordings, the effects of all sets within this share of the best gain are listed as the nearest.
 /// `MOST_NEAREST` limits their number.
@@ -185,8 +185,8 @@ fn fit_rivals(
     }
 }
 
-/// Fits the closest rivals to convergence, as the chosen set is; so far they were fitted with the slopes of the set without them, which ends
-/// early where an effect moves the parameters of the baseline. The rivals of a slow model are fitted by `refit_rivals`.
+/// Fits the closest rivals to convergence, as the chosen set is. Before, they are fitted with the Jacobian of the set without them, and such
+/// a fit stops early where the effect changes the parameters of the baseline. The rivals of a slow model are fitted by `refit_rivals`.
 fn converge_closest(context: &FitContext<'_>, search: &mut SearchResult, base: &Key, code: &str) {
     if context.setup.surrogate.is_some() {
         return;
