@@ -167,13 +167,14 @@ fn fit_rivals(
     effect: &Effect,
 ) {
     let extras = context.setup.extras.len();
-    // A fit that is worse than without the effect started from an older, worse fit of the same set: it is fitted again.
+    // A fit that is worse than without the effect may have started from an older fit of that set: it is fitted again.
     let most = search.nodes[without].cost();
     let fitted = search.nodes.iter().filter(|n| n.cost() < most);
     let seen: Vec<_> = fitted.map(|n| n.key(extras)).collect();
     if let Some(parent) = context.converged(&search.nodes[without]) {
-        let children = context.children(std::slice::from_ref(&parent), &seen, RIVALS_TRIED);
-        search.nodes.extend(children);
+        for child in context.children(std::slice::from_ref(&parent), &seen, RIVALS_TRIED) {
+            keep_better(context, search, child);
+        }
         let freer = context.setup.rival_laws.iter().filter(|law| {
             let code = law.effect.code;
             effect.confusable_with.iter().any(|l| l.code == code) && !base.contains(&code)
@@ -182,6 +183,18 @@ fn fit_rivals(
             .nodes
             .extend(freer.filter_map(|law| context.child(&parent, law)));
         refit_rivals(context, search, base);
+    }
+}
+
+/// Adds a fit to the search, or puts it in the place of a worse fit of the same set.
+fn keep_better(context: &FitContext<'_>, search: &mut SearchResult, fit: Node) {
+    let extras = context.setup.extras.len();
+    let key = fit.key(extras);
+    let mut known = search.nodes.iter_mut();
+    match known.find(|n| n.key(extras) == key && may_be_named(context, n)) {
+        Some(known) if fit.cost() < known.cost() => *known = fit,
+        Some(_) => {}
+        None => search.nodes.push(fit),
     }
 }
 
