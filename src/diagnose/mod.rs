@@ -25,6 +25,8 @@ pub(crate) mod course;
 pub(crate) mod diagnosis;
 mod error;
 mod estimates;
+#[cfg(test)]
+mod fit_tests;
 mod fitting;
 mod judgement;
 mod next_test;

@@ -113,12 +113,18 @@ impl Span {
         self.displacement_mm[1] - self.displacement_mm[0]
     }
 
+    /// Range of the force in N, or of the displacement in mm for any other axis.
+    fn range(&self, axis: Axis) -> [f64; 2] {
+        match axis {
+            Axis::ForceN => self.force_n,
+            _ => self.displacement_mm,
+        }
+    }
+
     /// Length of the force range in N, or of the displacement range in mm for any other axis.
     pub(crate) fn width(&self, axis: Axis) -> f64 {
-        match axis {
-            Axis::ForceN => self.force_n[1] - self.force_n[0],
-            _ => self.travel_mm(),
-        }
+        let [low, high] = self.range(axis);
+        high - low
     }
 
     /// Displacement in mm at a share of the range, 0 to 1.
@@ -291,6 +297,25 @@ impl Effect {
         }
         Ok((self.attach)(values, inside))
     }
+
+    /// Values at a share of the way from no effect to `values`. For a kink that is never reached at its neutral value, the way begins at the end
+    /// of the recorded range.
+    pub(crate) fn at_share(&self, values: &[f64], share: f64, span: &Span) -> Vec<f64> {
+        let off = |i: usize| {
+            let neutral = self.neutral[i];
+            let axis = self.kinks.iter().find(|(kink, _)| *kink == i).map(|k| k.1);
+            match axis.filter(|axis| (neutral - values[i]).abs() > span.width(*axis)) {
+                Some(axis) => neutral.clamp(span.range(axis)[0], span.range(axis)[1]),
+                None => neutral,
+            }
+        };
+        let moves = |i: &usize| self.amplitudes.is_empty() || self.amplitudes.contains(i);
+        let mut there = values.to_vec();
+        for i in (0..values.len()).filter(moves) {
+            there[i] = (1.0 - share) * off(i) + share * values[i];
+        }
+        there
+    }
 }
 
 /// Attaches several effects and the zero of the force channel in N, sorted by stage and then by code. The zero comes before the
@@ -413,6 +438,26 @@ pub(crate) fn everywhere(_values: &[f64], _span: &Span) -> Option<Place> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_share_of_an_effect_is_between_none_and_all_of_it() {
+        let span = testing::span();
+        let share = |effect: &Effect, values: &[f64]| effect.at_share(values, 0.25, &span);
+        assert_eq!(share(&viscous_damping::EFFECT, &[2.0, 1.4]), [0.5, 1.4]);
+        assert_eq!(share(&backlash::EFFECT, &[0.4]), [0.1]);
+        // The contact is never lost below the recorded range, and the channel never clips above it.
+        let [low_mm, high_n] = [span.displacement_mm[0], span.force_n[1]];
+        assert_eq!(share(&lift_off::EFFECT, &[low_mm + 4.0]), [low_mm + 1.0]);
+        assert_eq!(
+            share(&sensor_saturation::EFFECT, &[high_n - 40.0]),
+            [high_n - 10.0]
+        );
+        for effect in EFFECTS {
+            for start in (effect.starts)(&span) {
+                assert_eq!(effect.at_share(&start, 1.0, &span), start, "{}", effect.code);
+            }
+        }
+    }
 
     #[test]
     fn the_list_is_sorted_complete_and_consistent() {

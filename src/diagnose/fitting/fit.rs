@@ -31,6 +31,9 @@ const TRIALS: usize = 5;
 const DAMPING: f64 = 1e-4;
 /// A step of a child that lowers the sum of squares by less than this share is idle; two idle steps end the fit.
 const IDLE_FALL: f64 = 2e-4;
+/// Shares of a start from which a child is fitted again that ended worse than without its effect. Of 60 fits of six drawn specimens, 4 ended
+/// up to 1e7 worse without these; with them none does.
+const SMALLER_STARTS: [f64; 2] = [0.2, 0.04];
 /// Search for the position of a kink by trials: first and last move as a share of the range that the recordings cover, and the
 /// factor from one move to the next.
 const FIRST_MOVE: f64 = 0.02;
@@ -276,8 +279,8 @@ impl Parent<'_> {
 }
 
 /// Fits a child of a converged node: one more effect, from one start, with the node's Jacobian used again. Where there are many points,
-/// it is first fitted to fewer of them, and from there to all. The node's own values start as they are, or corrected for what the effect
-/// now explains in their place: the start that fits better is used.
+/// it is first fitted to fewer of them, and from there to all. A fit that ends worse than the node without the effect starts again from a
+/// smaller effect.
 pub(super) fn fit_child(
     parent: &Parent<'_>,
     candidate: &Attached,
@@ -286,18 +289,47 @@ pub(super) fn fit_child(
 ) -> Option<Node> {
     let (screen, tangent) = parent.screen();
     let structure = screen.with(candidate);
-    let starts = [&parent.node.values, &score.moved].map(|values| insert_group(values, &score.start));
-    let starts = starts
-        .into_iter()
-        .filter_map(|values| NodeDescent::new(&structure, values));
-    let start = starts.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
-    let fitted = descend(start, tangent, candidate, span, FROM_START);
+    let mut fitted = descend(
+        start_of(&structure, parent, candidate, score, (1.0, span))?,
+        tangent,
+        candidate,
+        span,
+        FROM_START,
+    );
+    for share in SMALLER_STARTS {
+        if fitted.cost <= tangent.cost() {
+            break;
+        }
+        let again = start_of(&structure, parent, candidate, score, (share, span));
+        let again = again.map(|start| descend(start, tangent, candidate, span, FROM_START));
+        if let Some(again) = again.filter(|again| again.cost < fitted.cost) {
+            fitted = again;
+        }
+    }
     if parent.coarse.is_none() {
         return fitted.node();
     }
     let structure = parent.structure.with(candidate);
     let start = NodeDescent::new(&structure, fitted.values)?;
     descend(start, parent.tangent, candidate, span, FROM_COARSE).node()
+}
+
+/// Start of a child with its effect at a share of the size in `score`. The node's own values are as they are, or corrected for what the
+/// effect now explains in their place: the start that fits better is used.
+fn start_of<'s, 'a>(
+    structure: &'s ModelStructure<'a>,
+    parent: &Parent<'_>,
+    candidate: &Attached,
+    score: &CandidateScore,
+    (share, span): (f64, &Span),
+) -> Option<NodeDescent<'s, 'a>> {
+    let effect = candidate.effect.at_share(&score.start, share, span);
+    let unmoved = &parent.node.values;
+    let moved = unmoved.iter().zip(&score.moved);
+    let moved: Vec<f64> = moved.map(|(u, m)| (1.0 - share) * u + share * m).collect();
+    let starts = [unmoved, &moved].into_iter();
+    let starts = starts.filter_map(|values| NodeDescent::new(structure, insert_group(values, &effect)));
+    starts.min_by(|a, b| a.cost.total_cmp(&b.cost))
 }
 
 /// Effort of a descent.

@@ -55,6 +55,11 @@ impl Tangent {
         })
     }
 
+    /// Sum of squares of the residuals, and of the priors.
+    pub(super) fn cost(&self) -> f64 {
+        self.residuals.norm_squared()
+    }
+
     /// The part of a signature that is orthogonal to the structure's sensitivities.
     pub(in crate::diagnose) fn project(&self, signature: &DVector<f64>) -> DVector<f64> {
         signature - &self.jacobian * self.imitation(signature)
