@@ -13,8 +13,9 @@ const SPECIMENS: u64 = 6;
 const FURTHER_FITS: usize = 4;
 /// A sum of squares that is this far above its minimum changes a decision between two names.
 const FAR: f64 = 10.0;
-/// An effect that explains nothing leaves the sum of squares as it was, within this share: 0.3 was the least of the fits that failed.
-const SAME: f64 = 0.01;
+/// An effect that explains nothing leaves the sum of squares as it was, within this share. Without the smaller starts, 4 fits ended 40 % to
+/// 600 times above; with them, the worst is 1 % above.
+const SAME: f64 = 0.05;
 
 /// A curved spring with friction after Bouc and Wen (the drag approaches its limit with a power of what is left) under four sines.
 fn recordings(seed: u64) -> Vec<Recording> {
@@ -58,12 +59,12 @@ fn recordings(seed: u64) -> Vec<Recording> {
     recordings
 }
 
-/// One candidate of a specimen: sums of squares by how much it ends too high.
+/// How far the fits of one candidate end above what they could reach, in sum of squares.
 struct CandidateFit {
     code: &'static str,
-    /// The first fit of the candidate, above the set without it, as a share of that.
+    /// First fit: above that of the set without the candidate, as a share of it.
     above_parent: f64,
-    /// The converged fit, above what further fits reach.
+    /// Converged fit: above what further fits reach.
     above_minimum: f64,
 }
 
@@ -102,9 +103,9 @@ fn fits_of_candidates_end_near_their_minimum() {
     let fits: Vec<CandidateFit> = specimens.flat_map(candidate_fits).collect();
     assert!(fits.len() >= 40, "{} fits", fits.len());
     let far = fits.iter().filter(|fit| fit.above_minimum > FAR).count();
-    // 16 of 54 while a round kept the damping that a failed step had left, 8 of 60 since.
+    // 1 of 60; 7 of 59 where a round keeps the damping that a failed step has left.
     assert!(
-        5 * far <= fits.len(),
+        20 * far <= fits.len(),
         "{far} of {} fits end far above their minimum",
         fits.len()
     );

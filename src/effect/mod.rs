@@ -298,8 +298,9 @@ impl Effect {
         Ok((self.attach)(values, inside))
     }
 
-    /// Values at a share of the way from no effect to `values`. For a kink that is never reached at its neutral value, the way begins at the end
-    /// of the recorded range.
+    /// Values of a weaker effect: a share of 0 is no effect, 1 is `values`. Only its amplitudes are scaled; without amplitudes, all values
+    /// move towards the neutral ones. Where a kink's neutral value is far outside the recordings (a contact that is never lost), the end
+    /// of the recorded range is taken for it.
     pub(crate) fn at_share(&self, values: &[f64], share: f64, span: &Span) -> Vec<f64> {
         let off = |i: usize| {
             let neutral = self.neutral[i];

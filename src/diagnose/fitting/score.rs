@@ -108,9 +108,10 @@ impl Tangent {
                 let size = best_size(candidate, along / power);
                 let amplitudes = candidate.effect.amplitudes;
                 let applied = if amplitudes.is_empty() { 1.0 } else { size };
+                start = candidate.effect.at_share(&start, applied, span);
                 for &a in amplitudes {
                     let [low, high] = candidate.parameters[a].bounds;
-                    start[a] = (start[a] * size).clamp(low, high);
+                    start[a] = start[a].clamp(low, high);
                 }
                 Some(CandidateScore {
                     candidate: index,
