@@ -124,7 +124,6 @@ pub(crate) const FORM: Effect = Effect {
 /// Number of elements of all bands.
 const ELEMENTS: usize = BANDS * ELEMENTS_PER_BAND;
 
-#[derive(Clone)]
 struct FrictionForm {
     travel: BandedTravel,
     elements: Arc<ActiveElements>,
@@ -141,6 +140,26 @@ struct FrictionForm {
 struct ActiveElements {
     per_mm: Vec<f64>,
     ratio: Vec<f64>,
+}
+
+impl Clone for FrictionForm {
+    fn clone(&self) -> Self {
+        FrictionForm {
+            elements: Arc::clone(&self.elements),
+            ..*self
+        }
+    }
+
+    /// The solution of a compliance copies the contact at every trial, nearly always between two of the same law.
+    fn clone_from(&mut self, source: &Self) {
+        if !Arc::ptr_eq(&self.elements, &source.elements) {
+            *self = source.clone();
+            return;
+        }
+        let active = self.elements.per_mm.len();
+        self.drags[..active].copy_from_slice(&source.drags[..active]);
+        (self.travel, self.last) = (source.travel, source.last);
+    }
 }
 
 impl FrictionForm {

@@ -12,6 +12,8 @@
 //! Range: friction that settles over 0.01 to 20 mm. Small nested loops need not close.
 //! It is not missing physics: the friction law is generalised first, so that its shape is not reported as missing physics.
 
+use std::sync::Arc;
+
 use super::friction_form::Power;
 use super::motion::BandedTravel;
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, friction_form, load_n, wrapped};
@@ -127,11 +129,10 @@ pub(crate) const FORM: Effect = Effect {
 
 const LOOK_ALIKES: &[LookAlike] = friction_form::FORM.confusable_with;
 
-#[derive(Clone)]
 struct FrictionState {
     ratio: f64,
     length_mm: f64,
-    cells: [SlopeCell; CELLS],
+    cells: Arc<[SlopeCell; CELLS]>,
     length_exponent: Power,
     force_memory: Power,
     lag_s: f64,
@@ -142,12 +143,30 @@ struct FrictionState {
     last: Option<[f64; 2]>,
 }
 
+impl Clone for FrictionState {
+    fn clone(&self) -> Self {
+        FrictionState {
+            cells: Arc::clone(&self.cells),
+            ..*self
+        }
+    }
+
+    /// The solution of a compliance copies the contact at every trial, nearly always between two of the same law.
+    fn clone_from(&mut self, source: &Self) {
+        if !Arc::ptr_eq(&self.cells, &source.cells) {
+            *self = source.clone();
+            return;
+        }
+        (self.travel, self.drag, self.last) = (source.travel, source.drag, source.last);
+    }
+}
+
 impl FrictionState {
     fn new(values: &[f64]) -> FrictionState {
         FrictionState {
             ratio: values[0],
             length_mm: values[1],
-            cells: cells(&values[2..2 + BENDS]),
+            cells: Arc::new(cells(&values[2..2 + BENDS])),
             length_exponent: Power::new(values[2 + BENDS]),
             force_memory: Power::new(values[3 + BENDS]),
             lag_s: 1e-3 * values[4 + BENDS],
