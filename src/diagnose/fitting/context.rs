@@ -9,7 +9,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::baseline::{Attached, Setup};
 use super::data::Data;
-use super::fit::{Parent, converge, fit_child};
+use super::fit::{Parent, ScreenedChild, converge, fit_child, screen_child};
 use super::node::{Key, Node};
 use super::score::{CandidateScore, Tangent};
 use super::structure::ModelStructure;
@@ -233,24 +233,29 @@ impl<'a> FitContext<'a> {
         seen: &[Key],
         count: usize,
     ) -> Vec<Node> {
-        let extras = self.setup.extras.len();
         let every: Vec<usize> = (0..parents.len()).collect();
         let parents = self.parallel_map(&every, |&i| self.parent(&parents[i].0, &parents[i].1));
         let tasks = self.tasks(&parents, seen, count);
-        let fitted = self.parallel_map(&tasks, |(parent, score)| {
-            let candidate = &self.setup.candidates[score.candidate];
-            fit_child(&parents[*parent], candidate, score, &self.span)
+        let candidate = |starts: &[CandidateScore]| &self.setup.candidates[starts[0].candidate];
+        let every_start = tasks.iter().enumerate();
+        let every_start: Vec<(usize, &CandidateScore)> = every_start
+            .flat_map(|(task, (_, starts))| starts.iter().map(move |start| (task, start)))
+            .collect();
+        let screened = self.parallel_map(&every_start, |&(task, start)| {
+            let (parent, starts) = &tasks[task];
+            screen_child(&parents[*parent], candidate(starts), start, &self.span)
         });
-        // Of several starts of one candidate the best fit is kept.
-        let mut children: Vec<Node> = Vec::new();
-        for child in fitted.into_iter().flatten() {
-            match children.iter_mut().find(|c| c.key(extras) == child.key(extras)) {
-                Some(known) if child.fit < known.fit => *known = child,
-                Some(_) => {}
-                None => children.push(child),
-            }
+        // Of several starts of one set the best fit goes on to all points.
+        let mut best: Vec<Option<ScreenedChild>> = tasks.iter().map(|_| None).collect();
+        for ((task, _), child) in every_start.into_iter().zip(screened) {
+            best[task] = better(best[task].take(), child);
         }
-        children
+        let best: Vec<(&(usize, Vec<CandidateScore>), Option<ScreenedChild>)> =
+            tasks.iter().zip(best).collect();
+        let fitted = self.parallel_map(&best, |((parent, starts), child)| {
+            fit_child(&parents[*parent], candidate(starts), child.as_ref()?, &self.span)
+        });
+        fitted.into_iter().flatten().collect()
     }
 
     /// A converged node with a further effect, fitted from each of its starts: the best fit.
@@ -262,14 +267,16 @@ impl<'a> FitContext<'a> {
         let parent = self.parent(node, tangent);
         let (structure, tangent) = parent.screen();
         let starts = tangent.scores(structure, &node.values, 0, candidate, &self.span);
-        let fitted = self.parallel_map(&starts, |start| fit_child(&parent, candidate, start, &self.span));
-        let fitted = fitted.into_iter().flatten();
-        fitted.min_by(|a, b| a.cost().total_cmp(&b.cost()))
+        let screened = self.parallel_map(&starts, |start| {
+            screen_child(&parent, candidate, start, &self.span)
+        });
+        let best = screened.into_iter().fold(None, better)?;
+        fit_child(&parent, candidate, &best, &self.span)
     }
 
     /// The starts of the `count` most promising children of all parents, each with the index of its parent. A set that several
     /// parents lead to is taken once.
-    fn tasks(&self, parents: &[Parent<'_>], seen: &[Key], count: usize) -> Vec<(usize, CandidateScore)> {
+    fn tasks(&self, parents: &[Parent<'_>], seen: &[Key], count: usize) -> Vec<(usize, Vec<CandidateScore>)> {
         let extras = self.setup.extras.len();
         let mut promising = Vec::new();
         for (i, parent) in parents.iter().enumerate() {
@@ -298,7 +305,7 @@ impl<'a> FitContext<'a> {
             taken.push(key);
             let least = START_SHARE * scores[0].gain;
             let starts = scores.into_iter().filter(|s| s.gain > least).take(STARTS);
-            tasks.extend(starts.map(|score| (parent, score)));
+            tasks.push((parent, starts.collect()));
         }
         tasks
     }
@@ -310,5 +317,13 @@ impl<'a> FitContext<'a> {
         run: impl Fn(&T) -> R + Sync,
     ) -> Vec<R> {
         self.pool.install(|| items.par_iter().map(&run).collect())
+    }
+}
+
+/// The better of two screened fits of one set.
+fn better(known: Option<ScreenedChild>, other: Option<ScreenedChild>) -> Option<ScreenedChild> {
+    match (known, other) {
+        (Some(known), Some(other)) => Some(if other.cost < known.cost { other } else { known }),
+        (known, other) => known.or(other),
     }
 }

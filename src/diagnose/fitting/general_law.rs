@@ -42,23 +42,20 @@ pub(in crate::diagnose) fn generalise(
         .iter()
         .map(|group| insert_group(&frictionless, group))
         .collect();
-    // A start is far from the minimum, so the fit begins on fewer points where there are many.
+    // A start is far from the minimum, so the fits begin on fewer points where there are many, and the best goes on to all.
     let coarse = context
         .coarse()
         .map(|data| ModelStructure::new(context.setup, data, structure.attached.clone()));
     let starts = straight(context, node, form, starts);
-    let general = context
-        .parallel_map(&starts, |start| {
-            let near = coarse.as_ref().and_then(|coarse| converge(coarse, start.clone()));
-            converge(
-                &structure,
-                near.map_or_else(|| start.clone(), |(node, _)| node.values),
-            )
-        })
-        .into_iter()
-        .flatten()
-        .map(|(node, _)| node)
-        .min_by(|a, b| a.cost().total_cmp(&b.cost()))?;
+    let fitted = |structure: &ModelStructure<'_>, starts: &[Vec<f64>]| {
+        let fitted = context.parallel_map(starts, |start| converge(structure, start.clone()));
+        let fitted = fitted.into_iter().flatten().map(|(node, _)| node);
+        fitted.min_by(|a, b| a.cost().total_cmp(&b.cost()))
+    };
+    let general = match coarse.as_ref().and_then(|coarse| fitted(coarse, &starts)) {
+        Some(near) => fitted(&structure, &[near.values]),
+        None => fitted(&structure, &starts),
+    }?;
     (0.5 * (node.cost() - general.cost()) > PENALTY).then_some(general)
 }
 
