@@ -15,8 +15,8 @@ use crate::diagnose::fitting::{
     Data, Discrepancy, Doubt, FitContext, LikelihoodScale, Node, RunSettings, Setup,
 };
 
-/// Scales of the friction's terms that are compared, in units of the largest; the largest first.
-const SCALES: [f64; 4] = [1.0, 0.3, 0.1, 0.03];
+/// Scales of the friction's terms that are compared, in units of the largest; the smallest first.
+const SCALES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
 
 /// A search with the discrepancy, and the data that it ran on.
 pub(in crate::diagnose) struct DoubtedSearch {
@@ -99,7 +99,8 @@ pub(super) struct DoubtedData {
 }
 
 /// The discrepancy at the scale at which the likeliest of some sets is likeliest (empirical Bayes). At one fixed scale, a law that is
-/// nearly right pays for freedom that it does not use, and a further name is cheaper than the doubt.
+/// nearly right pays for freedom that it does not use, and a further name is cheaper than the doubt. The cost falls towards one scale and
+/// rises beyond it, so larger scales are tried until it rises.
 pub(super) fn at_likeliest_scale(
     run: &RunSettings,
     setup: &Setup,
@@ -107,38 +108,49 @@ pub(super) fn at_likeliest_scale(
     whole: &Discrepancy,
     sets: &[Node],
 ) -> Option<DoubtedData> {
-    let mut likeliest: Option<DoubtedData> = None;
-    // Each scale starts from the fits of the one before.
-    let mut sets = sets.to_vec();
+    let mut likeliest: Option<(Data, Vec<Node>)> = None;
+    let mut likelihood = None;
     for scale in SCALES {
         let discrepancy = whole.scaled(scale, &data.split)?;
         let mut doubted = data.clone();
         doubted.discrepancy = Some(Arc::new(discrepancy));
         let context = run.context(setup, &doubted);
+        // Each scale starts from the fits of the one before.
+        let starts = likeliest.as_ref().map_or(sets, |(_, fitted)| fitted);
         let fitted: Vec<Node> = context
-            .parallel_map(&sets, |set| context.converged(set).map(|(node, _)| node))
+            .parallel_map(starts, |set| context.converged(set).map(|(node, _)| node))
             .into_iter()
             .collect::<Option<_>>()?;
-        sets.clone_from(&fitted);
-        // All scales are compared by what the largest, which explains most, leaves.
-        let of_largest = LikelihoodScale::of(&doubted, &fitted[0].residuals);
-        let likelihood = likeliest.as_ref().map_or(of_largest, |l| l.likelihood);
-        let freedom = doubted.discrepancy.as_ref()?.freedom(likelihood.gain(1.0));
-        let costs = fitted
-            .iter()
-            .map(|node| cost(&context, likelihood, node, freedom));
-        let cost = costs.fold(f64::INFINITY, f64::min);
-        if likeliest.as_ref().is_none_or(|known| cost < known.cost) {
-            let chosen = fitted.into_iter().next()?;
-            likeliest = Some(DoubtedData {
-                data: doubted,
-                chosen,
-                likelihood,
-                cost,
-            });
+        // Two scales are compared by what the larger one leaves, because it explains more.
+        let of_larger = LikelihoodScale::of(&doubted, &fitted[0].residuals);
+        likelihood = Some(of_larger);
+        let cost =
+            |(data, fitted): &(Data, Vec<Node>)| least_cost(&run.context(setup, data), of_larger, fitted);
+        let larger = (doubted, fitted);
+        if likeliest
+            .as_ref()
+            .is_some_and(|known| cost(known) <= cost(&larger))
+        {
+            break;
         }
+        likeliest = Some(larger);
     }
-    likeliest
+    let ((data, fitted), likelihood) = likeliest.zip(likelihood)?;
+    let cost = least_cost(&run.context(setup, &data), likelihood, &fitted);
+    Some(DoubtedData {
+        data,
+        chosen: fitted.into_iter().next()?,
+        likelihood,
+        cost,
+    })
+}
+
+/// Cost of the likeliest of some sets on data with a discrepancy.
+fn least_cost(context: &FitContext<'_>, likelihood: LikelihoodScale, sets: &[Node]) -> f64 {
+    let discrepancy = context.data.discrepancy.as_ref();
+    let freedom = discrepancy.map_or(0.0, |d| d.freedom(likelihood.gain(1.0)));
+    let costs = sets.iter().map(|node| cost(context, likelihood, node, freedom));
+    costs.fold(f64::INFINITY, f64::min)
 }
 
 /// True if the discrepancy is likelier than what was found before; or if it explains, on cycles that it is not fitted to, what the
