@@ -60,6 +60,7 @@ fn recordings(seed: u64) -> Vec<Recording> {
 }
 
 /// How far the fits of one candidate end above what they could reach, in sum of squares.
+/// The further fits take the same slopes, so this does not show slopes that are wrong: for that, compare with fits that have others.
 struct CandidateFit {
     code: &'static str,
     /// First fit: above that of the set without the candidate, as a share of it.
