@@ -250,10 +250,10 @@ impl<'a> FitContext<'a> {
         for ((task, _), child) in every_start.into_iter().zip(screened) {
             best[task] = better(best[task].take(), child);
         }
-        let best: Vec<(&(usize, Vec<CandidateScore>), Option<ScreenedChild>)> =
-            tasks.iter().zip(best).collect();
-        let fitted = self.parallel_map(&best, |((parent, starts), child)| {
-            fit_child(&parents[*parent], candidate(starts), child.as_ref()?, &self.span)
+        let every_task: Vec<usize> = (0..tasks.len()).collect();
+        let fitted = self.parallel_map(&every_task, |&task| {
+            let ((parent, starts), child) = (&tasks[task], best[task].as_ref()?);
+            fit_child(&parents[*parent], candidate(starts), child, &self.span)
         });
         fitted.into_iter().flatten().collect()
     }
