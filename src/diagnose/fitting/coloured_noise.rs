@@ -22,9 +22,8 @@ const CORRELATED: f64 = 0.25;
 /// Noise is the same in all parts of the motion: the quietest of six has at least this share of the median. Physics that does not
 /// repeat, such as stick-slip, is local.
 const EVERYWHERE: f64 = 0.25;
-/// Share of the variance above white noise that trends must leave, for it to be noise and no trend. In 19 recordings with slow noise
-/// and more than 1000 points, trends left 0.35 to 0.97; in eleven of specimens that lost strength, 0 to 0.23.
-const WANDERS: f64 = 0.2;
+/// Share of the variance above white noise that trends must leave, for it to be noise and no trend.
+const WANDERS: f64 = 0.08;
 /// Standard errors of the variance that are added to it.
 const UPPER_LIMIT: f64 = 2.0;
 /// Two cycles repeat at a place if their speeds differ by at most this share of the top speed, and the travels since the reversal by
@@ -33,14 +32,9 @@ const SAME_SPEED: f64 = 0.1;
 const SAME_TRAVEL: f64 = 0.05;
 /// Decay of a run-in, in cycles.
 const DECAYS: [f64; 3] = [1.5, 5.0, 20.0];
-/// Columns of the regression for what changes smoothly: time, and four shapes for each decay and for a linear change.
+/// Columns of the regression: time, and four shapes for each decay, for a linear change and for a single step.
 const SHAPES: usize = 4;
-const SMOOTH: usize = 1 + SHAPES * (DECAYS.len() + 1);
-/// Columns for what changes once: the change at each of some places of the travel, linear between them, on each branch. A leaf that
-/// cracks is softer in a part of the travel only.
-const PLACES: usize = 6;
-const ONCE: usize = 2 * PLACES;
-const TRENDS: usize = SMOOTH + ONCE;
+const TRENDS: usize = 1 + SHAPES * (DECAYS.len() + 2);
 
 /// Raises the noise of all recordings by their coloured noise; `residuals` are the weighted residuals of the baseline.
 pub(super) fn raise_noise(data: &mut Data, residuals: &mut [f64]) {
@@ -137,45 +131,6 @@ struct Pairs {
     difference: Vec<f64>,
     /// Number of cycles that are compared.
     cycles: usize,
-    /// Lowest displacement and stroke in mm.
-    low_mm: f64,
-    stroke_mm: f64,
-}
-
-/// A change of the specimen: from a cycle on, and on one branch of the cycle before, where that is the later one.
-#[derive(Clone, Copy)]
-struct Change {
-    cycle: usize,
-    early: Option<usize>,
-}
-
-impl Change {
-    /// The changes with a cycle, and within the cycle before: with either of its branches.
-    fn around(cycle: usize) -> [Change; 3] {
-        [None, Some(0), Some(1)].map(|early| Change { cycle, early })
-    }
-
-    /// 1 after the change, 0 before it.
-    fn is_done(self, cycle: usize, branch: usize) -> f64 {
-        let is_early = cycle + 1 == self.cycle && self.early == Some(branch);
-        f64::from(u8::from(cycle >= self.cycle || is_early))
-    }
-}
-
-/// Lowest displacement and stroke in mm.
-fn extent(track: &Track) -> (f64, f64) {
-    let x = &track.displacement_mm;
-    (x.iter().copied().fold(f64::INFINITY, f64::min), range(x))
-}
-
-/// Branch of a point: 1 where the displacement grows.
-fn branch(track: &Track, i: usize) -> usize {
-    usize::from(track.direction[i] > 0.0)
-}
-
-/// Makes the variance of a difference to a point between two others that of one point.
-fn pair_scale(share: f64) -> f64 {
-    1.0 / (1.0 + (1.0 - share).powi(2) + share.powi(2)).sqrt()
 }
 
 impl Pairs {
@@ -189,7 +144,7 @@ impl Pairs {
         }
         let place = |i: usize| cycles.binary_search(&track.cycle[i]).unwrap_or(0);
         let mut branches: Vec<[Vec<usize>; 2]> = vec![[Vec::new(), Vec::new()]; cycles.len()];
-        let side = |i: usize| branch(track, i);
+        let side = |i: usize| usize::from(track.direction[i] > 0.0);
         for &i in &counted {
             branches[place(i)][side(i)].push(i);
         }
@@ -198,15 +153,12 @@ impl Pairs {
         for branch in branches.iter_mut().flatten() {
             branch.sort_by(|&a, &b| x[a].total_cmp(&x[b]));
         }
-        let (low_mm, stroke_mm) = extent(track);
         let mut pairs = Pairs {
             points: Vec::new(),
             place: Vec::new(),
             others: Vec::new(),
             difference: Vec::new(),
             cycles: cycles.len(),
-            low_mm,
-            stroke_mm,
         };
         for &i in &counted {
             let away = (place(i) + cycles.len() / 2) % cycles.len();
@@ -225,98 +177,73 @@ impl Pairs {
                 0.5
             };
             let there = residuals[a] + share * (residuals[b] - residuals[a]);
+            let variance = 1.0 + (1.0 - share).powi(2) + share.powi(2);
             pairs.points.push(i);
             pairs.place.push(place(i));
             pairs.others.push(([a, b], share, away));
-            pairs.difference.push((residuals[i] - there) * pair_scale(share));
+            pairs.difference.push((residuals[i] - there) / variance.sqrt());
         }
         (pairs.points.len() >= LEAST_PAIRS).then_some(pairs)
     }
 
-    /// The differences without what changes smoothly with the cycles, or once, at the reversal that explains most.
+    /// The differences without what changes smoothly with the cycles, or once, after the cycle that explains most.
     fn without_trends(&self, track: &Track) -> Option<Vec<f64>> {
-        let difference = DVector::from_column_slice(&self.difference);
-        let smooth = self.smooth(track);
-        let inner = smooth.tr_mul(&smooth).resize(TRENDS, TRENDS, 0.0);
-        let right = smooth.tr_mul(&difference).resize_vertically(TRENDS, 0.0);
-        let n = self.points.len();
-        let rest = |change: Change| {
-            let once = self.once(track, change);
-            let (mut normal, mut right) = (inner.clone(), right.clone());
-            // The lower triangle is enough.
-            let mut below = normal.rows_mut(SMOOTH, ONCE);
-            below.columns_mut(0, SMOOTH).copy_from(&once.tr_mul(&smooth));
-            below.columns_mut(SMOOTH, ONCE).copy_from(&once.tr_mul(&once));
-            right.rows_mut(SMOOTH, ONCE).copy_from(&once.tr_mul(&difference));
-            for k in 0..TRENDS {
-                // Regularised, because decays of few cycles are nearly the same.
-                normal[(k, k)] += 1e-6 * n as f64;
-            }
-            let solved = normal.cholesky()?.solve(&right);
-            Some(&difference - &smooth * solved.rows(0, SMOOTH) - once * solved.rows(SMOOTH, ONCE))
-        };
-        let changes = (1..self.cycles).flat_map(Change::around);
-        let rest = changes
-            .filter_map(rest)
-            .min_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()))?;
-        let scale = (n as f64 / n.saturating_sub(TRENDS).max(1) as f64).sqrt();
-        Some((rest * scale).as_slice().to_vec())
+        (1..self.cycles)
+            .filter_map(|step| self.regression(track, step))
+            .min_by(|a, b| squares(a).total_cmp(&squares(b)))
     }
 
-    /// Columns of what changes smoothly with the cycles.
-    fn smooth(&self, track: &Track) -> DMatrix<f64> {
+    /// Residuals of a regression of the differences on the trends, with a step before cycle `step`.
+    fn regression(&self, track: &Track, step: usize) -> Option<Vec<f64>> {
+        let n = self.points.len();
         let last_s = track.time_s[track.len() - 1].max(f64::MIN_POSITIVE);
-        let mut columns = DMatrix::<f64>::zeros(self.points.len(), SMOOTH);
+        let x = &track.displacement_mm;
+        let (stroke_mm, low_mm) = (range(x), x.iter().copied().fold(f64::INFINITY, f64::min));
+        let mut columns = DMatrix::<f64>::zeros(n, TRENDS);
         for (row, (&i, (around, share, away))) in self.points.iter().zip(&self.others).enumerate() {
             let there_s = (1.0 - share) * track.time_s[around[0]] + share * track.time_s[around[1]];
-            let scale = pair_scale(*share);
+            let scale = 1.0 / (1.0 + (1.0 - share).powi(2) + share.powi(2)).sqrt();
             columns[(row, 0)] = scale * (track.time_s[i] - there_s) / last_s;
-            let along = self.along(track, i) - 0.5;
+            let along = (x[i] - low_mm) / stroke_mm - 0.5;
             let shapes = [1.0, along, track.direction[i], along * track.direction[i]];
-            let apart = |f: &dyn Fn(f64) -> f64| f(self.place[row] as f64) - f(*away as f64);
-            let mut amounts = [apart(&|cycle| cycle / self.cycles as f64); DECAYS.len() + 1];
+            let (here, there) = (self.place[row], *away);
+            let apart = |f: &dyn Fn(f64) -> f64| f(here as f64) - f(there as f64);
+            let mut amounts = [0.0; DECAYS.len() + 2];
             for (amount, decay) in amounts.iter_mut().zip(DECAYS) {
                 *amount = apart(&|cycle| (-cycle / decay).exp());
             }
+            amounts[DECAYS.len()] = apart(&|cycle| cycle / self.cycles as f64);
+            amounts[DECAYS.len() + 1] = apart(&|cycle| f64::from(u8::from(cycle >= step as f64)));
             for (k, amount) in amounts.iter().enumerate() {
                 for (s, shape) in shapes.iter().enumerate() {
                     columns[(row, 1 + k * SHAPES + s)] = scale * amount * shape;
                 }
             }
         }
-        columns
-    }
-
-    /// Columns of what changes once.
-    fn once(&self, track: &Track, change: Change) -> DMatrix<f64> {
-        let mut columns = DMatrix::<f64>::zeros(self.points.len(), ONCE);
-        for (row, (&i, (_, share, away))) in self.points.iter().zip(&self.others).enumerate() {
-            let branch = branch(track, i);
-            let amount = change.is_done(self.place[row], branch) - change.is_done(*away, branch);
-            if amount == 0.0 {
-                continue;
-            }
-            let at = self.along(track, i) * (PLACES - 1) as f64;
-            let below = (at as usize).min(PLACES - 2);
-            let over = at - below as f64;
-            let amount = pair_scale(*share) * amount;
-            columns[(row, branch * PLACES + below)] = amount * (1.0 - over);
-            columns[(row, branch * PLACES + below + 1)] = amount * over;
+        let difference = DVector::from_column_slice(&self.difference);
+        let mut normal = columns.tr_mul(&columns);
+        for k in 0..TRENDS {
+            // Regularised, because decays of few cycles are nearly the same.
+            normal[(k, k)] += 1e-6 * n as f64;
         }
-        columns
-    }
-
-    /// Place of a point along the stroke, 0 to 1.
-    fn along(&self, track: &Track, i: usize) -> f64 {
-        (track.displacement_mm[i] - self.low_mm) / self.stroke_mm
+        let solved = normal.cholesky()?.solve(&columns.tr_mul(&difference));
+        let scale = (n as f64 / n.saturating_sub(TRENDS).max(1) as f64).sqrt();
+        Some(
+            ((difference - columns * solved) * scale)
+                .iter()
+                .copied()
+                .collect(),
+        )
     }
 
     /// Mean square in each third of the stroke on each branch; parts with few points are left out.
     fn groups(&self, track: &Track, rest: &[f64]) -> Vec<f64> {
+        let x = &track.displacement_mm;
+        let (stroke_mm, low_mm) = (range(x), x.iter().copied().fold(f64::INFINITY, f64::min));
         let mut sums = [(0.0, 0usize); 6];
         for (&i, e) in self.points.iter().zip(rest) {
-            let third = ((3.0 * self.along(track, i)) as usize).min(2);
-            let group = &mut sums[2 * third + branch(track, i)];
+            let third = ((3.0 * (x[i] - low_mm) / stroke_mm) as usize).min(2);
+            let group = &mut sums[2 * third + usize::from(track.direction[i] > 0.0)];
             group.0 += e * e;
             group.1 += 1;
         }
@@ -346,7 +273,6 @@ mod tests {
     fn slow_noise_is_measured_and_physics_is_not() {
         let (data, white) = sampled(0.005, 20.0, |_, _| 0.0);
         let track = &data.tracks[0];
-        let (low_mm, stroke_mm) = extent(track);
         let estimate = |r: &[f64]| slow_noise_n(track, &data.weight, r).expect("20 cycles");
         assert_eq!(estimate(&white), 0.0);
         let mut wander = 0.0;
@@ -376,24 +302,5 @@ mod tests {
             })
             .collect();
         assert_eq!(estimate(&physics), 0.0);
-        // A leaf cracks at a reversal: from there on, the middle of the travel carries less.
-        let crack: Vec<f64> = (0..data.len())
-            .map(|i| {
-                let unloads = u32::from(track.direction[i] < 0.0);
-                let is_cracked = 2 * track.cycle[i] + unloads >= 19;
-                let middle = (track.displacement_mm[i] - low_mm) / stroke_mm / 0.25 - 1.8;
-                let lost = if is_cracked {
-                    6.0 * (-middle * middle).exp()
-                } else {
-                    0.0
-                };
-                if data.weight[i] > 0.0 {
-                    white[i] - lost
-                } else {
-                    0.0
-                }
-            })
-            .collect();
-        assert_eq!(estimate(&crack), 0.0);
     }
 }
