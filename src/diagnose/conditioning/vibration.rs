@@ -1,9 +1,10 @@
 //! Hum and vibration of one frequency on a channel. Its reversals are no reversals of the test. It uses no recordings and no models:
 //! input and output are columns of numbers.
 //!
-//! In each of many short windows a cubic takes out the motion and a sine is fitted to the rest. The windows are shorter than half a
+//! In each of many short windows a polynomial takes out the motion and a sine is fitted to the rest. The windows are shorter than half a
 //! cycle of the motion, so that harmonics of the motion form no line. What has the same frequency and phase in most windows is a
-//! steady line; corners and friction jumps are in few of them, and the median leaves them out.
+//! steady line; corners and friction jumps are in few of them, and the median leaves them out. Where the sampling is so fast that a
+//! window of few samples holds few periods, means of some samples each are looked through as well.
 
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
@@ -22,6 +23,8 @@ const HIGHEST: f64 = 0.3;
 /// Samples of a window, and the longest window in periods of the motion.
 const SAMPLES: Range<usize> = 40..256;
 const OF_MOTION: f64 = 0.4;
+/// Coefficients of the polynomial that the motion is in a window. With four, a sine of 7 mm left 0.01 mm in the longest window.
+const MOTION: usize = 8;
 /// Reversals of the test come back by more than this share of the stroke.
 const TEST_REVERSAL: f64 = 0.2;
 /// Number of windows of the spectrum; at least the lower number must be there.
@@ -47,6 +50,8 @@ pub(super) struct Vibration {
     pub frequency_hz: f64,
     /// Amplitude in the unit of the channel.
     pub amplitude: f64,
+    /// Distance in Hz at which two lines can be told apart.
+    resolution_hz: f64,
     /// Cosine and sine amplitude; `None` if the phase wanders, so that the line cannot be subtracted.
     parts: Option<[f64; 2]>,
 }
@@ -68,7 +73,12 @@ impl Vibration {
 pub(super) fn remove_vibrations(time_s: &[f64], values: &mut [f64], motion_hz: f64) -> Vec<Vibration> {
     let mut found = Vec::new();
     while found.len() < MOST_LINES {
-        let Some(line) = vibration(time_s, values, motion_hz) else {
+        // What is left beside a line is that line, not subtracted exactly.
+        let is_rest = |line: &Vibration, of: &Vibration| {
+            (line.frequency_hz - of.frequency_hz).abs() < line.resolution_hz
+        };
+        let line = vibration(time_s, values, motion_hz);
+        let Some(line) = line.filter(|line| !found.iter().any(|of| is_rest(line, of))) else {
             break;
         };
         found.push(line);
@@ -96,25 +106,66 @@ pub(super) fn motion_frequency_hz(time_s: &[f64], displacement_mm: &[f64]) -> f6
     }
 }
 
-/// The strongest line above the frequencies of the motion.
+/// The strongest line above the frequencies of the motion: of the slow ones first.
 fn vibration(time_s: &[f64], values: &[f64], motion_hz: f64) -> Option<Vibration> {
-    let windows = Windows::new(time_s, motion_hz)?;
-    let frequency_hz = windows.line(time_s, values)?;
+    let line = strides(time_s, motion_hz)
+        .into_iter()
+        .find_map(|stride| line_of_means(time_s, values, motion_hz, stride))?;
+    (line.amplitude > LEAST_AMPLITUDE * range(values)).then_some(line)
+}
+
+/// The strongest line of the means of `stride` samples each. Its amplitude is that of the samples.
+fn line_of_means(time_s: &[f64], values: &[f64], motion_hz: f64, stride: usize) -> Option<Vibration> {
+    let (means_s, means) = (means(time_s, stride), means(values, stride));
+    let windows = Windows::new(&means_s, motion_hz)?;
+    let frequency_hz = windows.line(&means_s, &means)?;
     let fits: Vec<Option<Complex<f64>>> = windows
         .all
         .iter()
-        .map(|window| sine_in(time_s, values, window.clone(), frequency_hz))
+        .map(|window| sine_in(&means_s, &means, window.clone(), frequency_hz))
         .collect();
-    let refined_hz = windows.refined(time_s, &fits, frequency_hz);
-    let line = windows.line_at(time_s, values, refined_hz);
-    (line.amplitude > LEAST_AMPLITUDE * range(values)).then_some(line)
+    let refined_hz = windows.refined(&means_s, &fits, frequency_hz);
+    Some(windows.of_samples(stride).line_at(time_s, values, refined_hz))
+}
+
+/// Numbers of samples of a mean, the most first: as many as a window needs for enough periods of the slowest vibration, and one.
+fn strides(time_s: &[f64], motion_hz: f64) -> Vec<usize> {
+    let of_motion_s = if motion_hz > 0.0 {
+        OF_MOTION / motion_hz
+    } else {
+        f64::INFINITY
+    };
+    let needed_s = (LEAST_PERIODS / LOWEST_HZ).min(of_motion_s);
+    let stride = (needed_s / interval_s(time_s) / SAMPLES.end as f64).ceil() as usize;
+    if stride > 1 { vec![stride, 1] } else { vec![1] }
+}
+
+/// Means of `stride` samples each, without a rest at the end.
+fn means(values: &[f64], stride: usize) -> Vec<f64> {
+    let blocks = values.chunks_exact(stride);
+    blocks
+        .map(|block| block.iter().sum::<f64>() / stride as f64)
+        .collect()
+}
+
+fn interval_s(time_s: &[f64]) -> f64 {
+    median(time_s.windows(2).map(|w| w[1] - w[0]).collect())
 }
 
 /// Amplitude on another channel at the frequency of a line; 0 if the recording is too short.
 pub(super) fn amplitude_at(time_s: &[f64], values: &[f64], motion_hz: f64, frequency_hz: f64) -> f64 {
-    Windows::new(time_s, motion_hz).map_or(0.0, |windows| {
-        windows.line_at(time_s, values, frequency_hz).amplitude
-    })
+    let windows: Vec<Windows> = strides(time_s, motion_hz)
+        .into_iter()
+        .filter_map(|stride| Some(Windows::new(&means(time_s, stride), motion_hz)?.of_samples(stride)))
+        .collect();
+    let reaches = |windows: &&Windows| frequency_hz < windows.search_hz.end;
+    windows
+        .iter()
+        .find(reaches)
+        .or(windows.last())
+        .map_or(0.0, |windows| {
+            windows.line_at(time_s, values, frequency_hz).amplitude
+        })
 }
 
 /// Windows of equal number of samples over a recording, half overlapping.
@@ -129,7 +180,7 @@ struct Windows {
 impl Windows {
     /// `None` if the recording is too short or too coarse for a vibration to be seen.
     fn new(time_s: &[f64], motion_hz: f64) -> Option<Windows> {
-        let interval_s = median(time_s.windows(2).map(|w| w[1] - w[0]).collect());
+        let interval_s = interval_s(time_s);
         let longest = if motion_hz > 0.0 {
             (OF_MOTION / motion_hz / interval_s) as usize
         } else {
@@ -153,13 +204,26 @@ impl Windows {
         })
     }
 
+    /// The same windows of the samples that means of `stride` samples each were made of.
+    fn of_samples(mut self, stride: usize) -> Windows {
+        for window in &mut self.all {
+            *window = stride * window.start..stride * window.end;
+        }
+        self
+    }
+
+    /// Distance in Hz of two places of the spectrum.
+    fn step_hz(&self) -> f64 {
+        0.5 / self.duration_s
+    }
+
     fn middle_s(&self, time_s: &[f64], k: usize) -> f64 {
         0.5 * (time_s[self.all[k].start] + time_s[self.all[k].end - 1])
     }
 
     /// Frequency of the most prominent line of the median spectrum, Hz.
     fn line(&self, time_s: &[f64], values: &[f64]) -> Option<f64> {
-        let step_hz = 0.5 / self.duration_s;
+        let step_hz = self.step_hz();
         // The spectrum begins below the search, so that a line is compared with what is beside it on both sides.
         let first = (self.search_hz.start / step_hz) as usize
             - BESIDE.min((self.search_hz.start / step_hz) as usize - 2);
@@ -218,6 +282,7 @@ impl Windows {
             } else {
                 median(fits.iter().map(|a| a.norm()).collect())
             },
+            resolution_hz: OWN as f64 * self.step_hz(),
             // The real part of a exp(i w t) is the line.
             parts: steady.then_some([middle.re, -middle.im]),
         }
@@ -253,19 +318,27 @@ impl Windows {
     }
 }
 
-/// Cubic over a window: row of its columns at a sample, time from -1 to 1.
-fn cubic(time_s: &[f64], window: &Range<usize>, i: usize) -> SVector<f64, 4> {
+/// Polynomial of the motion over a window: its Chebyshev columns at a sample, and the time there from -1 to 1.
+fn motion_at(time_s: &[f64], window: &Range<usize>, i: usize) -> (SVector<f64, MOTION>, f64) {
     let (from, to) = (time_s[window.start], time_s[window.end - 1]);
     let t = (2.0 * time_s[i] - from - to) / (to - from);
-    SVector::from([1.0, t, t * t, t * t * t])
+    let mut row = SVector::from_element(1.0);
+    row[1] = t;
+    for k in 2..MOTION {
+        row[k] = 2.0 * t * row[k - 1] - row[k - 2];
+    }
+    (row, t)
 }
 
-/// What a cubic leaves of a window, tapered.
+/// What the polynomial of the motion leaves of a window, tapered.
 fn without_motion(time_s: &[f64], values: &[f64], window: Range<usize>) -> Vec<f64> {
-    let (mut normal, mut right) = (SMatrix::<f64, 4, 4>::zeros(), SVector::<f64, 4>::zeros());
+    let (mut normal, mut right) = (
+        SMatrix::<f64, MOTION, MOTION>::zeros(),
+        SVector::<f64, MOTION>::zeros(),
+    );
     let level = values[window.start];
     for i in window.clone() {
-        let row = cubic(time_s, &window, i);
+        let (row, _) = motion_at(time_s, &window, i);
         normal += row * row.transpose();
         right += row * (values[i] - level);
     }
@@ -273,8 +346,8 @@ fn without_motion(time_s: &[f64], values: &[f64], window: Range<usize>) -> Vec<f
     window
         .clone()
         .map(|i| {
-            let row = cubic(time_s, &window, i);
-            (values[i] - level - row.dot(&motion)) * 0.5 * (1.0 + (PI * row[1]).cos())
+            let (row, t) = motion_at(time_s, &window, i);
+            (values[i] - level - row.dot(&motion)) * 0.5 * (1.0 + (PI * t).cos())
         })
         .collect()
 }
@@ -290,19 +363,21 @@ fn power(time_s: &[f64], rest: &[f64], frequency_hz: f64) -> f64 {
     cosine * cosine + sine * sine
 }
 
-/// Complex amplitude of a sine in a window, beside a cubic; its phase counts from time 0.
+/// Complex amplitude of a sine in a window, beside the polynomial of the motion; its phase counts from time 0.
 fn sine_in(time_s: &[f64], values: &[f64], window: Range<usize>, frequency_hz: f64) -> Option<Complex<f64>> {
-    let (mut normal, mut right) = (SMatrix::<f64, 6, 6>::zeros(), SVector::<f64, 6>::zeros());
+    const ALL: usize = MOTION + 2;
+    let (mut normal, mut right) = (SMatrix::<f64, ALL, ALL>::zeros(), SVector::<f64, ALL>::zeros());
     let level = values[window.start];
     for i in window.clone() {
-        let motion = cubic(time_s, &window, i);
+        let (motion, _) = motion_at(time_s, &window, i);
         let (sine, cosine) = (TAU * frequency_hz * time_s[i]).sin_cos();
-        let row = SVector::from([motion[0], motion[1], motion[2], motion[3], cosine, sine]);
+        let mut row = motion.fixed_resize::<ALL, 1>(cosine);
+        row[MOTION + 1] = sine;
         normal += row * row.transpose();
         right += row * (values[i] - level);
     }
     let solved = normal.cholesky()?.solve(&right);
-    Some(Complex::new(solved[4], -solved[5]))
+    Some(Complex::new(solved[MOTION], -solved[MOTION + 1]))
 }
 
 #[cfg(test)]
@@ -367,6 +442,25 @@ mod tests {
                 assert_eq!(remove_vibrations(&time_s, &mut x, hz), [], "{rate_hz} {size}");
             }
         }
+    }
+
+    /// 256 samples are 0.13 s here, four periods of the line.
+    #[test]
+    fn a_slow_line_is_found_in_fast_samples() {
+        let time_s = times(2000.0, 5.0);
+        let clean: Vec<f64> = time_s.iter().map(|t| 7.0 * (TAU * 0.8 * t).sin()).collect();
+        let mut x: Vec<f64> = (0..time_s.len())
+            .map(|i| clean[i] + 0.01 * (TAU * 33.9 * time_s[i]).sin() + 0.003 * noisy(i))
+            .collect();
+        let found = remove_vibrations(&time_s, &mut x, 0.8);
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(
+            found[0].is_steady() && (found[0].amplitude - 0.01).abs() < 0.001,
+            "{found:?}"
+        );
+        assert!((found[0].frequency_hz - 33.9).abs() < 0.05, "{found:?}");
+        let force_n = amplitude_at(&time_s, &clean, 0.8, 33.9);
+        assert!(force_n < 0.001, "{force_n}");
     }
 
     #[test]
