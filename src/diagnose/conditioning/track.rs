@@ -87,6 +87,11 @@ impl Track {
         speeds.fold(0.0, f64::max)
     }
 
+    /// Index of the first point after each reversal.
+    pub(in crate::diagnose) fn turns(&self) -> impl Iterator<Item = usize> {
+        (1..self.len()).filter(|&i| self.direction[i] != self.direction[i - 1])
+    }
+
     /// True for the last point before a reversal and the first after it: a model that remembers where it turned is led there.
     pub(in crate::diagnose) fn is_at_reversal(&self, i: usize) -> bool {
         let turns = |from: usize| {

@@ -69,7 +69,7 @@ mod tests {
         );
         let track = &coarse.tracks[0];
         let reached = |of: &crate::diagnose::conditioning::Track| {
-            let turns = (1..of.len()).filter(|&i| of.direction[i] != of.direction[i - 1]);
+            let turns = of.turns();
             turns.map(|i| of.displacement_mm[i - 1]).collect::<Vec<f64>>()
         };
         assert_eq!(reached(track), reached(&data.tracks[0]));

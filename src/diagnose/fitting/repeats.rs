@@ -4,8 +4,8 @@ use super::data::Data;
 use crate::diagnose::conditioning::{Track, median, range};
 use crate::diagnose::note::{Note, NoteAction, NoteKind};
 
-/// Two recordings repeat one motion if its ends differ by less than this share of the stroke, and its frequency by less than this
-/// share.
+/// Two recordings repeat one motion if its ends and each of its reversals differ by less than this share of the stroke, and its frequency
+/// by less than this share.
 const SAME_ENDS: f64 = 0.03;
 const SAME_FREQUENCY: f64 = 0.1;
 /// Number of bins of the displacement on each branch, and fewest points of a bin.
@@ -62,7 +62,17 @@ fn same_motion(a: &Track, b: &Track) -> bool {
         a.frequency_hz.max(b.frequency_hz),
         a.frequency_hz.min(b.frequency_hz),
     );
-    same_ends && slow > 0.0 && fast - slow < SAME_FREQUENCY * fast
+    let same_turns = turns(a)
+        .zip(turns(b))
+        .all(|(a, b)| a.0 == b.0 && (a.1 - b.1).abs() < room_mm);
+    same_ends && same_turns && slow > 0.0 && fast - slow < SAME_FREQUENCY * fast
+}
+
+/// Direction from each reversal on, and its displacement in mm.
+fn turns(track: &Track) -> impl Iterator<Item = (f64, f64)> {
+    track
+        .turns()
+        .map(|i| (track.direction[i], track.displacement_mm[i - 1]))
 }
 
 /// Points of the loop of one recording, by bins of the displacement and by branch.
@@ -142,6 +152,17 @@ mod tests {
         let notes = disagreements(&both);
         assert_eq!(notes.len(), 1, "{notes:?}");
         assert!((notes[0].size.value - 12.0).abs() < 1.0, "{notes:?}");
+        // Other turns between the same ends are another motion: both first rise from rest.
+        let mut smaller = both.clone();
+        let track = &mut smaller.tracks[1];
+        let highest_mm = range(&track.displacement_mm);
+        for x in track.displacement_mm[1..]
+            .iter_mut()
+            .filter(|x| **x < 0.4 * highest_mm)
+        {
+            *x = 0.4 * highest_mm;
+        }
+        assert_eq!(disagreements(&smaller), []);
         both.force_n[one.len()..].iter_mut().for_each(|f| *f -= 12.0);
         assert_eq!(disagreements(&both), []);
     }
