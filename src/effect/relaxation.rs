@@ -2,11 +2,11 @@
 //!
 //! ```text
 //! F = F_in + sum q_i,  dq_i/dt = (k / 3) dx/dt - q_i / tau_i,  tau_i = tau 10^(s (i - 1)),  i = 0, 1, 2
-//! q_i(0) = (1 - r) (k / 3) x(0)
+//! q_i(0) = (k / 3) (x(0) - x_h)
 //! ```
 //! q_i: force of an arm, N. k: `arm_rate_n_per_mm`, of all arms. tau: `time_constant_s`. s: `spread_decades`; at 0 the arms are
-//! one. r: `relaxed_share`, how far they had relaxed before the recording began. x: displacement, mm. F_in: force of
-//! the plant inside, N. Each step is exact for constant speed within the step.
+//! one. x_h: `held_at_mm`, where the specimen was held before the recording until the arms had relaxed. x: displacement, mm.
+//! F_in: force of the plant inside, N. Each step is exact for constant speed within the step.
 //! Source: standard linear solid, C. Zener, Elasticity and Anelasticity of Metals (1948); arms in parallel, E. Wiechert (1893).
 //! Range: small strain, a spectrum of up to three decades. Friction cannot produce this decay, because it does not change at rest.
 
@@ -48,12 +48,12 @@ pub(crate) const EFFECT: Effect = Effect {
             what: "decades from one arm's time constant to the next: 0 for a single time constant",
         },
         Parameter {
-            name: "relaxed_share",
-            unit: "",
+            name: "held_at_mm",
+            unit: "mm",
             start: 0.0,
-            bounds: [0.0, 1.0],
-            belief: [0.0, 1.0],
-            what: "share of the force at the start that had relaxed before the recording",
+            bounds: [-1000.0, 1000.0],
+            belief: [-10.0, 100.0],
+            what: "displacement at which the specimen was held before the recording",
         },
     ],
     neutral: &[0.0, 10.0, 0.0, 0.0],
@@ -62,7 +62,7 @@ pub(crate) const EFFECT: Effect = Effect {
     shapes: &[2, 3],
     starts: |s| {
         [0.1, 1.0, 0.05 * s.duration_s, 0.3 * s.duration_s]
-            .map(|tau| vec![0.5, tau.clamp(0.3, 1e4), 0.3, 0.5])
+            .map(|tau| vec![0.5, tau.clamp(0.3, 1e4), 0.3, s.displacement_at(0.2)])
             .to_vec()
     },
     statement: |v| {
@@ -76,8 +76,8 @@ pub(crate) const EFFECT: Effect = Effect {
             Relaxation {
                 rate_n_per_mm: v[0] / ARMS as f64,
                 times_s: std::array::from_fn(|i| v[1] * 10f64.powf(v[2] * (i as f64 - 1.0))),
-                relaxed_share: v[3],
-                displacement_mm: None,
+                displacement_mm: v[3],
+                held_at_mm: v[3],
                 arms_n: [0.0; ARMS],
             },
             inside,
@@ -104,24 +104,21 @@ struct Relaxation {
     /// Rate of one arm.
     rate_n_per_mm: f64,
     times_s: [f64; ARMS],
-    relaxed_share: f64,
-    /// Displacement of the last step; `None` before the first.
-    displacement_mm: Option<f64>,
+    held_at_mm: f64,
+    /// Displacement of the last step, or where the specimen was held before the first.
+    displacement_mm: f64,
     arms_n: [f64; ARMS],
 }
 
 impl Wrap for Relaxation {
     fn reset(&mut self) {
-        self.displacement_mm = None;
+        self.displacement_mm = self.held_at_mm;
         self.arms_n = [0.0; ARMS];
     }
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
-        // What was loaded before the recording has relaxed in part.
-        let travel_mm = match self.displacement_mm.replace(displacement_mm) {
-            Some(from_mm) => displacement_mm - from_mm,
-            None => (1.0 - self.relaxed_share) * displacement_mm,
-        };
+        let travel_mm = displacement_mm - self.displacement_mm;
+        self.displacement_mm = displacement_mm;
         let loaded_n = self.rate_n_per_mm * travel_mm;
         for (arm_n, time_s) in self.arms_n.iter_mut().zip(&self.times_s) {
             let times = dt_s / time_s;
@@ -153,16 +150,16 @@ mod tests {
     }
 
     #[test]
-    fn arms_that_had_relaxed_before_the_recording_carry_nothing() {
+    fn arms_had_relaxed_where_the_specimen_was_held() {
         let first_n =
-            |relaxed_share| (EFFECT.attach)(&[4.0, 10.0, 1.0, relaxed_share], spring()).step(5.0, 0.0);
-        assert!((first_n(1.0) - 500.0).abs() < 1e-9);
-        assert!((first_n(0.5) - 510.0).abs() < 1e-9);
+            |held_at_mm, x_mm| (EFFECT.attach)(&[4.0, 10.0, 1.0, held_at_mm], spring()).step(x_mm, 0.0);
+        assert!((first_n(5.0, 5.0) - 500.0).abs() < 1e-9);
+        // Unloaded just before the recording, the arms still pull.
+        assert!((first_n(5.0, 0.0) - 80.0).abs() < 1e-9);
     }
 
     #[test]
     fn parameters_are_recovered_from_clean_data() {
-        // The motion starts at 0 mm, where it makes no difference how far the arms had relaxed: that share stays at its start.
-        parameters_are_recovered(&EFFECT, &[4.0, 8.0, 0.3, 0.5]);
+        parameters_are_recovered(&EFFECT, &[4.0, 8.0, 0.3, 6.0]);
     }
 }
