@@ -21,7 +21,7 @@ const LEAST_PERIODS: f64 = 5.0;
 /// Highest frequency as a share of the sampling rate. Above it, the channel's white noise holds the vibration already.
 const HIGHEST: f64 = 0.3;
 /// Samples of a window, and the longest window in periods of the motion.
-const SAMPLES: Range<usize> = 40..256;
+const SAMPLES: Range<usize> = 24..256;
 const OF_MOTION: f64 = 0.4;
 /// Coefficients of the polynomial that the motion is in a window. With four, a sine of 7 mm left 0.01 mm in the longest window.
 const MOTION: usize = 8;
