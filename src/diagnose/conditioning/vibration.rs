@@ -25,6 +25,8 @@ const SAMPLES: Range<usize> = 24..256;
 const OF_MOTION: f64 = 0.4;
 /// Coefficients of the polynomial that the motion is in a window. With four, a sine of 7 mm left 0.01 mm in the longest window.
 const MOTION: usize = 8;
+/// These, and the cosine and the sine of a vibration.
+const WITH_SINE: usize = MOTION + 2;
 /// Reversals of the test come back by more than this share of the stroke.
 const TEST_REVERSAL: f64 = 0.2;
 /// Number of windows of the spectrum; at least the lower number must be there.
@@ -365,13 +367,15 @@ fn power(time_s: &[f64], rest: &[f64], frequency_hz: f64) -> f64 {
 
 /// Complex amplitude of a sine in a window, beside the polynomial of the motion; its phase counts from time 0.
 fn sine_in(time_s: &[f64], values: &[f64], window: Range<usize>, frequency_hz: f64) -> Option<Complex<f64>> {
-    const ALL: usize = MOTION + 2;
-    let (mut normal, mut right) = (SMatrix::<f64, ALL, ALL>::zeros(), SVector::<f64, ALL>::zeros());
+    let (mut normal, mut right) = (
+        SMatrix::<f64, WITH_SINE, WITH_SINE>::zeros(),
+        SVector::<f64, WITH_SINE>::zeros(),
+    );
     let level = values[window.start];
     for i in window.clone() {
         let (motion, _) = motion_at(time_s, &window, i);
         let (sine, cosine) = (TAU * frequency_hz * time_s[i]).sin_cos();
-        let mut row = motion.fixed_resize::<ALL, 1>(cosine);
+        let mut row = motion.fixed_resize::<WITH_SINE, 1>(cosine);
         row[MOTION + 1] = sine;
         normal += row * row.transpose();
         right += row * (values[i] - level);
