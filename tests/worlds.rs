@@ -165,6 +165,18 @@ fn a_loss_of_strength_is_no_slow_noise() {
     assert!(found.notes.is_empty(), "{:?}", found.notes);
 }
 
+/// Nothing is hidden here but friction that forgets reversals, in random motions. What the usual law leaves of them is 40 times the noise
+/// and follows no axis, so the other law was not tried, and the answer was `unexplained`.
+#[test]
+fn another_friction_law_is_tried_where_a_random_motion_leaves_more_than_noise() {
+    let mut case = Case::draw(World::BoucWen, 2_893_685_161, 32, None);
+    for recording in &mut case.recordings {
+        recording.turn_signs(false, true);
+    }
+    let found = examine(&case, &case.recordings, 0).expect("valid recordings");
+    assert_eq!(found.verdict, Verdict::Adequate, "{}", found.summary);
+}
+
 /// Nothing is hidden here. The recordings were shifted along the line of the spring, by up to -73 N and -1.4 mm with a delay of 11 ms, to
 /// fit what the model does not know; then the rest was `unexplained`.
 #[test]
