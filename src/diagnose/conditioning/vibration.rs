@@ -3,8 +3,8 @@
 //!
 //! In each of many short windows a polynomial takes out the motion and a sine is fitted to the rest. The windows are shorter than half a
 //! cycle of the motion, so that harmonics of the motion form no line. What has the same frequency and phase in most windows is a
-//! steady line; corners and friction jumps are in few of them, and the median leaves them out. Where the sampling is so fast that a
-//! window of few samples holds few periods, means of some samples each are looked through as well.
+//! steady line; corners and friction jumps are in few of them, and the median leaves them out. At fast sampling such a window is too short
+//! for slow lines, so these are looked for in means of several samples.
 
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
@@ -75,7 +75,7 @@ impl Vibration {
 pub(super) fn remove_vibrations(time_s: &[f64], values: &mut [f64], motion_hz: f64) -> Vec<Vibration> {
     let mut found = Vec::new();
     while found.len() < MOST_LINES {
-        // What is left beside a line is that line, not subtracted exactly.
+        // A line this close to one that was subtracted is what the subtraction left of it.
         let is_rest = |line: &Vibration, of: &Vibration| {
             (line.frequency_hz - of.frequency_hz).abs() < line.resolution_hz
         };
@@ -108,7 +108,7 @@ pub(super) fn motion_frequency_hz(time_s: &[f64], displacement_mm: &[f64]) -> f6
     }
 }
 
-/// The strongest line above the frequencies of the motion: of the slow ones first.
+/// The strongest line above the frequencies of the motion. Slow lines are looked for first.
 fn vibration(time_s: &[f64], values: &[f64], motion_hz: f64) -> Option<Vibration> {
     let line = strides(time_s, motion_hz)
         .into_iter()
@@ -130,7 +130,7 @@ fn line_of_means(time_s: &[f64], values: &[f64], motion_hz: f64, stride: usize) 
     Some(windows.of_samples(stride).line_at(time_s, values, refined_hz))
 }
 
-/// Numbers of samples of a mean, the most first: as many as a window needs for enough periods of the slowest vibration, and one.
+/// How many samples a mean takes: first so many that a window holds enough periods of the slowest vibration, then one, for fast lines.
 fn strides(time_s: &[f64], motion_hz: f64) -> Vec<usize> {
     let of_motion_s = if motion_hz > 0.0 {
         OF_MOTION / motion_hz
@@ -142,7 +142,7 @@ fn strides(time_s: &[f64], motion_hz: f64) -> Vec<usize> {
     if stride > 1 { vec![stride, 1] } else { vec![1] }
 }
 
-/// Means of `stride` samples each, without a rest at the end.
+/// Means of `stride` samples each. Samples at the end that fill no mean are left out.
 fn means(values: &[f64], stride: usize) -> Vec<f64> {
     let blocks = values.chunks_exact(stride);
     blocks

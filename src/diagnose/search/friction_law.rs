@@ -15,7 +15,8 @@ use crate::diagnose::fitting::{
 const SEEDS_TRIED: usize = 6;
 const SEEDS: usize = 3;
 /// Variance of what the best set leaves, in variances of the white noise, from which another friction law is tried even if no structure is
-/// found: what a law leaves of a random motion follows no axis. In one such case another law left a fortieth of the sum of squares.
+/// found: what a law leaves of a random motion follows no axis. In one such case another law left a fortieth of the sum of
+/// squares. Other values were not tried.
 const MORE_THAN_NOISE: f64 = 2.0;
 
 /// What the search starts from.
