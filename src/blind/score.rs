@@ -4,7 +4,7 @@ use super::answer::Answer;
 use super::settle::Settling;
 use crate::diagnose::Verdict;
 use crate::diagnose::note::NoteKind;
-use crate::truth::{Family, Label, World};
+use crate::truth::{Family, Hidden, Label, World};
 
 /// Confidence from which an answer counts as sure.
 const SURE: f64 = 0.9;
@@ -175,6 +175,20 @@ impl CaseScore {
         let answer = self.answer.as_ref();
         answer.is_some_and(|a| a.verdict == Verdict::Unexplained || a.codes() == self.truth())
     }
+
+    /// The same, or each hidden law is named by the effect of the library that has its mechanism, and nothing else is: a bump stop is a
+    /// stiffness that rises beyond a deflection.
+    pub(crate) fn is_unknown_or_its_mechanism(&self) -> bool {
+        let answer = self.answer.as_ref();
+        let named = answer.is_some_and(|a| {
+            let codes = a.codes();
+            let hidden = &self.label.hidden;
+            let mechanism = |h: &Hidden| h.also().iter().any(|code| codes.contains(code));
+            let right = |code: &&str| self.is_right(code) || hidden.iter().any(|h| h.also().contains(code));
+            hidden.iter().all(mechanism) && codes.iter().all(right)
+        });
+        self.is_unknown() || named
+    }
 }
 
 /// The note that an imperfection of `truth` must lead to.
@@ -203,7 +217,6 @@ fn overlap(a: [f64; 2], b: [f64; 2]) -> f64 {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::truth::Hidden;
 
     /// A score with the hidden effects `truth`, each at 10 of 25 mm, and an answer with these named effects and alternatives.
     pub(crate) fn score(truth: &[&'static str], named: &[&str], alternatives: &[&str]) -> CaseScore {
@@ -284,6 +297,22 @@ pub(crate) mod tests {
             [true, false]
         );
         assert!(score(&[], &[], &[]).exact());
+    }
+
+    #[test]
+    fn a_law_outside_the_library_may_be_named_by_its_mechanism() {
+        let counts = |hidden, named: &[&str]| {
+            let s = score(&[hidden], named, &[]);
+            [s.is_unknown(), s.is_unknown_or_its_mechanism()]
+        };
+        assert_eq!(counts("bump_stop", &["progressive_stiffness"]), [false, true]);
+        assert_eq!(
+            counts("bump_stop", &["progressive_stiffness", "inertia"]),
+            [false, false]
+        );
+        assert_eq!(counts("ripple", &["progressive_stiffness"]), [false, false]);
+        assert_eq!(counts("ripple", &[]), [false, false], "adequate");
+        assert_eq!(counts("warming", &["warming"]), [true, true]);
     }
 
     #[test]

@@ -5,7 +5,7 @@ use super::statistics::{Proportion, calibration_error, median};
 use crate::truth::{Family, World};
 
 /// What is measured and what is asked, one for each column after the world.
-pub(crate) const ASKED: [(&str, &str); 10] = [
+pub(crate) const ASKED: [(&str, &str); 11] = [
     ("exact, one effect, strength 5 and up", "90 %, own 97 %"),
     ("exact, two effects, strength 5 and up", "75 %"),
     ("named or an alternative, strength 2 and up", "93 %"),
@@ -13,6 +13,7 @@ pub(crate) const ASKED: [(&str, &str); 10] = [
     ("adequate, nothing hidden", "95 %"),
     ("imperfection of the instruments said", "95 %"),
     ("unknown, outside the library", "95 %"),
+    ("unknown, or named by a mechanism of the library", ""),
     ("located, median overlap", "0.7"),
     ("outside: error over noise, median", "at most 1.5"),
     ("calibration error", "at most 0.05"),
@@ -60,6 +61,7 @@ fn figures(scores: &[CaseScore]) -> Vec<String> {
             &CaseScore::says_its_nuisance,
         ),
         counted(&outside, &CaseScore::is_unknown),
+        counted(&outside, &CaseScore::is_unknown_or_its_mechanism),
         value(median(overlaps.collect())),
         value(median(errors.map(|a| a.heldout).collect())),
         value(calibration_error(scores)),
@@ -113,7 +115,7 @@ mod tests {
         assert_eq!(found[3], "40 % (12 to 77)");
         assert_eq!(found[4], "100 % (21 to 100)");
         assert_eq!(found[6], "0 % (0 to 79)");
-        assert_eq!(found[8], "1.05");
+        assert_eq!(found[9], "1.05");
         assert_eq!(cells(&scores, World::Pack)[0], "");
         assert_eq!(markdown(&scores).lines().count(), 4, "one world needs no sum");
         let mut elsewhere = score(&["inertia"], &["relaxation"], &[]);

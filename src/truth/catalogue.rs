@@ -256,9 +256,15 @@ pub(crate) static PHYSICS: &[Physics] = &[
         place: |u, _| 1.5 + 2.0 * u,
         ..physics("ripple", |s| 0.05 * s.top_n())
     },
-    // Size: error in the middle divided by the largest displacement.
+    // Size: largest error of the LVDT divided by the largest displacement.
     Physics {
         signed: true,
+        laws: &[
+            "half a sine",
+            "two straight lines",
+            "logarithm",
+            "power of 1.3 to 1.7",
+        ],
         ..foreign("sensor_curvature", |_| 0.02)
     },
     // Size: share of the load that is lost. Place: number of cycles after which it is lost.
@@ -321,6 +327,11 @@ impl Hidden {
     /// Axis of `docs/formats.md` and interval in which a local effect acts; `top_mm` is the largest displacement.
     pub(crate) fn interval(&self, top_mm: f64) -> Option<Interval> {
         find(self.code).and_then(|p| (p.interval)(self, top_mm))
+    }
+
+    /// Codes of the library that it is not wrong to name instead.
+    pub(crate) fn also(&self) -> &'static [&'static str] {
+        find(self.code).map_or(&[], |p| p.also)
     }
 
     /// Names and true values of the parameters that a diagnosis is compared with; `top_n` is the largest force in N.

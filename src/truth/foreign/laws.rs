@@ -125,6 +125,28 @@ pub(in crate::truth) fn clipped_n(h: &Hidden, force_n: f64, top_n: f64) -> f64 {
     }
 }
 
+/// Error of a LVDT over its reading `u`, 0 at both ends of the range (0 and 1), 1 where it is largest.
+pub(super) fn bow(h: &Hidden, u: f64) -> f64 {
+    let Law { number, shape, .. } = law(h);
+    match number {
+        0 => (std::f64::consts::PI * u).sin(),
+        1 => {
+            let corner = 0.3 + 0.4 * shape;
+            (u / corner).min((1.0 - u) / (1.0 - corner))
+        }
+        2 => {
+            let k = 2.0 + 6.0 * shape;
+            let error = |u: f64| (k * u.max(0.0)).ln_1p() / k.ln_1p() - u;
+            error(u) / error(1.0 / k.ln_1p() - 1.0 / k)
+        }
+        _ => {
+            let power = 1.3 + 0.4 * shape;
+            let error = |u: f64| u - u.max(0.0).powf(power);
+            error(u) / error(power.powf(-1.0 / (power - 1.0)))
+        }
+    }
+}
+
 /// Damping force in N at a speed.
 pub(super) fn damping_n(h: &Hidden, speed_mm_s: f64) -> f64 {
     let Law { number, shape, .. } = law(h);
@@ -214,6 +236,21 @@ mod tests {
             assert!(load(8.0) < 0.05 * load(20.0) && load(20.0) > 0.0, "{number}");
             let rate = (load(20.0) - load(19.9)) / 0.1;
             assert!(rate > 4.0 && rate < 10.1, "{number}: {rate}");
+        }
+    }
+
+    #[test]
+    fn a_bow_is_zero_at_both_ends_and_one_where_it_is_largest() {
+        for number in 0..4 {
+            let h = hidden(number, 0.01, 0.0);
+            assert!(
+                bow(&h, 0.0).abs() < 1e-12 && bow(&h, 1.0).abs() < 1e-12,
+                "{number}"
+            );
+            let most = (0..=1000)
+                .map(|k| bow(&h, 1e-3 * f64::from(k)))
+                .fold(0.0, f64::max);
+            assert!((most - 1.0).abs() < 1e-3, "{number}: {most}");
         }
     }
 

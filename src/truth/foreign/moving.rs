@@ -1,7 +1,7 @@
 //! A specimen in motion, with its own steps in time: from the displacement of the board to the force that the amplifier shows.
 
 use super::laws::{
-    damping_n, drift_n, fading, geometric_n, get, joint_mm, law, load_exponent, progressive_n, seated_mm,
+    bow, damping_n, drift_n, fading, geometric_n, get, joint_mm, law, load_exponent, progressive_n, seated_mm,
 };
 use super::memory::{Arms, Filters, Fixture, Sliders, WornGap, delays_s, filters_of};
 use super::operator::FrictionOperator;
@@ -48,11 +48,10 @@ pub(in crate::truth) fn seen_mm(
     let late = get(hidden, "channel_delay").filter(|h| h.size < 0.0);
     let delays = late.map_or(vec![0.0], |h| delays_s(-1e-3 * h.size, filters_of(h)));
     let top_mm = specimen.top_mm();
-    let bent = get(hidden, "sensor_curvature").map_or(0.0, |h| h.size);
+    let bent = get(hidden, "sensor_curvature");
     let seen = times_s.iter().map(|t| {
         let x = delays.iter().map(|d| motion.at_mm(t - d)).sum::<f64>() / delays.len() as f64;
-        // A parabola that is zero at both ends and `size` times the largest displacement in the middle.
-        x + bent * 4.0 * x * (1.0 - x / top_mm)
+        x + bent.map_or(0.0, |h| h.size * top_mm * bow(h, x / top_mm))
     });
     seen.collect()
 }
