@@ -15,40 +15,52 @@ use crate::model::{Parameter, Plant};
 /// Contact displacement in mm that means: the contact is never lost.
 const NEVER_MM: f64 = -1000.0;
 
-/// The entry of [`super::EFFECTS`].
+/// The entry of [`super::EFFECTS`]. A contact that closes over a travel curves the characteristic as a stiffer specimen does. So no search
+/// begins with it: it is compared with a curve that was named ([`super::RIVAL_LAWS`]).
 pub(crate) const EFFECT: Effect = Effect {
     code: "lift_off",
     stage: Stage::Pusher,
     follows_path: true,
     only_rival: false,
-    parameters: &[Parameter {
-        name: "contact_mm",
-        unit: "mm",
-        start: NEVER_MM,
-        bounds: [NEVER_MM, 1000.0],
-        belief: [-50.0, 50.0],
-        what: "displacement below which the pusher does not touch the specimen",
-    }],
-    neutral: &[NEVER_MM],
+    parameters: &[
+        Parameter {
+            name: "contact_mm",
+            unit: "mm",
+            start: NEVER_MM,
+            bounds: [NEVER_MM, 1000.0],
+            belief: [-50.0, 50.0],
+            what: "displacement below which the pusher does not touch the specimen",
+        },
+        Parameter {
+            name: "width_mm",
+            unit: "mm",
+            start: 0.0,
+            bounds: [0.0, 20.0],
+            belief: [0.0, 5.0],
+            what: "travel over which the contact closes",
+        },
+    ],
+    neutral: &[NEVER_MM, 0.0],
     amplitudes: &[],
     kinks: &[(0, Axis::DisplacementMm)],
     shapes: &[],
     starts: |s| {
-        [0.004, 0.012, 0.03, 0.06, 0.1, 0.16, 0.25]
-            .map(|p| vec![s.displacement_at(p)])
+        let width_mm = (0.1 * s.travel_mm()).clamp(0.001, 20.0);
+        [0.004, 0.03, 0.1, 0.25]
+            .map(|share| vec![s.displacement_at(share), width_mm])
             .to_vec()
     },
     statement: |v| {
         format!(
-            "Below {:.2} mm the pusher does not touch the specimen and there is no force.",
-            v[0]
+            "The pusher touches the specimen from about {:.2} mm on, softly: it is seated within {:.2} mm.",
+            v[0], v[1]
         )
     },
     attach: |v, inside| {
         wrapped(
             LiftOff {
                 contact_mm: v[0],
-                width_mm: 0.0,
+                width_mm: v[1],
                 away: false,
             },
             inside,
@@ -70,32 +82,26 @@ pub(crate) const EFFECT: Effect = Effect {
     }],
 };
 
-/// The law of a contact that closes softly. A characteristic that is curved near zero load may be that of such a contact
-/// ([`super::RIVAL_LAWS`]).
-pub(super) const SOFT: Effect = Effect {
-    parameters: &[
-        EFFECT.parameters[0],
-        Parameter {
-            name: "width_mm",
-            unit: "mm",
-            start: 0.3,
-            bounds: [0.001, 20.0],
-            belief: [0.001, 5.0],
-            what: "travel over which the contact closes",
-        },
-    ],
-    neutral: &[NEVER_MM, 0.3],
+/// The contact that closes at once, which a search begins with ([`super::SIMPLEST_LAWS`]).
+pub(super) const AT_ONCE: Effect = Effect {
+    parameters: &[EFFECT.parameters[0]],
+    neutral: &[NEVER_MM],
     starts: |s| {
-        let width_mm = (0.1 * s.travel_mm()).clamp(0.001, 20.0);
-        [0.004, 0.03, 0.1, 0.25]
-            .map(|share| vec![s.displacement_at(share), width_mm])
+        [0.004, 0.012, 0.03, 0.06, 0.1, 0.16, 0.25]
+            .map(|p| vec![s.displacement_at(p)])
             .to_vec()
+    },
+    statement: |v| {
+        format!(
+            "Below {:.2} mm the pusher does not touch the specimen and there is no force.",
+            v[0]
+        )
     },
     attach: |v, inside| {
         wrapped(
             LiftOff {
                 contact_mm: v[0],
-                width_mm: v[1],
+                width_mm: 0.0,
                 away: false,
             },
             inside,
@@ -134,35 +140,35 @@ impl Wrap for LiftOff {
 #[cfg(test)]
 mod tests {
     use super::super::testing::*;
-    use super::{EFFECT, SOFT};
+    use super::{AT_ONCE, EFFECT};
 
     #[test]
     fn neutral_values_change_nothing() {
+        neutral_changes_nothing(&AT_ONCE);
         neutral_changes_nothing(&EFFECT);
     }
 
     #[test]
     fn a_soft_contact_closes_over_its_width() {
-        neutral_changes_nothing(&SOFT);
         // At the first contact half of the width of 2 mm presses: 100 + 80 * 1 N. 10 mm beyond, (10 + sqrt(104)) / 2 mm press.
-        let mut plant = (SOFT.attach)(&[2.0, 2.0], spring());
+        let mut plant = (EFFECT.attach)(&[2.0, 2.0], spring());
         assert!((plant.step(2.0, 0.1) - 180.0).abs() < 1e-9);
         assert!((plant.step(12.0, 0.1) - (100.0 + 40.0 * (10.0 + 104f64.sqrt()))).abs() < 1e-9);
         // Where it closes at once it is the contact of the other law.
-        let mut hard = (EFFECT.attach)(&[2.0], spring());
-        let mut soft = (SOFT.attach)(&[2.0, 0.001], spring());
+        let mut hard = (AT_ONCE.attach)(&[2.0], spring());
+        let mut soft = (EFFECT.attach)(&[2.0, 0.001], spring());
         assert!((hard.step(5.0, 0.1) - soft.step(5.0, 0.1)).abs() < 1e-4);
     }
 
     #[test]
     fn force_by_hand() {
-        let mut plant = (EFFECT.attach)(&[2.0], spring());
+        let mut plant = (AT_ONCE.attach)(&[2.0], spring());
         assert_eq!(plant.step(1.9, 0.1), 0.0);
         assert!((plant.step(5.0, 0.1) - 340.0).abs() < 1e-9);
     }
 
     #[test]
     fn parameters_are_recovered_from_clean_data() {
-        parameters_are_recovered(&EFFECT, &[2.0]);
+        parameters_are_recovered(&AT_ONCE, &[2.0]);
     }
 }

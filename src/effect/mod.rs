@@ -161,7 +161,7 @@ pub(crate) struct Effect {
     pub stage: Stage,
     /// True if its force follows from the path of the displacement alone, not from speed, time or the number of cycles.
     pub follows_path: bool,
-    /// True if no search names it by itself, because nothing in a recording tells it from the specimen: it is only tried in the place of a
+    /// True if no search begins with it, because hardly anything in a recording tells it from the specimen: it is tried in the place of a
     /// named effect ([`RIVAL_LAWS`]).
     pub only_rival: bool,
     /// Parameters of the effect, in the order that `attach` takes.
@@ -211,14 +211,17 @@ pub(crate) static EFFECTS: &[Effect] = &[
     warming::EFFECT,
 ];
 
-/// Laws that are only tried in the place of a named effect that looks alike ([`Effect::confusable_with`]): with a law so free nearly every
-/// curve could be named, and a fault of a channel makes the same recording as a specimen.
+/// Laws that are only tried in the place of a named effect that looks alike ([`Effect::confusable_with`]), because with a law so free nearly
+/// every curve could be named. One that fits better is named instead.
 pub(crate) static RIVAL_LAWS: &[Effect] = &[
-    lift_off::SOFT,
+    lift_off::EFFECT,
     sensor_curvature::OF_DISPLACEMENT,
     sensor_curvature::OF_FORCE,
-    series_compliance::SETTLING,
+    series_compliance::EFFECT,
 ];
+
+/// The laws that a search begins with, where the entry of [`EFFECTS`] is one of [`RIVAL_LAWS`].
+static SIMPLEST_LAWS: &[Effect] = &[lift_off::AT_ONCE, series_compliance::LINEAR];
 
 /// General forms of physics that a model already has. They are attached like effects but are never reported as missing.
 pub(crate) static FORMS: &[Effect] = &[friction_form::FORM, friction_state::FORM];
@@ -264,6 +267,12 @@ pub(crate) fn find(code: &str) -> Result<&'static Effect, EffectError> {
 }
 
 impl Effect {
+    /// The law that a search begins with.
+    pub(crate) fn simplest(&'static self) -> &'static Effect {
+        let simplest = SIMPLEST_LAWS.iter().find(|law| law.code == self.code);
+        simplest.unwrap_or(self)
+    }
+
     /// Wraps `inside` after the check that there is one value for each parameter, finite and within its bounds.
     pub(crate) fn attached(
         &self,
@@ -448,7 +457,7 @@ mod tests {
         assert_eq!(share(&backlash::EFFECT, &[0.4]), [0.1]);
         // The contact is never lost below the recorded range, and the channel never clips above it.
         let [low_mm, high_n] = [span.displacement_mm[0], span.force_n[1]];
-        assert_eq!(share(&lift_off::EFFECT, &[low_mm + 4.0]), [low_mm + 1.0]);
+        assert_eq!(share(&lift_off::AT_ONCE, &[low_mm + 4.0]), [low_mm + 1.0]);
         assert_eq!(
             share(&sensor_saturation::EFFECT, &[high_n - 40.0]),
             [high_n - 10.0]

@@ -5,34 +5,97 @@
 //! ```
 //! C: `compliance_mm_per_kn` / 1000, mm/N. x: displacement, mm. F_in: force of the plant inside, N. Each step solves this
 //! equation on copies of the plant inside: two secant steps, then within a bracket if they have not met it.
-//! A joint that settles deforms by C F_s asinh(F / F_s) instead of C F: a rough seat becomes stiffer as it is loaded. F_s:
-//! `settles_at_n`.
+//! A joint that closes deforms by C (F - s (e(F - F_c) - e(-F_c))) with e(u) = (u + sqrt(u^2 + w^2)) / 2: a gap or a soft layer is closed
+//! at a force. F_c: `closes_at_n`. w: `width_n`. s: `closed_share`, 0 for a linear joint.
 //! Where F_in jumps (dry friction that reverses at once, or that reverses after the noise band of a LVDT), no displacement of the
 //! specimen meets the equation. The specimen then sticks before the jump, and F is what the compliance carries.
-//! Source: two springs in series. Range: linear, massless fixture. With a linear spring inside, the effect only lowers the
-//! rate and no recording can show it.
+//! Source: two springs in series. Range: massless fixture. With a linear spring inside, a linear joint only
+//! lowers the rate and no recording can show it.
 
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Parameter, Plant};
 
-/// The entry of [`super::EFFECTS`].
+/// The entry of [`super::EFFECTS`]. A joint that closes curves the characteristic as a stiffer specimen does. So no search begins with it: it
+/// is compared with a curve that was named ([`super::RIVAL_LAWS`]).
 pub(crate) const EFFECT: Effect = Effect {
     code: "series_compliance",
     stage: Stage::Frame,
     follows_path: true,
     only_rival: false,
-    parameters: &[Parameter {
-        name: "compliance_mm_per_kn",
-        unit: "mm/kN",
-        start: 0.1,
-        bounds: [0.0, 50.0],
-        belief: [0.0, 5.0],
-        what: "deformation of the fixture for each kN",
-    }],
-    neutral: &[0.0],
+    parameters: &[
+        Parameter {
+            name: "compliance_mm_per_kn",
+            unit: "mm/kN",
+            start: 0.1,
+            bounds: [0.0, 50.0],
+            belief: [0.0, 5.0],
+            what: "deformation of the fixture for each kN",
+        },
+        Parameter {
+            name: "closes_at_n",
+            unit: "N",
+            start: 500.0,
+            bounds: [1.0, 100_000.0],
+            belief: [5.0, 50_000.0],
+            what: "force at which a gap or a soft layer in the fixture is closed",
+        },
+        Parameter {
+            name: "width_n",
+            unit: "N",
+            start: 100.0,
+            bounds: [1.0, 100_000.0],
+            belief: [1.0, 50_000.0],
+            what: "range of force over which it closes",
+        },
+        Parameter {
+            name: "closed_share",
+            unit: "",
+            start: 0.0,
+            bounds: [0.0, 0.98],
+            belief: [0.0, 0.98],
+            what: "share of the compliance that is gone when it has closed",
+        },
+    ],
+    neutral: &[0.0, 500.0, 100.0, 0.0],
     amplitudes: &[0],
     kinks: &[],
     shapes: &[],
+    starts: |s| {
+        let force_n = |share: f64| (share * s.force_n[1]).clamp(1.0, 100_000.0);
+        [[0.15, 0.1], [0.4, 0.1], [0.3, 0.5]]
+            .map(|[at, width]| vec![0.05, force_n(at), force_n(width), 0.8])
+            .to_vec()
+    },
+    statement: |v| {
+        format!(
+            "A part between specimen and LVDT deforms by {:.3} mm for each kN, and from about {:.0} N on by {:.3} mm for each kN, because it \
+             closes. Possible causes: load frame, board or fixture.",
+            v[0],
+            v[1],
+            v[0] * (1.0 - v[3])
+        )
+    },
+    attach: |v, inside| wrapped(SeriesCompliance::of(FixtureJoint::of(v)), inside),
+    if_known: super::unchanged,
+    place: everywhere,
+    confusable_with: &[
+        LookAlike {
+            code: "geometric_stiffness",
+            why: "a seat that deforms curves the characteristic as geometry does",
+            test: "a second LVDT between board and frame: it measures the deformation of the seat",
+        },
+        LookAlike {
+            code: "progressive_stiffness",
+            why: "a seat that closes under load stiffens the characteristic as a helper leaf does",
+            test: "a second LVDT between board and frame: it measures the deformation of the seat",
+        },
+    ],
+};
+
+/// The linear joint, which a search begins with ([`super::SIMPLEST_LAWS`]).
+pub(super) const LINEAR: Effect = Effect {
+    parameters: &[EFFECT.parameters[0]],
+    neutral: &[0.0],
     starts: |_| vec![vec![0.05]],
     statement: |v| {
         format!(
@@ -41,81 +104,89 @@ pub(crate) const EFFECT: Effect = Effect {
         )
     },
     attach: |v, inside| wrapped(SeriesCompliance::of(FixtureJoint::linear(v[0])), inside),
-    if_known: super::unchanged,
-    place: everywhere,
-    confusable_with: &[LookAlike {
-        code: "geometric_stiffness",
-        why: "a seat that deforms curves the characteristic as geometry does",
-        test: "a second LVDT between board and frame: it measures the deformation of the seat",
-    }],
-};
-
-/// The law of a joint that settles. A curved characteristic may be that of such a joint instead of the specimen's
-/// ([`super::RIVAL_LAWS`]).
-pub(super) const SETTLING: Effect = Effect {
-    parameters: &[
-        EFFECT.parameters[0],
-        Parameter {
-            name: "settles_at_n",
-            unit: "N",
-            start: 300.0,
-            bounds: [1.0, 100_000.0],
-            belief: [5.0, 50_000.0],
-            what: "force from which a joint becomes stiffer",
-        },
-    ],
-    neutral: &[0.0, 300.0],
-    starts: |s| {
-        [0.03, 0.3]
-            .map(|share| vec![0.05, (share * s.force_n[1]).clamp(1.0, 100_000.0)])
-            .to_vec()
-    },
-    attach: |v, inside| {
-        let joint = FixtureJoint {
-            mm_per_n: 1e-3 * v[0],
-            settles_at_n: v[1],
-        };
-        wrapped(SeriesCompliance::of(joint), inside)
-    },
     ..EFFECT
 };
 
 /// Deformation over force of what is between specimen and LVDT.
 #[derive(Clone, Copy)]
 struct FixtureJoint {
+    /// Compliance at small forces; of [`JointLaw::Closes`], far below the force at which it closes.
     mm_per_n: f64,
-    /// Infinite for a linear joint.
-    settles_at_n: f64,
+    law: JointLaw,
+}
+
+/// How the compliance of a joint changes with the force. Forces in N.
+#[derive(Clone, Copy)]
+enum JointLaw {
+    Linear,
+    Closes { at_n: f64, width_n: f64, share: f64 },
 }
 
 impl FixtureJoint {
+    /// From the parameters of the effect.
+    fn of(values: &[f64]) -> FixtureJoint {
+        if values[3] == 0.0 {
+            return FixtureJoint::linear(values[0]);
+        }
+        FixtureJoint {
+            mm_per_n: 1e-3 * values[0],
+            law: JointLaw::Closes {
+                at_n: values[1],
+                width_n: values[2],
+                share: values[3],
+            },
+        }
+    }
+
     fn linear(mm_per_kn: f64) -> FixtureJoint {
         FixtureJoint {
             mm_per_n: 1e-3 * mm_per_kn,
-            settles_at_n: f64::INFINITY,
+            law: JointLaw::Linear,
         }
     }
 
     fn deformation_mm(&self, force_n: f64) -> f64 {
-        match self.settles_at_n.is_finite() {
-            true => self.mm_per_n * self.settles_at_n * (force_n / self.settles_at_n).asinh(),
-            false => self.mm_per_n * force_n,
-        }
+        self.mm_per_n
+            * match self.law {
+                JointLaw::Linear => force_n,
+                JointLaw::Closes { at_n, width_n, share } => {
+                    force_n - share * (corner(force_n - at_n, width_n) - corner(-at_n, width_n))
+                }
+            }
     }
 
     /// Slope of the deformation over the force.
     fn slope_mm_per_n(&self, force_n: f64) -> f64 {
-        self.mm_per_n / (force_n / self.settles_at_n).hypot(1.0)
+        self.mm_per_n
+            * match self.law {
+                JointLaw::Linear => 1.0,
+                JointLaw::Closes { at_n, width_n, share } => {
+                    let past_n = force_n - at_n;
+                    1.0 - 0.5 * share * (1.0 + past_n / past_n.hypot(width_n))
+                }
+            }
     }
 
     /// Force in N at a deformation.
     fn force_n(&self, deformation_mm: f64) -> f64 {
         let linear_n = deformation_mm / self.mm_per_n;
-        match self.settles_at_n.is_finite() {
-            true => self.settles_at_n * (linear_n / self.settles_at_n).sinh(),
-            false => linear_n,
+        match self.law {
+            JointLaw::Linear => linear_n,
+            JointLaw::Closes { at_n, width_n, share } => {
+                // The corner squared away: ((1 - s / 2) u - r)^2 = (s / 2)^2 (u^2 + w^2), whose larger root has the sign of the corner.
+                let half = 0.5 * share;
+                let right_n = linear_n - at_n - share * corner(-at_n, width_n);
+                let (a, b) = (1.0 - share, (1.0 - half) * right_n);
+                let c = right_n * right_n - (half * width_n).powi(2);
+                at_n + (b + (b * b - a * c).max(0.0).sqrt()) / a
+            }
         }
     }
+}
+
+/// Rises from 0 with a corner of a width at 0, then in proportion: the hyperbola.
+fn corner(u: f64, width: f64) -> f64 {
+    0.5 * (u + u.hypot(width))
 }
 
 /// Secant steps of every solution. The number is fixed, because a convergence test that decides at every point would make the
@@ -272,45 +343,53 @@ impl Wrap for SeriesCompliance {
 #[cfg(test)]
 mod tests {
     use super::super::testing::*;
-    use super::{EFFECT, Effect, SETTLING};
+    use super::{EFFECT, Effect, FixtureJoint, LINEAR};
 
     #[test]
     fn neutral_values_change_nothing() {
         neutral_changes_nothing(&EFFECT);
+        neutral_changes_nothing(&LINEAR);
     }
 
     #[test]
     fn force_by_hand() {
         // 80 N/mm behind 2 mm/kN: x_s = (5 - 0.002 * 100) / 1.16, F = 100 + 80 x_s.
-        let mut plant = (EFFECT.attach)(&[2.0], spring());
+        let mut plant = (LINEAR.attach)(&[2.0], spring());
         // The secant method ends within 1e-9 mm.
         assert!((plant.step(5.0, 0.1) - (100.0 + 80.0 * 4.8 / 1.16)).abs() < 1e-6);
     }
 
     #[test]
     fn parameters_are_recovered_from_clean_data() {
-        parameters_are_recovered(&EFFECT, &[1.3]);
+        parameters_are_recovered(&LINEAR, &[1.3]);
+        parameters_are_recovered(&EFFECT, &[1.3, 400.0, 80.0, 0.7]);
     }
 
     #[test]
-    fn a_joint_that_settles_is_linear_at_small_loads_and_stiffer_at_large_ones() {
-        neutral_changes_nothing(&SETTLING);
-        let mut plant = (SETTLING.attach)(&[2.0, 200.0], spring());
-        for (dt_s, x) in motion() {
-            let force_n = plant.step(x, dt_s);
-            // The same equation, solved for the displacement of the board.
-            let specimen_mm = (force_n - 100.0) / 80.0;
-            let joint_mm = 2e-3 * 200.0 * (force_n / 200.0).asinh();
-            assert!((specimen_mm + joint_mm - x).abs() < 1e-6, "{x}");
+    fn a_joint_that_closes_keeps_a_fifth_of_its_compliance_past_the_corner() {
+        let joint = FixtureJoint::of(&[2.0, 500.0, 1.0, 0.8]);
+        // 500 N at 2 mm/kN, then 1000 N at 0.4 mm/kN; a corner of 1 N leaves less than 0.002 mm.
+        assert!((joint.deformation_mm(1500.0) - 1.4).abs() < 2e-3);
+        for force_n in [-200.0, 0.0, 100.0, 499.0, 500.0, 501.0, 3000.0] {
+            let back_n = joint.force_n(joint.deformation_mm(force_n));
+            assert!((back_n - force_n).abs() < 1e-6, "{force_n} N: {back_n} N");
+            let step_mm = joint.deformation_mm(force_n + 1e-3) - joint.deformation_mm(force_n - 1e-3);
+            assert!((step_mm / 2e-3 - joint.slope_mm_per_n(force_n)).abs() < 1e-9);
         }
-        let mut linear = (EFFECT.attach)(&[2.0], spring());
-        let mut late = (SETTLING.attach)(&[2.0, 100_000.0], spring());
-        assert!((linear.step(5.0, 0.1) - late.step(5.0, 0.1)).abs() < 1e-3);
+    }
+
+    #[test]
+    fn without_a_closed_share_it_is_the_linear_joint() {
+        let mut linear = (LINEAR.attach)(&[2.0], spring());
+        let mut closing = (EFFECT.attach)(&[2.0, 500.0, 100.0, 0.0], spring());
+        for (dt_s, x) in motion() {
+            assert_eq!(linear.step(x, dt_s), closing.step(x, dt_s));
+        }
     }
 
     /// Forces of a spring with friction inside behind 2 mm/kN, over two cycles of 1 Hz at 1 kHz.
     fn stepped_at_1_khz(friction: &Effect, values: &[f64]) -> Vec<f64> {
-        let mut plant = (EFFECT.attach)(&[2.0], (friction.attach)(values, spring()));
+        let mut plant = (LINEAR.attach)(&[2.0], (friction.attach)(values, spring()));
         (0..2000)
             .map(|i| {
                 let angle = std::f64::consts::TAU * 1e-3 * f64::from(i);
@@ -350,7 +429,7 @@ mod tests {
     #[test]
     fn the_equation_holds_at_every_step_where_the_force_has_no_jump() {
         // F = 100 + 80 (x - 0.002 F), so F = (100 + 80 x) / 1.16.
-        let mut plant = (EFFECT.attach)(&[2.0], spring());
+        let mut plant = (LINEAR.attach)(&[2.0], spring());
         for (dt_s, x) in motion() {
             let expected_n = (100.0 + 80.0 * x) / 1.16;
             assert!((plant.step(x, dt_s) - expected_n).abs() < 1e-5, "{x}");

@@ -122,6 +122,7 @@ impl Setup {
         let extras = EFFECTS
             .iter()
             .filter(|e| knows(e.code) && !built_in(e.code))
+            .map(Effect::simplest)
             .filter_map(known_form)
             .collect();
         let missing = |list: &'static [Effect]| list.iter().filter(|e| !knows(e.code));
@@ -135,6 +136,7 @@ impl Setup {
             forms,
             candidates: missing(EFFECTS)
                 .filter(|e| !e.only_rival)
+                .map(Effect::simplest)
                 .map(Attached::candidate)
                 .collect(),
             rival_laws: missing(RIVAL_LAWS).map(Attached::candidate).collect(),
