@@ -177,6 +177,54 @@ fn another_friction_law_is_tried_where_a_random_motion_leaves_more_than_noise() 
     assert_eq!(found.verdict, Verdict::Adequate, "{}", found.summary);
 }
 
+/// Cases that were looked at, with what they answered before: a joint of two rates (a helper leaf, 95 %, without an alternative) and a contact
+/// with a soft corner (a helper leaf, 47 %).
+#[test]
+fn a_joint_that_closes_and_a_soft_contact_are_named() {
+    let cases = [
+        (World::Lugre, 3_500_918_740, 26, "series_compliance"),
+        (World::Lugre, 3_989_117_048, 15, "lift_off"),
+    ];
+    for (world, seed, number, hidden) in cases {
+        let case = Case::draw(world, seed, number, None);
+        let found = examine(&case, &case.recordings, 0).expect("valid recordings");
+        let named: Vec<&str> = found.effects.iter().map(|e| e.code.as_str()).collect();
+        assert_eq!(named, [hidden], "{}", found.summary);
+        assert!(found.effects[0].confidence <= 0.8, "{}", found.summary);
+        // The bench file that is written has the law with all its parameters.
+        found.improved.plant().expect("a model that can be built");
+    }
+}
+
+/// Friction that fades with the logarithm of the speed. What its law misses looked like a compliance of the fixture, which was named, too,
+/// with 30 %.
+#[test]
+fn a_doubtful_name_beside_a_sure_one_is_not_given() {
+    let case = Case::draw(World::Lugre, 3_500_918_740, 39, None);
+    let found = examine(&case, &case.recordings, 0).expect("valid recordings");
+    let named: Vec<&str> = found.effects.iter().map(|e| e.code.as_str()).collect();
+    assert_eq!(named, ["stribeck"], "{}", found.summary);
+    assert!(
+        found.summary.contains("A further effect, series compliance"),
+        "{}",
+        found.summary
+    );
+}
+
+/// Nothing is hidden here. The friction law leaves 3.5 % of the force by which it differs from the model's; it was `unexplained`.
+#[test]
+fn what_a_friction_law_leaves_of_another_is_its_own_error() {
+    let case = Case::draw(World::BoucWen, 3_500_918_740, 9, None);
+    assert!(case.label.hidden.is_empty());
+    let found = examine(&case, &case.recordings, 0).expect("valid recordings");
+    assert_eq!(found.verdict, Verdict::Adequate, "{}", found.summary);
+    assert!(
+        found.summary.contains("within the doubt about its shape"),
+        "{}",
+        found.summary
+    );
+}
+
 /// Nothing is hidden here. The recordings were shifted along the line of the spring, by up to -73 N and -1.4 mm with a delay of 11 ms, to
 /// fit what the model does not know; then the rest was `unexplained`.
 #[test]

@@ -425,8 +425,13 @@ impl ImprovedModel {
             .effects
             .iter()
             .map(|e| {
-                let values = e.parameters.iter().map(|p| p.1).collect();
-                Ok((crate::effect::find(&e.code)?, values))
+                let effect = crate::effect::find(&e.code)?;
+                let written = |name| e.parameters.iter().find(|p| p.0 == name).map(|p| p.1);
+                let values = effect
+                    .parameters
+                    .iter()
+                    .map(|p| written(p.name).unwrap_or(p.start));
+                Ok((effect, values.collect()))
             })
             .collect::<Result<Vec<_>, crate::effect::EffectError>>()?;
         crate::effect::attach_all(&effects, self.force_zero_n, plant)

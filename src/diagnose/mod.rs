@@ -90,8 +90,13 @@ fn whole_diagnosis(
         courses,
         of_path: None,
     };
-    let (data, search) =
-        judgement::search_to_judge(&run, &plain, known.base, searches.first, searches.second);
+    let (data, search) = judgement::search_to_judge(
+        &run,
+        &plain,
+        [known.base, known.refitted],
+        searches.first,
+        searches.second,
+    );
     let context = run.context(&setup, &data);
     let search = match &searches.path {
         Some(path) => {

@@ -13,6 +13,8 @@
 //! | `left_out` | errors on points that no parameter was fitted to |
 //! | `rest` | what the chosen set leaves: structure above the noise, the shape of laws in doubt |
 //! | `few_points` | points that are missed by far where all others fit |
+//! | `trust` | the confidence in a named effect |
+//! | `further_names` | takes back a doubtful name beside a sure one |
 //! | `delivered` | what is written as the improved model |
 //! | `summary` | the diagnosis in a few sentences |
 //! | `of_path` | effects of the path, as they were judged before the path was in doubt |
@@ -24,6 +26,7 @@ mod alternatives;
 mod beside_path;
 mod delivered;
 mod few_points;
+mod further_names;
 mod groups;
 mod intervals;
 mod law;
@@ -35,6 +38,7 @@ mod rest;
 mod summary;
 mod tables;
 mod taken_back;
+mod trust;
 mod two_sided;
 mod varying_coefficient;
 mod verdict;
@@ -55,17 +59,17 @@ use crate::diagnose::fitting::{Data, FitContext, Node, RunSettings};
 use crate::diagnose::search::{DoubtedSearch, SearchResult};
 
 /// The search that is judged, with its data: the second if it explains the recordings, else the first. `plain` is the context of the
-/// first search, `base` the baseline that it started from.
+/// first search, `base` the baseline that it started from, `refitted` that with its own friction law.
 pub(in crate::diagnose) fn search_to_judge<'a>(
     run: &RunSettings,
     plain: &FitContext<'a>,
-    base: &Node,
+    [base, refitted]: [&Node; 2],
     first: SearchResult,
     second: Option<DoubtedSearch>,
 ) -> (Cow<'a, Data>, SearchResult) {
     let explains = |doubted: &DoubtedSearch| {
         let context = run.context(plain.setup, &doubted.data);
-        rest::is_explained(&context, &doubted.search, base)
+        rest::is_explained(&context, &doubted.search, [base, refitted])
     };
     match second.filter(explains) {
         Some(doubted) => (Cow::Owned(doubted.data), doubted.search),

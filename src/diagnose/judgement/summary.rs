@@ -68,6 +68,15 @@ pub(super) fn limits_in_words(shape: Option<ShapeShares>, cut_short: bool) -> St
     shape.map_or(String::new(), rest_in_words) + if cut_short { CUT_SHORT } else { "" }
 }
 
+/// What a freer friction law leaves as its own error of form.
+pub(super) fn law_error_in_words(share: f64) -> String {
+    format!(
+        " What is left is {:.0} % of the force by which a freer friction law differs from the model's: that is within the doubt about its \
+         shape, and no effect is named for it.",
+        (100.0 * share).max(1.0)
+    )
+}
+
 fn rest_in_words(shares: ShapeShares) -> String {
     if let (false, Some(curve)) = (shares.are_errors_of_shape(), shares.curve) {
         return format!(

@@ -2,8 +2,11 @@
 
 use nalgebra::DMatrix;
 
-use super::alternatives::{JudgedEffect, LEAST_TRUST, alternative, judge, more_plausible, nearest};
+use super::alternatives::{
+    JudgedEffect, LEAST_TRUST, alternative, better_law, judge, more_plausible, nearest,
+};
 use super::delivered::{as_model, as_written, delivered};
+use super::further_names::{self, Doubtful, doubtful, is_much_worse};
 use super::groups::group;
 use super::intervals::intervals;
 use super::location::{locate, share_in, words};
@@ -13,7 +16,8 @@ use super::rest::{LACK_SHARE, Rest, free_laws_gain, is_explained};
 use super::summary::summary;
 use super::tables::{baseline_parameters, candidates, curves, errors, maps, not_testable, values_of};
 use super::taken_back::take_back;
-use super::varying_coefficient::{Variation, variation};
+use super::trust::confidence_in;
+use super::varying_coefficient::variation;
 use crate::diagnose::course::Course;
 use crate::diagnose::diagnosis::*;
 use crate::diagnose::fitting::{FitContext, Node};
@@ -26,15 +30,6 @@ use crate::identify::confidence::{Confidence, Warning};
 const ZERO_ALARM: f64 = 4.0;
 /// A tensile force above this share of the range raises an alarm.
 const TENSION_ALARM: f64 = 0.05;
-/// Exponent that corrects the odds of a confidence. Of 188 names of five worlds (seeds 1211132179 and 910159277), 25 had no alternative and
-/// less than 40 % without it: 22 % in the mean, but 52 % of them were right. The likeliest exponent was 0.7; it was 0.78 for the first seed
-/// alone. At half, names of 99 % get 96 %, and names of 10 % get 63 %. At double it is above 1, and doubtful names get even less.
-const ODDS_EXPONENT: f64 = 0.75;
-/// Confidence that the exponent does not change. Of 85 names with at least that, 81 were right. From here a wrong name counts as sure.
-const FIXED_CONFIDENCE: f64 = 0.9;
-/// Highest confidence that is reported.
-const MOST_CONFIDENCE: f64 = 0.99;
-
 /// What a verdict needs beside the search: the same for every search of these recordings.
 #[derive(Clone)]
 pub(in crate::diagnose) struct Known<'a> {
@@ -70,9 +65,13 @@ pub(in crate::diagnose) fn conclude(
     known: Known<'_>,
 ) -> Judgement {
     take_back(context, &mut search);
-    let effects = judge_trusted(context, &mut search, known.refitted);
+    let (effects, doubtful) = judge_sure(context, &mut search, &known);
+    let mut diagnosis = diagnosis(context, &search, &effects, known);
+    if diagnosis.verdict == Verdict::MissingPhysics {
+        diagnosis.summary += &further_names::in_words(&doubtful);
+    }
     Judgement {
-        diagnosis: diagnosis(context, &search, &effects, known),
+        diagnosis,
         search,
         effects,
     }
@@ -90,7 +89,7 @@ pub(in crate::diagnose) fn conclude_of_path(
     let of_path = FoundOfPath::of(before);
     let found = search.nodes[search.chosen].attached.len() > context.setup.extras.len();
     let refused = before.effects.len() > of_path.effects.len();
-    if !is_explained(context, &search, known.base) || !(found || refused) {
+    if !is_explained(context, &search, [known.base, known.refitted]) || !(found || refused) {
         return None;
     }
     let of_path = Some(of_path);
@@ -178,11 +177,39 @@ fn judge_trusted(context: &FitContext<'_>, search: &mut SearchResult, refitted: 
         let least = trust.min_by(|a, b| a.0.total_cmp(&b.0));
         if let Some((_, place)) = least.filter(|(trust, _)| *trust < LEAST_TRUST) {
             search.chosen = without(context, &mut search.nodes, search.chosen, place);
-        } else if let Some(rival) = more_plausible(context, search, &effects) {
+        } else if let Some(rival) =
+            more_plausible(context, search, &effects).or_else(|| better_law(context, search, &effects))
+        {
             search.chosen = rival;
         } else {
             return effects;
         }
+    }
+}
+
+/// Judges the effects of the chosen set and takes back each doubtful name beside a sure one, where the others explain the recordings too.
+fn judge_sure(
+    context: &FitContext<'_>,
+    search: &mut SearchResult,
+    known: &Known<'_>,
+) -> (Vec<JudgedEffect>, Vec<Doubtful>) {
+    let fits = [known.base, known.refitted];
+    let mut taken_back = Vec::new();
+    let mut effects = judge_trusted(context, search, known.refitted);
+    loop {
+        let rest = Rest::of(context, search, fits, false);
+        let Some(doubtful) = doubtful(context, search, &effects, &rest) else {
+            return (effects, taken_back);
+        };
+        let kept = search.chosen;
+        search.chosen = without(context, &mut search.nodes, kept, doubtful.place);
+        let [with, without] = [kept, search.chosen].map(|set| &search.nodes[set]);
+        if is_much_worse(context.data, with, without) || !is_explained(context, search, fits) {
+            search.chosen = kept;
+            return (effects, taken_back);
+        }
+        taken_back.push(doubtful);
+        effects = judge_trusted(context, search, known.refitted);
     }
 }
 
@@ -209,59 +236,29 @@ fn findings(
     confidence: &Confidence,
     rest: &Rest,
 ) -> Vec<Finding> {
-    let alone = |j: &JudgedEffect| {
-        [
-            j.trust_beside(judged, rest.free_laws_gain),
-            1.0 - rest.share.powi(2),
-        ]
-    };
+    let sure = |j: &JudgedEffect| confidence_in(context, search, j, judged, rest);
     let named = judged.iter();
     named
-        .map(|j| finding(context, search, j, confidence, alone(j)))
+        .map(|j| finding(context, search, j, confidence, sure(j)))
         .collect()
 }
 
-/// Confidence, 0 to 1, in an effect. Each number is the confidence that one other explanation alone would leave; their odds against the
-/// effect add up, because only one explanation is true.
-fn against_all(alone: [f64; 4]) -> f64 {
-    let odds = alone.map(|c| 1.0 / c.max(f64::MIN_POSITIVE) - 1.0);
-    1.0 / (1.0 + odds.iter().sum::<f64>())
-}
-
-/// Corrects a confidence by what blind runs showed: its odds get the exponent [`ODDS_EXPONENT`], and [`FIXED_CONFIDENCE`] stays.
-fn calibrated(confidence: f64) -> f64 {
-    let odds = |c: f64| c / (1.0 - c).max(f64::MIN_POSITIVE);
-    let fixed = odds(FIXED_CONFIDENCE);
-    let calibrated = fixed * (odds(confidence) / fixed).powf(ODDS_EXPONENT);
-    calibrated / (1.0 + calibrated)
-}
-
-/// A named effect. The last argument: the confidence that the error of form of the other laws alone would leave, and the confidence that
-/// the unexplained rest alone would leave.
+/// A named effect. `sure` is the confidence in it.
 fn finding(
     context: &FitContext<'_>,
     search: &SearchResult,
     judged: &JudgedEffect,
     confidence: &Confidence,
-    [beside_laws, beside_rest]: [f64; 2],
+    sure: f64,
 ) -> Finding {
     let node = &search.nodes[search.chosen];
     let attached = &node.attached[judged.place];
     let from = context.offset(&node.attached, judged.place);
     let group = &node.values[from..from + attached.parameters.len()];
     let variation = variation(context, search.likelihood, node, judged.place);
-    let alone = [
-        judged.confidence,
-        variation.map_or(1.0, Variation::trust),
-        beside_laws,
-        beside_rest,
-    ];
     Finding {
         code: attached.effect.code.to_owned(),
-        // Names with an alternative are right as often as they say: of 18 with 24 % in the mean, 28 %. The correction is not for them.
-        confidence: calibrated(against_all(alone))
-            .min(judged.confidence)
-            .min(MOST_CONFIDENCE),
+        confidence: sure,
         size_spread: variation.map(|v| v.spread),
         statement: one_of(&judged.group, attached.effect.code) + &(attached.effect.statement)(group),
         group: match judged.group.as_slice() {
@@ -423,33 +420,4 @@ fn alarms(context: &FitContext<'_>, node: &Node, confidence: &Confidence) -> Vec
         alarms.extend(track.remarks.iter().map(|r| format!("{}: {r}", track.name)));
     }
     alarms
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{against_all, calibrated};
-
-    #[test]
-    fn a_doubtful_name_is_right_more_often_than_its_doubts_say() {
-        for (before, after) in [
-            (0.0, 0.0),
-            (0.2, 0.380),
-            (0.5, 0.634),
-            (0.9, 0.9),
-            (0.99, 0.982),
-            (1.0, 1.0),
-        ] {
-            let found = calibrated(before);
-            assert!((found - after).abs() < 0.001, "{before}: {found}");
-        }
-    }
-
-    #[test]
-    fn other_explanations_exclude_each_other() {
-        assert_eq!(against_all([1.0; 4]), 1.0);
-        assert_eq!(against_all([0.5, 1.0, 1.0, 1.0]), 0.5);
-        // One of three equal explanations, not the half of a half.
-        assert!((against_all([0.5, 0.5, 1.0, 1.0]) - 1.0 / 3.0).abs() < 1e-12);
-        assert!(against_all([0.0, 1.0, 1.0, 1.0]) < 1e-300);
-    }
 }

@@ -51,13 +51,8 @@ pub(super) fn leaves_structure(data: &Data, likelihood: LikelihoodScale, set: &N
 pub(in crate::diagnose) fn lack_of_fit(data: &Data, residuals: &[f64]) -> LackOfFit {
     let selecting = data.count(Split::Select).max(1) as f64;
     let mut most = 0f64.max(near_replicates::gain(data, residuals));
-    most = most.max(all_axes(data, residuals));
-    for bins in DISPLACEMENT_BINS {
-        if let Some(axis) = binned(data, Axis::DisplacementMm, bins) {
-            let row = |i: usize| axis.bin[i].map(|b| (b, data.weight[i])).into_iter().collect();
-            most = most.max(gain(data, residuals, bins, row));
-        }
-    }
+    most = most.max(axes_together(data, residuals, &AXES));
+    most = most.max(displacement_alone(data, residuals));
     let repeated = LackOfFit {
         sum: most,
         power: most / selecting,
@@ -65,9 +60,27 @@ pub(in crate::diagnose) fn lack_of_fit(data: &Data, residuals: &[f64]) -> LackOf
     changed(data, residuals, repeated)
 }
 
-/// Gain of all axes together, each with one column per bin and one per bin times the direction.
-fn all_axes(data: &Data, residuals: &[f64]) -> f64 {
-    let axes: Vec<BinnedAxis> = AXES
+/// The part of a lack of fit that follows the place, the cycle or the time, as a fall of the sum of squares: no friction law knows them.
+pub(in crate::diagnose) fn beyond_friction(data: &Data, residuals: &[f64]) -> f64 {
+    let none = LackOfFit { sum: 0.0, power: 0.0 };
+    let places = axes_together(data, residuals, &[Axis::DisplacementMm, Axis::Cycle, Axis::TimeS]);
+    let places = places.max(displacement_alone(data, residuals));
+    places.max(changed(data, residuals, none).sum)
+}
+
+/// Gain of the displacement alone, the same in both directions.
+fn displacement_alone(data: &Data, residuals: &[f64]) -> f64 {
+    let gains = DISPLACEMENT_BINS.map(|bins| {
+        let axis = binned(data, Axis::DisplacementMm, bins)?;
+        let row = |i: usize| axis.bin[i].map(|b| (b, data.weight[i])).into_iter().collect();
+        Some(gain(data, residuals, bins, row))
+    });
+    gains.into_iter().flatten().fold(0.0, f64::max)
+}
+
+/// Gain of axes together, each with one column per bin and one per bin times the direction.
+fn axes_together(data: &Data, residuals: &[f64], axes: &[Axis]) -> f64 {
+    let axes: Vec<BinnedAxis> = axes
         .iter()
         .filter_map(|&a| binned(data, a, if a == Axis::DisplacementMm { FINE } else { COARSE }))
         .collect();
@@ -169,6 +182,20 @@ mod tests {
         let found = lack_of_fit(&data, &ripple).sum;
         // The ripple has a mean square of 0.5; most of it is found.
         assert!(found > 0.25 * data.count(Split::Select) as f64, "{found}");
+    }
+
+    #[test]
+    fn a_ripple_is_beyond_friction_and_an_error_after_reversals_is_not() {
+        let (data, ripple) = case(|x, _| (4.0 * x).sin());
+        assert!(beyond_friction(&data, &ripple) > 0.9 * lack_of_fit(&data, &ripple).sum);
+        let (data, mut turning) = case(|_, _| 0.0);
+        let track = &data.tracks[0];
+        for (i, residual) in turning.iter_mut().enumerate() {
+            *residual += track.direction[i] * (-track.since_reversal_mm[i]).exp();
+        }
+        let found = lack_of_fit(&data, &turning).sum;
+        let beyond = beyond_friction(&data, &turning);
+        assert!(found > 20.0 && beyond < 0.7 * found, "{beyond} of {found}");
     }
 
     #[test]

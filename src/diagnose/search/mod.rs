@@ -33,7 +33,9 @@ pub(in crate::diagnose) use binning::{AXES, BinnedAxis, binned, coordinate};
 pub(in crate::diagnose) use confounding::{
     AxisPoint, axis_in_words, confounding, go_together, recorded_points,
 };
-pub(in crate::diagnose) use lack_of_fit::{LACK_GAIN, LACK_POWER, LackOfFit, lack_of_fit, rest};
+pub(in crate::diagnose) use lack_of_fit::{
+    LACK_GAIN, LACK_POWER, LackOfFit, beyond_friction, lack_of_fit, rest,
+};
 pub(in crate::diagnose) use on_the_model::refit_rivals;
 pub(in crate::diagnose) use path_search::PathSearch;
 pub(in crate::diagnose) use second_search::{DoubtedSearch, in_doubt};
