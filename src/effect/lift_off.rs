@@ -52,7 +52,7 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     statement: |v| {
         format!(
-            "The pusher touches the specimen from about {:.2} mm on, softly: it is seated within {:.2} mm.",
+            "The pusher touches the specimen from about {:.2} mm on. The contact closes softly, over about {:.2} mm.",
             v[0], v[1]
         )
     },

@@ -68,8 +68,8 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     statement: |v| {
         format!(
-            "A part between specimen and LVDT deforms by {:.3} mm for each kN, and from about {:.0} N on by {:.3} mm for each kN, because it \
-             closes. Possible causes: load frame, board or fixture.",
+            "A part between specimen and LVDT deforms by {:.3} mm for each kN. From about {:.0} N on it is closed and deforms by {:.3} mm for each \
+             kN. Possible causes: load frame, board or fixture.",
             v[0],
             v[1],
             v[0] * (1.0 - v[3])

@@ -18,12 +18,12 @@ pub(in crate::diagnose) const DISTINCT_POWER: f64 = 0.04;
 /// where it made a name that is right in a third of the cases nearly impossible.
 const CONFIDENCE_EXPONENT: f64 = 3.0;
 /// Highest confidence in an effect with a rival that is not distinguished: of 11 such names above 90 % in cases that were looked at, 8 were
-/// right. Also in a law that no search begins with: a joint of two rates was named with 97 %, and it was a bowed LVDT.
+/// right. It also limits a law that no search begins with: one was named with 97 %, a joint of two rates, where an LVDT was bowed.
 const MOST_BESIDE_RIVAL: f64 = 0.8;
-/// Log-likelihood, less the penalty of its parameters, by which a law that no search begins with must fit better to be named: a ratio of 20.
-/// In cases of three worlds that were looked at, 11 of 12 joints and contacts that fitted better by at least 3 were the hidden effect, and one
-/// was a bowed LVDT; of six laws by 0.5 to 3, three were not the hidden one. At half, five of those six would be named, too; at double, two of
-/// the 12 would not.
+/// A law that no search begins with is named if its log-likelihood, less the penalty of its parameters, is higher by this: a ratio of 20.
+/// Of 12 joints and contacts that were higher by at least 3, in cases of three worlds that were looked at, 11 were the hidden effect, and one
+/// was a bowed LVDT. Of five laws that were higher by 0.5 to 3, three were not the hidden one. At half, two of those five would be named, too;
+/// at double, three of the 12 would not.
 const BETTER_LAW: f64 = 3.0;
 /// Scale of the lack over which the doubt falls by a factor e: a floor, and a share of what the effect brings, because the form of
 /// an effect is never exact.
@@ -108,12 +108,9 @@ pub(super) fn more_plausible(
     if !at_implausible_bound(&search.nodes[search.chosen]) {
         return None;
     }
-    let rivals = judged.iter().flat_map(|j| &j.rivals);
-    let as_good = rivals.filter(|r| r.lack < LEAST_LACK && !r.strained);
-    as_good
-        .filter(|r| may_be_named(context, &search.nodes[r.node]))
-        .min_by(|a, b| a.lack.total_cmp(&b.lack))
-        .map(|r| r.node)
+    best_rival(judged, |r| {
+        r.lack < LEAST_LACK && may_be_named(context, &search.nodes[r.node])
+    })
 }
 
 /// The set to name instead of the chosen one, if one of the laws that no search begins with fits better in the place of an effect.
@@ -122,20 +119,32 @@ pub(super) fn better_law(
     search: &SearchResult,
     judged: &[JudgedEffect],
 ) -> Option<usize> {
+    best_rival(judged, |r| {
+        let mut attached = search.nodes[r.node].attached.iter();
+        let law = attached.rfind(|a| a.effect.code == r.code);
+        r.lack < -BETTER_LAW && law.is_some_and(|a| !begins_a_search(context, a.effect))
+    })
+}
+
+/// The set with the closest of the rivals that `may_replace`, none of them at an implausible bound.
+fn best_rival(judged: &[JudgedEffect], may_replace: impl Fn(&RivalSet) -> bool) -> Option<usize> {
     let rivals = judged.iter().flat_map(|j| &j.rivals);
-    let better = rivals.filter(|r| r.lack < -BETTER_LAW && !r.strained);
-    better
-        .filter(|r| !may_be_named(context, &search.nodes[r.node]))
+    rivals
+        .filter(|r| !r.strained && may_replace(r))
         .min_by(|a, b| a.lack.total_cmp(&b.lack))
         .map(|r| r.node)
 }
 
 /// True if a search may name every missing effect of a set: none of them is a law that is only tried as a rival.
 fn may_be_named(context: &FitContext<'_>, node: &Node) -> bool {
-    let candidates = &context.setup.candidates;
-    let missing = node.attached.iter().rev().take_while(|a| !a.own);
-    let mut laws = missing.map(|a| a.effect);
-    laws.all(|law| candidates.iter().any(|c| std::ptr::eq(c.effect, law)))
+    let mut missing = node.attached.iter().rev().take_while(|a| !a.own);
+    missing.all(|a| begins_a_search(context, a.effect))
+}
+
+/// True if a law is one of the candidates, not only tried in the place of one.
+fn begins_a_search(context: &FitContext<'_>, law: &Effect) -> bool {
+    let mut candidates = context.setup.candidates.iter();
+    candidates.any(|c| std::ptr::eq(c.effect, law))
 }
 
 /// True if a parameter of a missing effect is at a bound outside its plausible range.
@@ -159,12 +168,7 @@ pub(super) fn judge(context: &FitContext<'_>, search: &mut SearchResult, place: 
     let code = effect.code;
     converge_closest(context, search, &base, code);
     let (rivals, doubt) = compare(context, search, &base, code, loss);
-    let begins = context
-        .setup
-        .candidates
-        .iter()
-        .any(|c| std::ptr::eq(c.effect, effect));
-    let most = if rivals.is_empty() && begins {
+    let most = if rivals.is_empty() && begins_a_search(context, effect) {
         1.0
     } else {
         MOST_BESIDE_RIVAL

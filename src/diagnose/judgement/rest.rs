@@ -10,13 +10,13 @@ use crate::diagnose::search::{LACK_GAIN, LACK_POWER, LackOfFit, SearchResult, be
 
 /// The lack of fit is unexplained structure if it exceeds [`LACK_POWER`], [`LACK_GAIN`] and this share of what the effects explain.
 pub(super) const LACK_SHARE: f64 = 0.15;
-/// Share of what a freer friction law explains, as a sum of squares, that its own error of form may leave: a law that is a tenth off in shape.
-/// Of 45 cases of two worlds that were looked at, in each of which the law explains 4 to 650 times the noise, three with nothing hidden leave
-/// structure, of 0.1, 0.1 and 0.6 %; of four with physics of no law, the smallest leaves 0.3 %. Hence [`BEYOND_LAW`]. At half, one of the
-/// three is `unexplained`; at double, nothing changes there.
+/// A rest of at most this share of what the freer friction law explains (sums of squares) may be the error of that law: a tenth of the force.
+/// In 45 cases of two worlds that were looked at, the law explains 4 to 650 times the noise. Three with nothing hidden leave structure: 0.1, 0.1
+/// and 0.6 %. Four with physics of no law leave 0.3 % and more; hence [`BEYOND_LAW`]. At half, one of the three is `unexplained`; at double,
+/// nothing changes there.
 const LAW_ERROR: f64 = 0.01;
-/// Share of such a rest from which it is none of the law, if it follows the place, the cycle or the time. Of the three cases it is a
-/// quarter to half, of the four at least 0.7. At half, two of the three are `unexplained`; at double, no rest is kept from a law.
+/// A rest is no error of the law if at least this share of it follows the place, the cycle or the time. In the three cases it is a quarter to
+/// half, in the four at least 0.7. At half, two of the three are `unexplained`; at double, every small rest is an error of the law.
 const BEYOND_LAW: f64 = 0.7;
 /// Mean square above the noise on reporting cycles that chance and the inexact form of an effect do not reach.
 const REPORT_POWER: f64 = 0.45;
@@ -39,7 +39,7 @@ pub(super) struct Rest {
     pub shape: Option<ShapeShares>,
     /// Points that are missed by far, where all others fit.
     pub few_points: Option<FewPoints>,
-    /// What a freer friction law leaves as its own error of form, as a share of the force that it explains; `None` if it leaves no structure.
+    /// Error of the freer friction law, as a share of the force that it explains; `None` if it leaves no structure.
     pub law_error: Option<f64>,
     /// Gain in log-likelihood of the free shape of the laws, before any effect is named.
     pub free_laws_gain: f64,
@@ -55,20 +55,17 @@ impl Rest {
     ) -> Rest {
         let (before, after) = (&search.nodes[0], &search.nodes[search.chosen]);
         let left = lack_of_fit(context.data, &after.residuals);
-        let repeats = |share: f64| repeats(search, share, left);
-        let share_of_laws = unexplained_share(before, after, left);
-        let of_law = is_error_of_law(context.data, [base, refitted], after, left);
-        let left_of_law = of_law && (repeats(share_of_laws) || repeats(unexplained_share(base, after, left)));
+        let of_law = is_error_of_law(context, search, [base, refitted], left);
         let mut rest = Rest {
-            unexplained: is_unexplained(context, search, [base, refitted], left),
+            unexplained: is_unexplained(context, search, base, left, of_law),
             share: unexplained_share(base, after, left),
             shape: shape_shares(context, after),
             few_points: FewPoints::of(context.data, after),
-            law_error: left_of_law.then(|| (left.sum / (refitted.select - base.select)).sqrt()),
+            law_error: of_law.then(|| (left.sum / (refitted.select - base.select)).sqrt()),
             free_laws_gain: free_laws_gain(search, refitted),
         };
         // The rest is also compared with what the shape of the friction law left to explain: of the whole it may be a small share.
-        rest.unexplained |= repeats(share_of_laws) && !of_law;
+        rest.unexplained |= !of_law && repeats(search, unexplained_share(before, after, left), left);
         rest.unexplained |= nothing_named && rest.is_beyond_shape();
         rest
     }
@@ -113,14 +110,22 @@ pub(super) fn is_explained(
     [base, refitted]: [&Node; 2],
 ) -> bool {
     let left = lack_of_fit(context.data, &search.nodes[search.chosen].residuals);
-    !is_unexplained(context, search, [base, refitted], left)
+    let of_law = is_error_of_law(context, search, [base, refitted], left);
+    !is_unexplained(context, search, base, left, of_law)
 }
 
-/// True if what is left may be the error of form of a freer friction law: it is small beside what that law explains, and does not follow
-/// the place, the cycle or the time.
-fn is_error_of_law(data: &Data, [base, refitted]: [&Node; 2], after: &Node, left: LackOfFit) -> bool {
-    left.sum <= LAW_ERROR * (refitted.select - base.select)
-        && beyond_friction(data, &after.residuals) < BEYOND_LAW * left.sum
+/// True if there is structure left that may be the error of the freer friction law: it is small beside what that law explains, and does not
+/// follow the place, the cycle or the time.
+fn is_error_of_law(
+    context: &FitContext<'_>,
+    search: &SearchResult,
+    [base, refitted]: [&Node; 2],
+    left: LackOfFit,
+) -> bool {
+    let after = &search.nodes[search.chosen];
+    is_structure(search, left)
+        && left.sum <= LAW_ERROR * (refitted.select - base.select)
+        && beyond_friction(context.data, &after.residuals) < BEYOND_LAW * left.sum
 }
 
 /// Share of the baseline's residuals above the noise that the chosen set leaves.
@@ -129,18 +134,18 @@ fn unexplained_share(before: &Node, after: &Node, left: LackOfFit) -> f64 {
     (left.sum.max(0.0) / (explained + left.sum.max(1e-9))).clamp(0.0, 1.0)
 }
 
-/// True if the chosen set leaves structure above the noise.
+/// True if the chosen set leaves structure above the noise. `of_law`: what repeats from cycle to cycle may be the error of the friction law.
 fn is_unexplained(
     context: &FitContext<'_>,
     search: &SearchResult,
-    [before, refitted]: [&Node; 2],
+    before: &Node,
     left: LackOfFit,
+    of_law: bool,
 ) -> bool {
     let data = context.data;
     let correlation_time = search.likelihood.correlation_time;
     let after = &search.nodes[search.chosen];
-    let repeats = repeats(search, unexplained_share(before, after, left), left)
-        && !is_error_of_law(data, [before, refitted], after, left);
+    let repeats = !of_law && repeats(search, unexplained_share(before, after, left), left);
     // Structure that does not repeat from cycle to cycle is not found by regressions, but it exceeds the noise.
     let counted = data.count(Split::Select).max(1) as f64;
     let (power, power_before) = (after.select / counted, before.select / counted);
@@ -196,9 +201,12 @@ fn mean_without_worst(sums: &[[f64; 2]]) -> f64 {
 /// True if the structure that is left is larger than chance and than the error of an effect's form; `share`: its share of what was to
 /// be explained.
 fn repeats(search: &SearchResult, share: f64, left: LackOfFit) -> bool {
-    left.power > LACK_POWER
-        && share > LACK_SHARE
-        && 0.5 * left.sum / search.likelihood.correlation_time > LACK_GAIN
+    is_structure(search, left) && share > LACK_SHARE
+}
+
+/// True if what is left is larger than chance.
+fn is_structure(search: &SearchResult, left: LackOfFit) -> bool {
+    left.power > LACK_POWER && 0.5 * left.sum / search.likelihood.correlation_time > LACK_GAIN
 }
 
 /// True if one set of values fits the cycles of every split to within the noise. What the fitted cycles leave undetermined, such as

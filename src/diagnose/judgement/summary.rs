@@ -68,11 +68,11 @@ pub(super) fn limits_in_words(shape: Option<ShapeShares>, cut_short: bool) -> St
     shape.map_or(String::new(), rest_in_words) + if cut_short { CUT_SHORT } else { "" }
 }
 
-/// What a freer friction law leaves as its own error of form.
+/// Error of the freer friction law, as a share of the force that it explains.
 pub(super) fn law_error_in_words(share: f64) -> String {
     format!(
-        " What is left is {:.0} % of the force by which a freer friction law differs from the model's: that is within the doubt about its \
-         shape, and no effect is named for it.",
+        " The rest is {:.0} % of what the freer friction law changes in the force. No friction law is known better than to a tenth, so no \
+         effect is named for the rest.",
         (100.0 * share).max(1.0)
     )
 }

@@ -15,50 +15,37 @@ const FIXED_CONFIDENCE: f64 = 0.9;
 /// Highest confidence that is reported.
 const MOST_CONFIDENCE: f64 = 0.99;
 
-/// Confidence, 0 to 1, in an effect of the chosen set; `all` are the effects of that set.
-pub(super) fn confidence_in(
-    context: &FitContext<'_>,
-    search: &SearchResult,
-    judged: &JudgedEffect,
-    all: &[JudgedEffect],
-    rest: &Rest,
-) -> f64 {
-    let [size, beside_laws, beside_rest] = without_rivals(context, search, judged, all, rest);
-    let alone = [judged.confidence, size, beside_laws, beside_rest];
-    // Names with an alternative are right as often as they say: of 18 with 24 % in the mean, 28 %. The correction is not for them.
-    calibrated(against_all(alone))
-        .min(judged.confidence)
-        .min(MOST_CONFIDENCE)
+/// Confidence in an effect of the chosen set, 0 to 1.
+pub(super) struct Trust {
+    /// In this effect.
+    pub in_effect: f64,
+    /// In this effect or one of its rivals.
+    pub in_any: f64,
 }
 
-/// Confidence, 0 to 1, that there is an effect of this kind, whichever of its rivals it is.
-pub(super) fn confidence_in_any(
-    context: &FitContext<'_>,
-    search: &SearchResult,
-    judged: &JudgedEffect,
-    all: &[JudgedEffect],
-    rest: &Rest,
-) -> f64 {
-    let [size, beside_laws, beside_rest] = without_rivals(context, search, judged, all, rest);
-    calibrated(against_all([1.0, size, beside_laws, beside_rest]))
-}
-
-/// Confidences that each leaves alone: a size that differs between parts of the recordings, the error of form of the other laws, and the
-/// unexplained rest.
-fn without_rivals(
-    context: &FitContext<'_>,
-    search: &SearchResult,
-    judged: &JudgedEffect,
-    all: &[JudgedEffect],
-    rest: &Rest,
-) -> [f64; 3] {
-    let node = &search.nodes[search.chosen];
-    let variation = variation(context, search.likelihood, node, judged.place);
-    [
-        variation.map_or(1.0, Variation::trust),
-        judged.trust_beside(all, rest.free_laws_gain),
-        1.0 - rest.share.powi(2),
-    ]
+impl Trust {
+    /// `all` are the effects of the set.
+    pub(super) fn of(
+        context: &FitContext<'_>,
+        search: &SearchResult,
+        judged: &JudgedEffect,
+        all: &[JudgedEffect],
+        rest: &Rest,
+    ) -> Trust {
+        let node = &search.nodes[search.chosen];
+        let variation = variation(context, search.likelihood, node, judged.place);
+        let size = variation.map_or(1.0, Variation::trust);
+        let beside_laws = judged.trust_beside(all, rest.free_laws_gain);
+        let beside_rest = 1.0 - rest.share.powi(2);
+        let beside = |rivals: f64| calibrated(against_all([rivals, size, beside_laws, beside_rest]));
+        Trust {
+            // Names with an alternative are right as often as they say: of 18 with 24 % in the mean, 28 %. The correction is not for them.
+            in_effect: beside(judged.confidence)
+                .min(judged.confidence)
+                .min(MOST_CONFIDENCE),
+            in_any: beside(1.0),
+        }
+    }
 }
 
 /// Confidence, 0 to 1, in an effect. Each number is the confidence that one other explanation alone would leave; their odds against the

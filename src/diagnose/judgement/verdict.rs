@@ -16,7 +16,7 @@ use super::rest::{LACK_SHARE, Rest, free_laws_gain, is_explained};
 use super::summary::summary;
 use super::tables::{baseline_parameters, candidates, curves, errors, maps, not_testable, values_of};
 use super::taken_back::take_back;
-use super::trust::confidence_in;
+use super::trust::Trust;
 use super::varying_coefficient::variation;
 use crate::diagnose::course::Course;
 use crate::diagnose::diagnosis::*;
@@ -236,7 +236,7 @@ fn findings(
     confidence: &Confidence,
     rest: &Rest,
 ) -> Vec<Finding> {
-    let sure = |j: &JudgedEffect| confidence_in(context, search, j, judged, rest);
+    let sure = |j: &JudgedEffect| Trust::of(context, search, j, judged, rest).in_effect;
     let named = judged.iter();
     named
         .map(|j| finding(context, search, j, confidence, sure(j)))
