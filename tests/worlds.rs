@@ -289,14 +289,25 @@ fn a_foreign_friction_law_neither_refuses_a_delay_nor_makes_one_small_loop_unexp
 }
 
 /// Nothing is hidden in these cases that were looked at, but the friction forgets earlier reversals. Beside elements that close every small
-/// loop, a compliance of the fixture was named in each (33, 54 and 58 %).
+/// loop, a compliance of the fixture was named in each (33, 54, 58 and 64 %). In the last, the elements left a third more than noise and no
+/// structure, so no other law was tried.
 #[test]
 fn friction_that_forgets_is_no_compliance() {
-    for number in [1, 9, 16] {
-        let case = Case::draw(World::Lugre, 4_067_032_518, number, None);
+    for (seed, number) in [
+        (4_067_032_518, 1),
+        (4_067_032_518, 9),
+        (4_067_032_518, 16),
+        (821_968_164, 9),
+    ] {
+        let case = Case::draw(World::Lugre, seed, number, None);
         assert!(case.label.hidden.is_empty());
         let found = examine(&case, &case.recordings, 0).expect("valid recordings");
-        assert_eq!(found.verdict, Verdict::Adequate, "{number}: {}", found.summary);
+        assert_eq!(
+            found.verdict,
+            Verdict::Adequate,
+            "{seed} {number}: {}",
+            found.summary
+        );
     }
 }
 

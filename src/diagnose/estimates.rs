@@ -24,7 +24,7 @@ use serde::Serialize;
 
 use super::conditioning::range;
 use super::fitting::{
-    Attached, Data, Doubt, FitContext, Node, RunSettings, Setup, Tangent, converge, generalise, insert_group,
+    Attached, Data, Doubt, FitContext, Node, RunSettings, Setup, Tangent, generalise, insert_group,
 };
 use super::judgement::TESTABLE;
 use super::search::in_doubt;
@@ -147,7 +147,7 @@ fn with_delay(context: &FitContext<'_>, base: &Node, candidates: &[Attached]) ->
     let mut attached = base.attached.clone();
     attached.push(delay.clone());
     let values = insert_group(&base.values, &reference(delay, context));
-    converge(&context.structure(attached), values)
+    context.converge(attached, values)
 }
 
 /// The parameters of the baseline with their standard errors.

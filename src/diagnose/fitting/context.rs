@@ -186,7 +186,16 @@ impl<'a> FitContext<'a> {
 
     /// A node fitted to convergence, with its tangent.
     pub(in crate::diagnose) fn converged(&self, node: &Node) -> Option<(Node, Tangent)> {
-        converge(&self.structure(node.attached.clone()), node.values.clone())
+        self.converge(node.attached.clone(), node.values.clone())
+    }
+
+    /// A set fitted from these values to convergence, with its tangent.
+    pub(in crate::diagnose) fn converge(
+        &self,
+        attached: Vec<Attached>,
+        values: Vec<f64>,
+    ) -> Option<(Node, Tangent)> {
+        self.pool.install(|| converge(&self.structure(attached), values))
     }
 
     /// A converged node, to which effects will be added.

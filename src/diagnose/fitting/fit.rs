@@ -453,7 +453,7 @@ pub(in crate::diagnose) fn converge(
 ) -> Option<(Node, Tangent)> {
     let mut descent = NodeDescent::new(structure, values)?;
     for round in 0.. {
-        let tangent = Tangent::new(structure, &descent.values)?;
+        let tangent = Tangent::at(structure, &descent.values, descent.residuals.clone())?;
         if round == ROUNDS {
             return Some((descent.node()?, tangent));
         }

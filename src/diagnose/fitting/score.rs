@@ -38,7 +38,15 @@ pub(in crate::diagnose) struct CandidateScore {
 
 impl Tangent {
     pub(in crate::diagnose) fn new(structure: &ModelStructure<'_>, values: &[f64]) -> Option<Tangent> {
-        let residuals = structure.fitted(values)?;
+        Tangent::at(structure, values, structure.fitted(values)?)
+    }
+
+    /// The same where the residuals are known.
+    pub(super) fn at(
+        structure: &ModelStructure<'_>,
+        values: &[f64],
+        residuals: DVector<f64>,
+    ) -> Option<Tangent> {
         let (jacobian, scale) = structure.sensitivities(values, &residuals);
         let normal = jacobian.tr_mul(&jacobian);
         let mut regular = normal.clone();

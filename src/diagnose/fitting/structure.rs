@@ -5,6 +5,7 @@
 //! last run. It is linear, so it is solved for inside the residuals (variable projection, Golub and Pereyra 1973).
 
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 use super::baseline::{Attached, Setup, build, wrap};
 use super::data::Data;
@@ -68,6 +69,14 @@ impl<'a> ModelStructure<'a> {
     /// The same structure on the model itself, not its surrogate.
     pub(in crate::diagnose) fn exact(mut self) -> Self {
         self.exact = true;
+        self
+    }
+
+    /// The same structure with the model's own friction held at none.
+    pub(super) fn without_own_friction(mut self) -> Self {
+        if let Some(i) = self.setup.model.friction_ratio {
+            self.parameters[i].bounds = [self.parameters[i].bounds[0]; 2];
+        }
         self
     }
 
@@ -227,20 +236,27 @@ impl<'a> ModelStructure<'a> {
         which: &[usize],
         scale: &[f64],
     ) -> DMatrix<f64> {
-        let mut jacobian = DMatrix::zeros(residuals.len(), which.len());
-        let mut moved = values.to_vec();
-        for (column, &n) in which.iter().enumerate() {
+        let column = |&n: &usize| {
             if !self.parameters[n].is_free() {
-                continue;
+                return None;
             }
             let step = RELATIVE_STEP * scale[n];
             let fits = values[n] + step <= self.parameters[n].bounds[1];
+            let mut moved = values.to_vec();
             moved[n] = values[n] + if fits { step } else { -step };
-            if let Some(there) = self.fitted(&moved) {
-                let factor = scale[n] / (moved[n] - values[n]);
-                jacobian.set_column(column, &((there - residuals) * factor));
+            let there = self.fitted(&moved)?;
+            Some((there - residuals) * (scale[n] / (moved[n] - values[n])))
+        };
+        // On the threads of the fit; a fit outside them has this one alone.
+        let columns: Vec<Option<DVector<f64>>> = match rayon::current_thread_index() {
+            Some(_) => which.par_iter().map(column).collect(),
+            None => which.iter().map(column).collect(),
+        };
+        let mut jacobian = DMatrix::zeros(residuals.len(), which.len());
+        for (k, column) in columns.iter().enumerate() {
+            if let Some(column) = column {
+                jacobian.set_column(k, column);
             }
-            moved[n] = values[n];
         }
         jacobian
     }

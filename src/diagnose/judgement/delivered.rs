@@ -7,7 +7,7 @@ use super::tables::errors_of_model;
 use super::{law, two_sided};
 use crate::diagnose::course::Course;
 use crate::diagnose::diagnosis::*;
-use crate::diagnose::fitting::{FitContext, Node, converge};
+use crate::diagnose::fitting::{FitContext, Node};
 use crate::model::Parameter;
 
 /// What is written as the improved model.
@@ -109,7 +109,7 @@ pub(super) fn as_written(
         held.push(kept);
     }
     values.extend(node.values.last());
-    converge(&plain.structure(held), values).map_or_else(
+    plain.converge(held, values).map_or_else(
         || node.clone(),
         |(fitted, _)| Node {
             attached: written,

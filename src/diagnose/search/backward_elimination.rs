@@ -4,7 +4,7 @@ use super::lack_of_fit::rest;
 use crate::diagnose::conditioning::median;
 use crate::diagnose::course::Split;
 use crate::diagnose::fitting::{
-    Attached, Data, FitContext, Key, LikelihoodScale, Node, PARAMETER_PENALTY, PENALTY, converge,
+    Attached, Data, FitContext, Key, LikelihoodScale, Node, PARAMETER_PENALTY, PENALTY,
 };
 use crate::diagnose::note::NoteKind;
 use crate::effect::{Axis, Place, Span};
@@ -315,7 +315,7 @@ pub(in crate::diagnose) fn without(
     {
         return known;
     }
-    let fitted = converge(&context.structure(attached), values).map(|(node, _)| node);
+    let fitted = context.converge(attached, values).map(|(node, _)| node);
     match (fitted, known) {
         (Some(node), Some(known)) => {
             if node.cost() < nodes[known].cost() {

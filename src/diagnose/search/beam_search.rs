@@ -3,7 +3,7 @@
 
 use super::backward_elimination::{LEAST_SHARE, choose, lowest};
 use super::budget::Budget;
-use crate::diagnose::fitting::{FitContext, Key, LikelihoodScale, Node, PENALTY, Tangent, converge};
+use crate::diagnose::fitting::{FitContext, Key, LikelihoodScale, Node, PENALTY, Tangent};
 
 /// Sets that are kept from one size to the next. More would cost time in proportion.
 const BEAM_WIDTH: usize = 3;
@@ -143,6 +143,6 @@ fn better_root(context: &FitContext<'_>, root: &Node, child: &Node) -> Option<No
     let from = context.offset(&child.attached, extras);
     let mut values = child.values.clone();
     values.drain(from..from + child.attached[extras].parameters.len());
-    let (node, _) = converge(&context.structure(root.attached.clone()), values)?;
+    let (node, _) = context.converge(root.attached.clone(), values)?;
     (root.fit - node.fit > PENALTY.max(BETTER_ROOT * root.fit)).then_some(node)
 }

@@ -2,7 +2,7 @@
 //! ask for it, it only makes the other parameters less certain.
 
 use super::beam_search::SearchResult;
-use crate::diagnose::fitting::{FitContext, LikelihoodScale, Node, PARAMETER_PENALTY, converge};
+use crate::diagnose::fitting::{FitContext, LikelihoodScale, Node, PARAMETER_PENALTY};
 
 /// Gives a set of the search its simplest form.
 pub(in crate::diagnose) fn simplify(context: &FitContext<'_>, search: &mut SearchResult, set: usize) {
@@ -53,7 +53,7 @@ fn with_neutral(context: &FitContext<'_>, node: &Node, place: usize, shape: usiz
     attached[place].parameters[shape].bounds = [neutral; 2];
     let mut values = node.values.clone();
     values[context.offset(&attached, place) + shape] = neutral;
-    converge(&context.structure(attached), values).map(|(node, _)| node)
+    context.converge(attached, values).map(|(node, _)| node)
 }
 
 #[cfg(test)]
