@@ -45,7 +45,7 @@ pub(in crate::diagnose) fn generalise(
         .collect();
     // A start is far from the minimum, so the fits begin on fewer points where there are many, and the best goes on to all.
     let data = context.coarse().unwrap_or(context.data);
-    let frictionless =
+    let without_own =
         ModelStructure::new(context.setup, data, structure.attached.clone()).without_own_friction();
     let starts = straight(context, node, form, starts);
     let fitted = |structure: &ModelStructure<'_>, starts: &[Vec<f64>]| {
@@ -53,7 +53,7 @@ pub(in crate::diagnose) fn generalise(
         let fitted = fitted.into_iter().flatten().map(|(node, _)| node);
         fitted.min_by(|a, b| a.cost().total_cmp(&b.cost()))
     };
-    let near = fitted(&frictionless, &starts)?;
+    let near = fitted(&without_own, &starts)?;
     let general = fitted(&structure, &[near.values])?;
     (0.5 * (node.cost() - general.cost()) > PENALTY).then_some(general)
 }
