@@ -189,7 +189,7 @@ impl<'a> FitContext<'a> {
         self.converge(node.attached.clone(), node.values.clone())
     }
 
-    /// A set fitted from these values to convergence, with its tangent.
+    /// A set of effects fitted to convergence from these values, on all threads, with its tangent.
     pub(in crate::diagnose) fn converge(
         &self,
         attached: Vec<Attached>,

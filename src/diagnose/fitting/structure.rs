@@ -239,7 +239,7 @@ impl<'a> ModelStructure<'a> {
             let there = self.fitted(&moved)?;
             Some((there - residuals) * (scale[n] / (moved[n] - values[n])))
         };
-        // On the threads of the fit; a fit outside them has this one alone.
+        // A fit that was started on the threads of the diagnosis uses them all; any other stays on its own thread.
         let columns: Vec<Option<DVector<f64>>> = match rayon::current_thread_index() {
             Some(_) => which.par_iter().map(column).collect(),
             None => which.iter().map(column).collect(),

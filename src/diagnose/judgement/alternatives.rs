@@ -126,7 +126,7 @@ pub(super) fn better_law(
     })
 }
 
-/// The set with the closest of the rivals that `may_replace`, none of them at an implausible bound.
+/// The set of the closest rival that `may_replace` accepts. A rival with a parameter at an implausible bound is left out.
 fn best_rival(judged: &[JudgedEffect], may_replace: impl Fn(&RivalSet) -> bool) -> Option<usize> {
     let rivals = judged.iter().flat_map(|j| &j.rivals);
     rivals
