@@ -6,7 +6,7 @@
 use std::ops::Range;
 
 use super::polarity::energy_given_j;
-use super::samples::Samples;
+use super::samples::{SINE_RMS, Samples};
 use super::smoothing::{Local, monotone, range, smoothed};
 use super::thinning::bins;
 use super::track::Track;
@@ -53,13 +53,23 @@ pub(super) fn condition(recordings: &[Recording], budget: usize) -> Result<Vec<T
         .iter()
         .map(Samples::new)
         .collect::<Result<Vec<_>, _>>()?;
-    // The channels are the same in all recordings: where one motion hides their noise, another shows it.
+    // The channels are the same in all recordings: where one motion hides their noise, another shows it. A vibration is noise where no
+    // line of it was found.
     let least = |f: fn(&Samples) -> f64| NOISE_RATIO * raw.iter().map(f).fold(f64::INFINITY, f64::min);
-    let (noise_mm, noise_n) = (least(|r| r.noise_mm), least(|r| r.noise_n));
+    let (noise_mm, shaken_mm, noise_n) = (
+        least(|r| r.noise_mm),
+        least(|r| r.noise_mm.hypot(SINE_RMS * r.vibration_mm)),
+        least(|r| r.noise_n),
+    );
     Ok(raw
         .into_iter()
         .map(|mut raw| {
-            raw.noise_mm = raw.noise_mm.min(noise_mm).hypot(raw.wander_mm);
+            let most_mm = if raw.vibration_mm > 0.0 {
+                noise_mm
+            } else {
+                shaken_mm
+            };
+            raw.noise_mm = raw.noise_mm.min(most_mm).hypot(raw.wander_mm);
             raw.noise_n = raw.noise_n.min(noise_n);
             raw.track(budget)
         })

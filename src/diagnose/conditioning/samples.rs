@@ -6,7 +6,9 @@ use super::gaps::gaps;
 use super::polarity::turned;
 use super::smoothing::{noise, range};
 use super::spikes::spikes;
-use super::vibration::{Vibration, amplitude_at, motion_frequency_hz, remove_vibrations};
+use super::vibration::{
+    Vibration, amplitude_at, motion_frequency_hz, remove_all_vibrations, remove_vibrations,
+};
 use crate::diagnose::error::{ConditionError, TurnedSign};
 use crate::diagnose::note::{Note, NoteAction, NoteKind};
 use crate::recording::{Flags, Recording};
@@ -22,8 +24,10 @@ const SHORTEST_S: f64 = 1e-3;
 const FLAT: f64 = 1e-8;
 /// A vibration moves the specimen if the force answers with this share of what its rate would give.
 const ANSWERED: f64 = 0.3;
-/// A line of wandering phase counts as noise with this share of its amplitude: the RMS of a sine.
-const SINE_RMS: f64 = std::f64::consts::FRAC_1_SQRT_2;
+/// A rig's vibration and hum may have frequencies up to here. At less than this sampling rate, a note says that a frequency may be folded.
+const FASTEST_VIBRATION_HZ: f64 = 100.0;
+/// A line that counts as noise does so with this share of its amplitude: the RMS of a sine.
+pub(super) const SINE_RMS: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 /// Columns over the usable samples of a recording.
 pub(super) struct Samples<'a> {
@@ -248,27 +252,31 @@ impl<'a> Samples<'a> {
     /// its reversals are none.
     fn remove_hum(&mut self) {
         let motion_hz = motion_frequency_hz(&self.time_s, &self.displacement_mm);
-        let of_displacement = remove_vibrations(&self.time_s, &mut self.displacement_mm, motion_hz);
+        let raw_n = self.force_n.clone();
+        let rate = range(&self.force_n) / range(&self.displacement_mm);
+        // A vibration that the force answers has moved the specimen.
+        let moves = |line: &Vibration| {
+            let answer_n = amplitude_at(&self.time_s, &raw_n, motion_hz, line.frequency_hz);
+            answer_n > ANSWERED * rate * line.amplitude
+        };
+        let of_displacement =
+            remove_all_vibrations(&self.time_s, &mut self.displacement_mm, motion_hz, &moves);
+        self.shaken_mm = of_displacement
+            .iter()
+            .filter(|line| moves(line))
+            .map(|line| line.amplitude)
+            .sum();
+        self.vibration_mm = of_displacement.iter().map(|line| line.amplitude).sum();
         for line in &of_displacement {
             if !line.is_steady() {
                 self.wander_mm = self.wander_mm.hypot(SINE_RMS * line.amplitude);
             }
             self.note_hum("displacement", "mm", line);
         }
-        self.vibration_mm = of_displacement.iter().map(|line| line.amplitude).sum();
-        let raw_n = self.force_n.clone();
         let of_force = remove_vibrations(&self.time_s, &mut self.force_n, motion_hz);
         for line in of_force.iter().filter(|line| line.is_steady()) {
             self.note_hum("force", "N", line);
         }
-        // A vibration that the force answers has moved the specimen.
-        let rate = range(&self.force_n) / range(&self.displacement_mm);
-        let moves = |line: &&Vibration| {
-            let answer_n = amplitude_at(&self.time_s, &raw_n, motion_hz, line.frequency_hz);
-            answer_n > ANSWERED * rate * line.amplitude
-        };
-        let shaking = of_displacement.iter().filter(moves);
-        self.shaken_mm = shaking.map(|line| line.amplitude).sum();
     }
 
     fn note_hum(&mut self, channel: &str, unit: &'static str, line: &Vibration) {
@@ -277,9 +285,15 @@ impl<'a> Samples<'a> {
         } else {
             "its phase wanders, so it counts as noise"
         };
+        let rate_hz = (self.time_s.len() - 1) as f64 / self.time_s[self.time_s.len() - 1];
+        let folded = if rate_hz < FASTEST_VIBRATION_HZ {
+            " or at a higher frequency, which looks the same at this sampling rate,"
+        } else {
+            ""
+        };
         let text = format!(
-            "hum or vibration of {:.4} {unit} at {:.2} Hz on the {channel}: {done}; its reversals are not counted; check shielding, \
-             grounding and the servo",
+            "hum or vibration of {:.4} {unit} at {:.2} Hz{folded} on the {channel}: {done}; its reversals are not counted; check \
+             shielding, grounding and the servo",
             line.amplitude, line.frequency_hz
         );
         self.note(NoteKind::Hum, (line.amplitude, unit), NoteAction::Corrected, text);

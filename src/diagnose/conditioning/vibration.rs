@@ -14,15 +14,20 @@ use nalgebra::{Complex, SMatrix, SVector};
 use super::smoothing::{median, range};
 use crate::recording::cycles;
 
-/// Lowest frequency in Hz that counts as vibration. Test motions are slower.
-const LOWEST_HZ: f64 = 8.0;
+/// Lowest frequency in Hz that counts as vibration whatever the motion is. Test motions are slower.
+pub(super) const LOWEST_HZ: f64 = 8.0;
+/// Lowest frequency in frequencies of the motion, where that is less: of a ramp that is sampled slowly, a vibration beyond half the
+/// sampling rate has a low frequency. With 50, a friction that jumps at each reversal has harmonics of 2 % there.
+const LOWEST_OF_MOTION: f64 = 50.0;
 /// Periods of a vibration that a window holds, at least: fewer are like the motion itself.
 const LEAST_PERIODS: f64 = 5.0;
-/// Highest frequency as a share of the sampling rate. Above it, the channel's white noise holds the vibration already.
-const HIGHEST: f64 = 0.3;
+/// Highest frequency as a share of the sampling rate. At half of it, sine and cosine are no longer told apart.
+const HIGHEST: f64 = 0.45;
 /// Samples of a window, and the longest window in periods of the motion.
 const SAMPLES: Range<usize> = 24..256;
 const OF_MOTION: f64 = 0.4;
+/// Ratio of two numbers of samples that are averaged. What is searched with each then overlaps.
+const STRIDE_RATIO: usize = 16;
 /// Coefficients of the polynomial that the motion is in a window. With four, a sine of 7 mm left 0.01 mm in the longest window.
 const MOTION: usize = 8;
 /// These, and the cosine and the sine of a vibration.
@@ -74,52 +79,83 @@ impl Vibration {
 /// Removes the steady lines of a channel and returns all that were found. `motion_hz` is the frequency of the test's motion.
 pub(super) fn remove_vibrations(time_s: &[f64], values: &mut [f64], motion_hz: f64) -> Vec<Vibration> {
     let mut found = Vec::new();
-    while found.len() < MOST_LINES {
-        // A line this close to one that was subtracted is what the subtraction left of it.
-        let is_rest = |line: &Vibration, of: &Vibration| {
-            (line.frequency_hz - of.frequency_hz).abs() < line.resolution_hz
-        };
-        let line = vibration(time_s, values, motion_hz);
-        let Some(line) = line.filter(|line| !found.iter().any(|of| is_rest(line, of))) else {
-            break;
-        };
-        found.push(line);
-        if !line.is_steady() {
-            break;
-        }
-        for (value, t) in values.iter_mut().zip(time_s) {
-            *value -= line.at(*t);
-        }
+    remove_lines(time_s, values, (motion_hz, LOWEST_HZ), &|_| true, &mut found);
+    found
+}
+
+/// The same with lines below [`LOWEST_HZ`] where the motion is slower still. They must be steady and no motion of the specimen.
+pub(super) fn remove_all_vibrations(
+    time_s: &[f64],
+    values: &mut [f64],
+    motion_hz: f64,
+    is_motion: &dyn Fn(&Vibration) -> bool,
+) -> Vec<Vibration> {
+    let mut found = remove_vibrations(time_s, values, motion_hz);
+    let lowest_hz = LOWEST_OF_MOTION * motion_hz;
+    if lowest_hz < LOWEST_HZ {
+        let is_vibration = |line: &Vibration| line.is_steady() && !is_motion(line);
+        remove_lines(time_s, values, (motion_hz, lowest_hz), &is_vibration, &mut found);
     }
     found
 }
 
-/// Frequency in Hz of the test's motion, from reversals that no vibration makes; 0 if there are fewer than two.
+/// Removes the steady lines of a channel from `lowest_hz` on and adds all to `found`, up to one that is no vibration.
+fn remove_lines(
+    time_s: &[f64],
+    values: &mut [f64],
+    (motion_hz, lowest_hz): (f64, f64),
+    is_vibration: &dyn Fn(&Vibration) -> bool,
+    found: &mut Vec<Vibration>,
+) {
+    while found.len() < MOST_LINES && found.last().is_none_or(Vibration::is_steady) {
+        // A line this close to one that was subtracted is what the subtraction left of it.
+        let is_rest = |line: &Vibration, of: &Vibration| {
+            (line.frequency_hz - of.frequency_hz).abs() < line.resolution_hz
+        };
+        let line = vibration(time_s, values, motion_hz, lowest_hz);
+        let is_new = |line: &Vibration| is_vibration(line) && !found.iter().any(|of| is_rest(line, of));
+        let Some(line) = line.filter(is_new) else {
+            break;
+        };
+        found.push(line);
+        for (value, t) in values.iter_mut().zip(time_s) {
+            *value -= line.at(*t);
+        }
+    }
+}
+
+/// Frequency in Hz of the test's motion, from reversals that no vibration makes. With fewer than two the recording is half a cycle.
 pub(super) fn motion_frequency_hz(time_s: &[f64], displacement_mm: &[f64]) -> f64 {
     let turns = cycles::reversals(displacement_mm, TEST_REVERSAL * range(displacement_mm));
     let halves: Vec<f64> = turns
         .windows(2)
         .map(|w| time_s[w[1].index] - time_s[w[0].index])
         .collect();
-    if halves.is_empty() {
-        0.0
+    let half_s = if halves.is_empty() {
+        time_s[time_s.len() - 1] - time_s[0]
     } else {
-        0.5 / median(halves)
-    }
+        median(halves)
+    };
+    0.5 / half_s
 }
 
-/// The strongest line above the frequencies of the motion. Slow lines are looked for first.
-fn vibration(time_s: &[f64], values: &[f64], motion_hz: f64) -> Option<Vibration> {
-    let line = strides(time_s, motion_hz)
+/// The strongest line from `lowest_hz` on. Slow lines are looked for first.
+fn vibration(time_s: &[f64], values: &[f64], motion_hz: f64, lowest_hz: f64) -> Option<Vibration> {
+    let line = strides(time_s, motion_hz, lowest_hz)
         .into_iter()
-        .find_map(|stride| line_of_means(time_s, values, motion_hz, stride))?;
+        .find_map(|stride| line_of_means(time_s, values, (motion_hz, lowest_hz), stride))?;
     (line.amplitude > LEAST_AMPLITUDE * range(values)).then_some(line)
 }
 
 /// The strongest line of the means of `stride` samples each. Its amplitude is that of the samples.
-fn line_of_means(time_s: &[f64], values: &[f64], motion_hz: f64, stride: usize) -> Option<Vibration> {
+fn line_of_means(
+    time_s: &[f64],
+    values: &[f64],
+    (motion_hz, lowest_hz): (f64, f64),
+    stride: usize,
+) -> Option<Vibration> {
     let (means_s, means) = (means(time_s, stride), means(values, stride));
-    let windows = Windows::new(&means_s, motion_hz)?;
+    let windows = Windows::new(&means_s, motion_hz, lowest_hz)?;
     let frequency_hz = windows.line(&means_s, &means)?;
     let fits: Vec<Option<Complex<f64>>> = windows
         .all
@@ -130,16 +166,12 @@ fn line_of_means(time_s: &[f64], values: &[f64], motion_hz: f64, stride: usize) 
     Some(windows.of_samples(stride).line_at(time_s, values, refined_hz))
 }
 
-/// How many samples a mean takes: first so many that a window holds enough periods of the slowest vibration, then one, for fast lines.
-fn strides(time_s: &[f64], motion_hz: f64) -> Vec<usize> {
-    let of_motion_s = if motion_hz > 0.0 {
-        OF_MOTION / motion_hz
-    } else {
-        f64::INFINITY
-    };
-    let needed_s = (LEAST_PERIODS / LOWEST_HZ).min(of_motion_s);
-    let stride = (needed_s / interval_s(time_s) / SAMPLES.end as f64).ceil() as usize;
-    if stride > 1 { vec![stride, 1] } else { vec![1] }
+/// How many samples a mean takes: first so many that a window holds enough periods of the slowest vibration, at last one, for fast lines.
+fn strides(time_s: &[f64], motion_hz: f64, lowest_hz: f64) -> Vec<usize> {
+    let needed_s = (LEAST_PERIODS / lowest_hz).min(OF_MOTION / motion_hz);
+    let longest = (needed_s / interval_s(time_s) / SAMPLES.end as f64).ceil() as usize;
+    let shorter = |stride: &usize| (*stride > 1).then(|| stride.div_ceil(STRIDE_RATIO));
+    std::iter::successors(Some(longest.max(1)), shorter).collect()
 }
 
 /// Means of `stride` samples each. Samples at the end that fill no mean are left out.
@@ -156,9 +188,12 @@ fn interval_s(time_s: &[f64]) -> f64 {
 
 /// Amplitude on another channel at the frequency of a line; 0 if the recording is too short.
 pub(super) fn amplitude_at(time_s: &[f64], values: &[f64], motion_hz: f64, frequency_hz: f64) -> f64 {
-    let windows: Vec<Windows> = strides(time_s, motion_hz)
+    let lowest_hz = frequency_hz.min(LOWEST_HZ);
+    let of_means =
+        |stride| Some(Windows::new(&means(time_s, stride), motion_hz, lowest_hz)?.of_samples(stride));
+    let windows: Vec<Windows> = strides(time_s, motion_hz, lowest_hz)
         .into_iter()
-        .filter_map(|stride| Some(Windows::new(&means(time_s, stride), motion_hz)?.of_samples(stride)))
+        .filter_map(of_means)
         .collect();
     let reaches = |windows: &&Windows| frequency_hz < windows.search_hz.end;
     windows
@@ -181,19 +216,15 @@ struct Windows {
 
 impl Windows {
     /// `None` if the recording is too short or too coarse for a vibration to be seen.
-    fn new(time_s: &[f64], motion_hz: f64) -> Option<Windows> {
+    fn new(time_s: &[f64], motion_hz: f64, lowest_hz: f64) -> Option<Windows> {
         let interval_s = interval_s(time_s);
-        let longest = if motion_hz > 0.0 {
-            (OF_MOTION / motion_hz / interval_s) as usize
-        } else {
-            SAMPLES.end
-        };
+        let longest = (OF_MOTION / motion_hz / interval_s) as usize;
         let samples = longest.min(SAMPLES.end).min(time_s.len() / WINDOWS.start);
         if samples < SAMPLES.start {
             return None;
         }
         let duration_s = samples as f64 * interval_s;
-        let search_hz = LOWEST_HZ.max(LEAST_PERIODS / duration_s)..HIGHEST / interval_s;
+        let search_hz = lowest_hz.max(LEAST_PERIODS / duration_s)..HIGHEST / interval_s;
         let all: Vec<Range<usize>> = (0..)
             .map(|k| k * samples / 2..k * samples / 2 + samples)
             .take_while(|w| w.end <= time_s.len())
@@ -465,6 +496,37 @@ mod tests {
         assert!((found[0].frequency_hz - 33.9).abs() < 0.05, "{found:?}");
         let force_n = amplitude_at(&time_s, &clean, 0.8, 33.9);
         assert!(force_n < 0.001, "{force_n}");
+    }
+
+    /// 47 samples a second of a ramp: 25.2 Hz look like 21.8 Hz, and 42 Hz like 5 Hz.
+    #[test]
+    fn a_line_beyond_half_the_sampling_rate_is_removed_from_a_ramp() {
+        for (hz, seen_hz) in [(20.5, 20.5), (25.2, 21.8), (42.0, 5.0)] {
+            let time_s = times(47.0, 64.0);
+            let clean: Vec<f64> = time_s.iter().map(|t| 1.5 * triangle(t / 64.0)).collect();
+            let mut x: Vec<f64> = (0..time_s.len())
+                .map(|i| clean[i] + 0.016 * (TAU * hz * time_s[i] + 1.0).sin() + 0.003 * noisy(i))
+                .collect();
+            let motion_hz = motion_frequency_hz(&time_s, &x);
+            let found = remove_all_vibrations(&time_s, &mut x, motion_hz, &|_| false);
+            assert_eq!(found.len(), 1, "{found:?}");
+            assert!((found[0].frequency_hz - seen_hz).abs() < 0.01, "{found:?}");
+            assert!((found[0].amplitude - 0.016).abs() < 0.001, "{found:?}");
+        }
+    }
+
+    /// The force of a motion of 2 Hz that the test adds to a ramp is the specimen's answer.
+    #[test]
+    fn a_slow_line_that_is_motion_stays() {
+        let time_s = times(200.0, 64.0);
+        let clean: Vec<f64> = time_s
+            .iter()
+            .map(|t| 1.5 * triangle(t / 64.0) + 0.1 * (TAU * 2.0 * t).sin())
+            .collect();
+        let mut x = clean.clone();
+        let motion_hz = motion_frequency_hz(&time_s, &x);
+        assert_eq!(remove_all_vibrations(&time_s, &mut x, motion_hz, &|_| true), []);
+        assert_eq!(x, clean);
     }
 
     #[test]

@@ -65,6 +65,21 @@ fn noise_is_estimated_at_any_rate() {
     }
 }
 
+/// 23 Hz is too near half the sampling rate of the second recording to be subtracted there. Its noise is that of both.
+#[test]
+fn a_vibration_that_is_subtracted_from_one_recording_is_noise_in_another() {
+    let shaken = |rate_hz: f64| {
+        let mut r = sine(rate_hz, 40.0, 0.001);
+        for (x, t) in r.displacement_mm.iter_mut().zip(&r.time_s) {
+            *x += 0.016 * (std::f64::consts::TAU * 23.0 * t).sin();
+        }
+        r
+    };
+    let tracks = condition(&[shaken(250.0), shaken(47.0)], 3000).expect("valid");
+    assert!(tracks[0].noise_mm < 0.002, "{}", tracks[0].noise_mm);
+    assert!(tracks[1].noise_mm > 0.008, "{}", tracks[1].noise_mm);
+}
+
 #[test]
 fn a_corner_stays_a_corner() {
     // Triangle of 0 to 10 mm in 10 s, sampled so that the corner falls between two samples.
