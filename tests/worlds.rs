@@ -98,13 +98,17 @@ fn the_label_is_not_in_what_the_diagnosis_receives() {
 }
 
 /// A case of the pack took 356 million steps of the model: half of them in the search for the knee of a progressive spring, which
-/// followed a valley in small moves.
+/// followed a valley in small moves. In another, each search of single effects found the baseline's minimum a little lower and began
+/// again; it had no end after 15 minutes.
 #[test]
 fn a_difficult_case_stays_near_the_budget() {
-    let case = Case::draw(World::Pack, 424_242, 11, None);
-    let diagnosis = examine(&case, &case.recordings, 0).expect("valid recordings");
-    assert!(diagnosis.model_steps < 250_000_000, "{}", diagnosis.model_steps);
-    assert!(!diagnosis.search_cut_short, "{}", diagnosis.summary);
+    for (seed, number) in [(424_242, 11), (633_368_069, 34)] {
+        let case = Case::draw(World::Pack, seed, number, None);
+        let diagnosis = examine(&case, &case.recordings, 0).expect("valid recordings");
+        let steps = diagnosis.model_steps;
+        assert!(steps < 300_000_000, "{seed}: {steps}");
+        assert!(!diagnosis.search_cut_short, "{seed}: {}", diagnosis.summary);
+    }
 }
 
 /// LuGre friction and nothing hidden but what its law does otherwise than the library's. With its shape in doubt only at a tenth of the
@@ -211,10 +215,10 @@ fn a_doubtful_name_beside_a_sure_one_is_not_given() {
     );
 }
 
-/// Nothing is hidden here. The freer friction law leaves 3.5 % of the force that it explains; that was `unexplained`.
+/// Nothing is hidden here. The freer friction law leaves 3 % of the force that it explains; that was `unexplained`.
 #[test]
 fn what_a_friction_law_leaves_of_another_is_its_own_error() {
-    let case = Case::draw(World::BoucWen, 3_500_918_740, 9, None);
+    let case = Case::draw(World::BoucWen, 3_500_918_740, 16, None);
     assert!(case.label.hidden.is_empty());
     let found = examine(&case, &case.recordings, 0).expect("valid recordings");
     assert_eq!(found.verdict, Verdict::Adequate, "{}", found.summary);
@@ -289,14 +293,28 @@ fn a_foreign_friction_law_neither_refuses_a_delay_nor_makes_one_small_loop_unexp
 }
 
 /// Nothing is hidden in these cases that were looked at, but the friction forgets earlier reversals. Beside elements that close every small
-/// loop, a compliance of the fixture was named in each (33, 54 and 58 %).
+/// loop, a compliance of the fixture was named in the first four (33, 54, 58 and 64 %). In the last three, no structure was left and up to a
+/// third more than noise, or the fit of the other law went back to the baseline's own; two of them were `unexplained` and a damping (40 %).
 #[test]
 fn friction_that_forgets_is_no_compliance() {
-    for number in [1, 9, 16] {
-        let case = Case::draw(World::Lugre, 4_067_032_518, number, None);
+    let cases = [
+        (World::Lugre, 4_067_032_518, 1),
+        (World::Lugre, 4_067_032_518, 9),
+        (World::Lugre, 4_067_032_518, 16),
+        (World::Lugre, 821_968_164, 9),
+        (World::BoucWen, 3_500_918_740, 9),
+        (World::BoucWen, 3_500_918_740, 21),
+    ];
+    for (world, seed, number) in cases {
+        let case = Case::draw(world, seed, number, None);
         assert!(case.label.hidden.is_empty());
         let found = examine(&case, &case.recordings, 0).expect("valid recordings");
-        assert_eq!(found.verdict, Verdict::Adequate, "{number}: {}", found.summary);
+        assert_eq!(
+            found.verdict,
+            Verdict::Adequate,
+            "{world:?} {seed} {number}: {}",
+            found.summary
+        );
     }
 }
 

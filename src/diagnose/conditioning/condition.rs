@@ -61,9 +61,14 @@ pub(super) fn condition(recordings: &[Recording], budget: usize) -> Result<Vec<T
         least(|r| r.noise_mm.hypot(SINE_RMS * r.vibration_mm)),
         least(|r| r.noise_n),
     );
+    let vibrations = raw.iter().map(|r| r.vibration_mm).filter(|mm| *mm > 0.0);
+    let hidden_mm = SINE_RMS * vibrations.reduce(f64::min).unwrap_or(0.0);
     Ok(raw
         .into_iter()
         .map(|mut raw| {
+            if raw.hides_vibration {
+                raw.noise_mm = raw.noise_mm.max(hidden_mm);
+            }
             let most_mm = if raw.vibration_mm > 0.0 {
                 noise_mm
             } else {

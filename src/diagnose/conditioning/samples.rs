@@ -8,6 +8,7 @@ use super::smoothing::{noise, range};
 use super::spikes::spikes;
 use super::vibration::{
     Vibration, amplitude_at, motion_frequency_hz, remove_all_vibrations, remove_vibrations,
+    shows_all_vibrations,
 };
 use crate::diagnose::error::{ConditionError, TurnedSign};
 use crate::diagnose::note::{Note, NoteAction, NoteKind};
@@ -48,6 +49,8 @@ pub(super) struct Samples<'a> {
     pub vibration_mm: f64,
     /// The part of it that moved the specimen, mm.
     pub shaken_mm: f64,
+    /// True if no hum or vibration was found on the displacement, but the motion may hide one.
+    pub hides_vibration: bool,
     /// True where a channel stands at an end of its range.
     pub clipped: Vec<bool>,
     /// White noise of one displacement sample in mm.
@@ -75,6 +78,7 @@ impl<'a> Samples<'a> {
             unseen: Vec::new(),
             vibration_mm: 0.0,
             shaken_mm: 0.0,
+            hides_vibration: false,
             clipped: Vec::new(),
             noise_mm: 0.0,
             wander_mm: 0.0,
@@ -267,6 +271,7 @@ impl<'a> Samples<'a> {
             .map(|line| line.amplitude)
             .sum();
         self.vibration_mm = of_displacement.iter().map(|line| line.amplitude).sum();
+        self.hides_vibration = of_displacement.is_empty() && !shows_all_vibrations(&self.time_s, motion_hz);
         for line in &of_displacement {
             if !line.is_steady() {
                 self.wander_mm = self.wander_mm.hypot(SINE_RMS * line.amplitude);

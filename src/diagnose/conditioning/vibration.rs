@@ -124,6 +124,13 @@ fn remove_lines(
     }
 }
 
+/// True if a line of every frequency from [`LOWEST_HZ`] on would be found. Windows of a fast motion are too short for slow lines.
+pub(super) fn shows_all_vibrations(time_s: &[f64], motion_hz: f64) -> bool {
+    let slowest = strides(time_s, motion_hz, LOWEST_HZ)[0];
+    Windows::new(&means(time_s, slowest), motion_hz, LOWEST_HZ)
+        .is_some_and(|windows| windows.search_hz.start <= LOWEST_HZ)
+}
+
 /// Frequency in Hz of the test's motion, from reversals that no vibration makes. With fewer than two the recording is half a cycle.
 pub(super) fn motion_frequency_hz(time_s: &[f64], displacement_mm: &[f64]) -> f64 {
     let turns = cycles::reversals(displacement_mm, TEST_REVERSAL * range(displacement_mm));

@@ -33,7 +33,8 @@ pub(in crate::diagnose) fn generalise(
     starts: &[Vec<f64>],
 ) -> Option<Node> {
     let structure = context.structure(node.attached.clone()).with(form);
-    // The fit starts without the baseline's own friction: a law without memory of the last reversal would stop it early.
+    // The fit begins without the baseline's own friction. Where that law is nearer than the new one still is, the fit would go back to it
+    // and stay there: a new law of size zero has no slopes.
     let mut frictionless = node.values.clone();
     if let Some(i) = context.setup.model.friction_ratio {
         frictionless[i] = context.setup.model.parameters[i].bounds[0];
@@ -43,19 +44,17 @@ pub(in crate::diagnose) fn generalise(
         .map(|group| insert_group(&frictionless, group))
         .collect();
     // A start is far from the minimum, so the fits begin on fewer points where there are many, and the best goes on to all.
-    let coarse = context
-        .coarse()
-        .map(|data| ModelStructure::new(context.setup, data, structure.attached.clone()));
+    let data = context.coarse().unwrap_or(context.data);
+    let without_own =
+        ModelStructure::new(context.setup, data, structure.attached.clone()).without_own_friction();
     let starts = straight(context, node, form, starts);
     let fitted = |structure: &ModelStructure<'_>, starts: &[Vec<f64>]| {
         let fitted = context.parallel_map(starts, |start| converge(structure, start.clone()));
         let fitted = fitted.into_iter().flatten().map(|(node, _)| node);
         fitted.min_by(|a, b| a.cost().total_cmp(&b.cost()))
     };
-    let general = match coarse.as_ref().and_then(|coarse| fitted(coarse, &starts)) {
-        Some(near) => fitted(&structure, &[near.values]),
-        None => fitted(&structure, &starts),
-    }?;
+    let near = fitted(&without_own, &starts)?;
+    let general = fitted(&structure, &[near.values])?;
     (0.5 * (node.cost() - general.cost()) > PENALTY).then_some(general)
 }
 
@@ -69,7 +68,9 @@ fn straight(context: &FitContext<'_>, node: &Node, form: &Attached, starts: Vec<
         held.parameters[k].bounds = [form.effect.neutral[k]; 2];
     }
     let data = context.coarse().unwrap_or(context.data);
-    let structure = ModelStructure::new(context.setup, data, node.attached.clone()).with(&held);
+    let structure = ModelStructure::new(context.setup, data, node.attached.clone())
+        .with(&held)
+        .without_own_friction();
     let fitted = context.parallel_map(&starts, |start| converge(&structure, start.clone()));
     let mut fitted: Vec<Node> = fitted.into_iter().flatten().map(|(node, _)| node).collect();
     fitted.sort_by(|a, b| a.cost().total_cmp(&b.cost()));

@@ -72,6 +72,14 @@ impl<'a> ModelStructure<'a> {
         self
     }
 
+    /// The same structure with the model's own friction held at none.
+    pub(super) fn without_own_friction(mut self) -> Self {
+        if let Some(i) = self.setup.model.friction_ratio {
+            self.parameters[i].bounds = [self.parameters[i].bounds[0]; 2];
+        }
+        self
+    }
+
     /// Model force with the force zero, in N, at every point of every track.
     pub(in crate::diagnose) fn predict(&self, values: &[f64], out: &mut [f64]) -> Result<(), BuildError> {
         let mut plant = self.plant(values)?;

@@ -42,6 +42,18 @@ pub(super) fn search(
     budget: Budget,
     progress: &mut dyn FnMut(f64, &str),
 ) -> SearchResult {
+    search_from(context, (baseline, true), seeds, budget, progress)
+}
+
+/// The same, with a second start from a lower minimum of the baseline where `may_restart`: along a narrow valley each start would find one
+/// that is a little lower.
+fn search_from(
+    context: &FitContext<'_>,
+    (baseline, may_restart): (Node, bool),
+    seeds: &[Node],
+    budget: Budget,
+    progress: &mut dyn FnMut(f64, &str),
+) -> SearchResult {
     let mut cut_short = false;
     let mut nodes = vec![baseline];
     let mut seen = vec![nodes[0].key(context.setup.extras.len())];
@@ -70,9 +82,10 @@ pub(super) fn search(
         added.truncate(BEAM_WIDTH);
         let Some(&best) = added.first() else { break };
         if size == 0
+            && may_restart
             && let Some(root) = better_root(context, &nodes[0], &nodes[best])
         {
-            return search(context, root, seeds, budget, progress);
+            return search_from(context, (root, false), seeds, budget, progress);
         }
         // Stops where the largest gain would not be accepted. Sums of squares are compared, not effective samples, because
         // unexplained physics correlates the residuals and would end the search too early.

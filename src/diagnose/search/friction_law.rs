@@ -7,17 +7,13 @@ use super::budget::Budget;
 use super::lack_of_fit::leaves_structure;
 use super::simplest_form::simplify;
 use crate::diagnose::fitting::{
-    Attached, Data, FitContext, LikelihoodScale, Node, PARAMETER_PENALTY, RunSettings, Setup, Tangent,
-    generalise, with_general_law,
+    Attached, Data, FitContext, LikelihoodScale, Node, PARAMETER_PENALTY, PENALTY, RunSettings, Setup,
+    Tangent, generalise, with_general_law,
 };
 
 /// Candidates that are fitted under the baseline's own law, and the number of the best that get the general law afterwards.
 const SEEDS_TRIED: usize = 6;
 const SEEDS: usize = 3;
-/// Variance of what the best set leaves, in variances of the white noise, from which another friction law is tried even if no structure is
-/// found: what a law leaves of a random motion follows no axis. In one such case another law left a fortieth of the sum of
-/// squares. Other values were not tried.
-const MORE_THAN_NOISE: f64 = 2.0;
 
 /// What the search starts from.
 pub(in crate::diagnose) struct SearchStart {
@@ -95,7 +91,8 @@ fn cost_with_law(likelihood: LikelihoodScale, node: &Node, extras: usize) -> f64
 }
 
 /// The baseline with the general law of `other`, if the set that a search chose, or that set without one or all of its effects, is likelier
-/// with it. It is asked only where the set leaves structure or more than noise, or effects were named beside a free law.
+/// with it. It is asked only where the set leaves structure, or so much more than noise that a law could gain what an effect must, or where
+/// effects were named beside a free law.
 fn likelier_base(
     run: &RunSettings,
     (setup, (start, search)): (&Setup, &(SearchStart, SearchResult)),
@@ -105,7 +102,8 @@ fn likelier_base(
     let chosen = &search.nodes[search.chosen];
     let skipped = setup.extras.len();
     let named = start.generalised && chosen.attached.len() > skipped;
-    let is_noise = search.likelihood.variance < MORE_THAN_NOISE;
+    // What a law leaves of a random motion, or of the turning points, follows no axis.
+    let is_noise = search.likelihood.gain(chosen.cost() - data.counted() as f64) < PENALTY;
     if !named && is_noise && !leaves_structure(data, search.likelihood, chosen) {
         return None;
     }
