@@ -38,19 +38,23 @@ fn the_same_seed_draws_the_same_bits_in_every_world_and_each_world_other_ones() 
     }
 }
 
-/// Every effect of the catalogue has a size that makes it visible in two of the worlds, every second in each, and its recordings
-/// are valid.
+/// Every effect of the catalogue has a size that makes it visible, each in another world in turn, and its recordings are valid. In all
+/// worlds, the drawing alone would be a tenth of the time of all tests.
 #[test]
 fn effects_are_visible_in_every_world() {
-    let pairs: Vec<(World, &str)> = (0..FOREIGN.len())
-        .flat_map(|w| {
-            let every_second = PHYSICS.iter().skip(w % 2).step_by(2);
-            every_second
-                .filter(move |p| p.is_in(FOREIGN[w]))
-                .map(move |p| (FOREIGN[w], p.code))
+    let pairs: Vec<(World, &str)> = PHYSICS
+        .iter()
+        .enumerate()
+        .filter_map(|(i, physics)| {
+            let mut in_turn = (i..i + FOREIGN.len()).map(|w| FOREIGN[w % FOREIGN.len()]);
+            let world = in_turn.find(|w| physics.is_in(*w))?;
+            Some((world, physics.code))
         })
         .collect();
-    assert!(pairs.len() > 40, "{}", pairs.len());
+    for world in FOREIGN {
+        assert!(pairs.iter().any(|p| p.0 == world), "{world:?}: {pairs:?}");
+    }
+    assert!(pairs.len() > 20, "{pairs:?}");
     let wrong: Vec<String> = pairs
         .par_iter()
         .filter_map(|&(world, code)| {
@@ -203,16 +207,11 @@ fn a_joint_that_closes_and_a_soft_contact_are_named() {
 /// Friction that fades with the logarithm of the speed. What its law misses looked like a compliance of the fixture, which was named, too,
 /// with 30 %.
 #[test]
-fn a_doubtful_name_beside_a_sure_one_is_not_given() {
+fn what_a_law_of_speed_misses_is_no_compliance() {
     let case = Case::draw(World::Lugre, 3_500_918_740, 39, None);
     let found = examine(&case, &case.recordings, 0).expect("valid recordings");
     let named: Vec<&str> = found.effects.iter().map(|e| e.code.as_str()).collect();
     assert_eq!(named, ["stribeck"], "{}", found.summary);
-    assert!(
-        found.summary.contains("Not named: series compliance"),
-        "{}",
-        found.summary
-    );
 }
 
 /// Nothing is hidden here. The freer friction law leaves 3 % of the force that it explains; that was `unexplained`.

@@ -49,26 +49,26 @@ struct TrackPoint {
 
 /// Conditions recordings of one rig, each into about `budget` points at most.
 pub(super) fn condition(recordings: &[Recording], budget: usize) -> Result<Vec<Track>, ConditionError> {
-    let raw = recordings
+    let mut raw = recordings
         .iter()
         .map(Samples::new)
         .collect::<Result<Vec<_>, _>>()?;
-    // The channels are the same in all recordings: where one motion hides their noise, another shows it. A vibration is noise where no
-    // line of it was found.
+    // The channels are the same in all recordings. A vibration is noise where no line of it was found.
+    let vibrations = raw.iter().map(|r| r.vibration_mm).filter(|mm| *mm > 0.0);
+    let hidden_mm = SINE_RMS * vibrations.reduce(f64::min).unwrap_or(0.0);
+    for raw in raw.iter_mut().filter(|r| r.hides_vibration) {
+        raw.noise_mm = raw.noise_mm.max(hidden_mm);
+    }
+    // Where one motion hides the noise of the channels, another shows it.
     let least = |f: fn(&Samples) -> f64| NOISE_RATIO * raw.iter().map(f).fold(f64::INFINITY, f64::min);
     let (noise_mm, shaken_mm, noise_n) = (
         least(|r| r.noise_mm),
         least(|r| r.noise_mm.hypot(SINE_RMS * r.vibration_mm)),
         least(|r| r.noise_n),
     );
-    let vibrations = raw.iter().map(|r| r.vibration_mm).filter(|mm| *mm > 0.0);
-    let hidden_mm = SINE_RMS * vibrations.reduce(f64::min).unwrap_or(0.0);
     Ok(raw
         .into_iter()
         .map(|mut raw| {
-            if raw.hides_vibration {
-                raw.noise_mm = raw.noise_mm.max(hidden_mm);
-            }
             let most_mm = if raw.vibration_mm > 0.0 {
                 noise_mm
             } else {

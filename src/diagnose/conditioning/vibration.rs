@@ -505,10 +505,10 @@ mod tests {
         assert!(force_n < 0.001, "{force_n}");
     }
 
-    /// 47 samples a second of a ramp: 25.2 Hz look like 21.8 Hz, and 42 Hz like 5 Hz.
+    /// 47 samples a second of a ramp: 28 Hz look like 19 Hz, and 42 Hz like 5 Hz.
     #[test]
     fn a_line_beyond_half_the_sampling_rate_is_removed_from_a_ramp() {
-        for (hz, seen_hz) in [(20.5, 20.5), (25.2, 21.8), (42.0, 5.0)] {
+        for (hz, seen_hz) in [(20.5, 20.5), (28.0, 19.0), (42.0, 5.0)] {
             let time_s = times(47.0, 64.0);
             let clean: Vec<f64> = time_s.iter().map(|t| 1.5 * triangle(t / 64.0)).collect();
             let mut x: Vec<f64> = (0..time_s.len())
