@@ -5,7 +5,7 @@ use crate::diagnose::course::Split;
 use crate::diagnose::diagnosis::Alternative;
 use crate::diagnose::fitting::{FitContext, Key, Node};
 use crate::diagnose::search::{SearchResult, kinks_are_recorded, penalty, refit_rivals, rest, without};
-use crate::effect::Effect;
+use crate::effect::{Effect, GROWN_LAWS};
 
 /// Two explanations are not distinguished if they differ by less than this in log-likelihood (a ratio of 400), or by less than this
 /// share of what the effect brings.
@@ -141,10 +141,11 @@ fn may_be_named(context: &FitContext<'_>, node: &Node) -> bool {
     missing.all(|a| begins_a_search(context, a.effect))
 }
 
-/// True if a law is one of the candidates, not only tried in the place of one.
+/// True if a law is one of the candidates or grew from one, not only tried in the place of one.
 fn begins_a_search(context: &FitContext<'_>, law: &Effect) -> bool {
-    let mut candidates = context.setup.candidates.iter();
-    candidates.any(|c| std::ptr::eq(c.effect, law))
+    let candidates = context.setup.candidates.iter();
+    let mut laws = candidates.map(|c| c.effect).chain(GROWN_LAWS);
+    laws.any(|known| std::ptr::eq(known, law))
 }
 
 /// True if a parameter of a missing effect is at a bound outside its plausible range.
