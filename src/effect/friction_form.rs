@@ -30,6 +30,8 @@ const BANDS: usize = 16;
 const REFERENCE_N: f64 = 1000.0;
 /// Below this load the contacts are open, N.
 const OPEN_N: f64 = 1.0;
+/// Range of load over which the contacts begin to carry, N.
+const ONSET_N: f64 = 20.0;
 /// Number of elements in a band.
 const ELEMENTS_PER_BAND: usize = 3;
 
@@ -199,6 +201,15 @@ impl FrictionForm {
         }
     }
 
+    /// Load in N that the contacts carry: that above the bare load, with a soft onset, because a fit follows slopes.
+    fn rubbing_n(&self, load_n: f64) -> f64 {
+        if self.bare_load_n == 0.0 {
+            return load_n;
+        }
+        let above_n = load_n - self.bare_load_n;
+        0.5 * (above_n + above_n.hypot(ONSET_N))
+    }
+
     /// Factors of the drags and of the travel at a load in N.
     fn factors(&mut self, load_n: f64) -> [f64; 2] {
         let [before_n, lengths] = self.last.unwrap_or([0.0; 2]);
@@ -270,7 +281,7 @@ impl Wrap for FrictionForm {
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let travel_mm = self.travel.advance(displacement_mm);
         let force_n = inside.step(displacement_mm, dt_s);
-        let load_n = (load_n(&**inside, force_n) - self.bare_load_n).max(0.0);
+        let load_n = self.rubbing_n(load_n(&**inside, force_n));
         let [kept, lengths] = self.factors(load_n);
         let elements = &*self.elements;
         let drags = &mut self.drags[..elements.per_mm.len()];
@@ -311,6 +322,17 @@ mod tests {
         let last = lengths.iter().map(|l| 1.0 - 1.0 / l).sum::<f64>() / 3.0;
         let expected = (100.0 + 80.0 * 49.0) * (1.0 - 0.02 + 0.04 * last);
         assert!((plant.step(49.0, 0.1) - expected).abs() < 1e-6);
+    }
+
+    #[test]
+    fn below_the_bare_load_there_is_no_friction() {
+        let mut values = [0.0; BANDS + 3];
+        (values[0], values[BANDS + 2]) = (0.1, 500.0);
+        let mut plant = (FORM.attach)(&values, spring());
+        let mut friction_n = |x: f64| plant.step(x, 0.1) - (100.0 + 80.0 * x);
+        assert!(friction_n(1.0) < 0.1, "180 N");
+        // A tenth of 400 N, and of what the soft onset adds: 20^2 / 4 / 400.
+        assert!((friction_n(10.0) - 0.1 * 400.25).abs() < 0.01);
     }
 
     /// Constant stiffness: an element that sticks keeps its force where the load rises, and adds c E_0 / l for each mm.
