@@ -5,6 +5,12 @@ use super::backward_elimination::kinks_at_the_top;
 use crate::diagnose::fitting::{Attached, FitContext, LikelihoodScale, Node, PARAMETER_PENALTY, PENALTY};
 use crate::effect::{Effect, GROWN_LAWS};
 
+/// Share of what a set leaves above the noise that a further part must explain. A leaf that touches explains most of it: in seven packs that
+/// were looked at, the best set left 7 to 12 times the noise without further leaves and 1.1 to 3.7 times with them. Any other curve can be
+/// followed by straight pieces, a little better with each: friction at one place of the travel was named a helper leaf. Not tried at half and
+/// double.
+const LEAST_OF_REST: f64 = 0.5;
+
 /// The set with as many further parts of its laws as explain more than effects must; `None` if there is none.
 pub(super) fn grown(context: &FitContext<'_>, node: &Node) -> Option<Node> {
     let first = with_part(context, node)?;
@@ -20,8 +26,9 @@ fn with_part(context: &FitContext<'_>, node: &Node) -> Option<Node> {
         Some((place, part, law))
     })?;
     let must_gain = PENALTY + PARAMETER_PENALTY * (part.parameters.len() - 1) as f64;
+    let rest = |node: &Node| node.cost() - context.data.counted() as f64;
     let scale = LikelihoodScale::of(context.data, &node.residuals);
-    if scale.gain(node.cost() - context.data.counted() as f64) < must_gain {
+    if scale.gain(rest(node)) < must_gain {
         return None;
     }
     let converged = context.converged(node)?;
@@ -46,7 +53,9 @@ fn with_part(context: &FitContext<'_>, node: &Node) -> Option<Node> {
     };
     let (grown, _) = context.converge(attached, values)?;
     let scale = LikelihoodScale::of(context.data, &grown.residuals);
-    (scale.gain(node.cost() - grown.cost()) > must_gain).then_some(grown)
+    let fall = node.cost() - grown.cost();
+    let explains = scale.gain(fall) > must_gain && fall > LEAST_OF_REST * rest(&node);
+    explains.then_some(grown)
 }
 
 /// The part that a law may get next, and the law with it.
