@@ -1,11 +1,10 @@
 //! The friction of the model in a general form: its transition after a reversal follows no particular law.
 //!
 //! ```text
-//! F = F_in + (E - E_b) sum c_i r_i,   r_i: mean of three elements, each limited to [-1, 1]
+//! F = F_in + E sum c_i r_i,   r_i: mean of three elements, each limited to [-1, 1]
 //! dr = dx / l (E_0 / E)^s - m r dE / E,   l within band i,  E_0 = 1000 N
 //! ```
-//! E: load that the specimen carries, N. E_b: `bare_load_n`, load that it carries before its leaves touch; below it there is no friction, and
-//! E in the second line is the load above it. c_i: `ratio_i`, friction divided by load of band i. l: length of an element at E_0, mm.
+//! E: load that the contacts carry, N. c_i: `ratio_i`, friction divided by load of band i. l: length of an element at E_0, mm.
 //! s: `length_exponent`, power of the load with which the lengths grow. m: `force_memory`, 0: where the load changes, the friction
 //! follows it at once; 1: an element keeps its force until it slides further. s = m = 1 is an element of constant stiffness with a
 //! limit in proportion to the load (Jenkins; bristles of Canudas de Wit). F_in: force of the plant inside, N.
@@ -30,8 +29,6 @@ const BANDS: usize = 16;
 const REFERENCE_N: f64 = 1000.0;
 /// Below this load the contacts are open, N.
 const OPEN_N: f64 = 1.0;
-/// Range of load over which the contacts begin to carry, N.
-const ONSET_N: f64 = 20.0;
 /// Number of elements in a band.
 const ELEMENTS_PER_BAND: usize = 3;
 
@@ -85,16 +82,8 @@ pub(crate) const FORM: Effect = Effect {
             belief: [0.0, 1.0],
             what: "share of the friction force that an element keeps where the load changes",
         },
-        Parameter {
-            name: "bare_load_n",
-            unit: "N",
-            start: 0.0,
-            bounds: [0.0, 100_000.0],
-            belief: [0.0, 2000.0],
-            what: "load that the specimen carries before its leaves touch: below it there is no friction",
-        },
     ],
-    neutral: &[0.0; BANDS + 3],
+    neutral: &[0.0; BANDS + 2],
     amplitudes: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15],
     kinks: &[],
     shapes: &[],
@@ -102,7 +91,6 @@ pub(crate) const FORM: Effect = Effect {
         let start = |bent: [f64; 2]| {
             let mut start = vec![0.002; BANDS];
             start.extend(bent);
-            start.push(0.0);
             start
         };
         vec![start([0.0, 0.0]), start([0.0, 1.0]), start([1.0, 1.0])]
@@ -143,8 +131,6 @@ struct FrictionForm {
     drags: [f64; ELEMENTS],
     length_exponent: Power,
     force_memory: Power,
-    /// Load without friction, N.
-    bare_load_n: f64,
     /// Load at the last step, N, and the factor of the travel there.
     last: Option<[f64; 2]>,
 }
@@ -196,18 +182,8 @@ impl FrictionForm {
             drags: [0.0; ELEMENTS],
             length_exponent: Power::new(ratios[BANDS]),
             force_memory: Power::new(ratios[BANDS + 1]),
-            bare_load_n: ratios[BANDS + 2],
             last: None,
         }
-    }
-
-    /// Load in N that the contacts carry: that above the bare load, with a soft onset, because a fit follows slopes.
-    fn rubbing_n(&self, load_n: f64) -> f64 {
-        if self.bare_load_n == 0.0 {
-            return load_n;
-        }
-        let above_n = load_n - self.bare_load_n;
-        0.5 * (above_n + above_n.hypot(ONSET_N))
     }
 
     /// Factors of the drags and of the travel at a load in N.
@@ -281,7 +257,7 @@ impl Wrap for FrictionForm {
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let travel_mm = self.travel.advance(displacement_mm);
         let force_n = inside.step(displacement_mm, dt_s);
-        let load_n = self.rubbing_n(load_n(&**inside, force_n));
+        let load_n = load_n(&**inside, force_n);
         let [kept, lengths] = self.factors(load_n);
         let elements = &*self.elements;
         let drags = &mut self.drags[..elements.per_mm.len()];
@@ -314,7 +290,7 @@ mod tests {
     #[test]
     fn force_by_hand() {
         // Full sliding upwards, then 1 mm back: the first band has reversed; in the last band (5.6 to 8 mm) each element moved by 1 mm.
-        let mut ratios = [0.0; BANDS + 3];
+        let mut ratios = [0.0; BANDS + 2];
         (ratios[0], ratios[15]) = (0.02, 0.04);
         let mut plant = (FORM.attach)(&ratios, spring());
         plant.step(50.0, 0.1);
@@ -324,21 +300,10 @@ mod tests {
         assert!((plant.step(49.0, 0.1) - expected).abs() < 1e-6);
     }
 
-    #[test]
-    fn below_the_bare_load_there_is_no_friction() {
-        let mut values = [0.0; BANDS + 3];
-        (values[0], values[BANDS + 2]) = (0.1, 500.0);
-        let mut plant = (FORM.attach)(&values, spring());
-        let mut friction_n = |x: f64| plant.step(x, 0.1) - (100.0 + 80.0 * x);
-        assert!(friction_n(1.0) < 0.1, "180 N");
-        // A tenth of 400 N, and of what the soft onset adds: 20^2 / 4 / 400.
-        assert!((friction_n(10.0) - 0.1 * 400.25).abs() < 0.01);
-    }
-
     /// Constant stiffness: an element that sticks keeps its force where the load rises, and adds c E_0 / l for each mm.
     #[test]
     fn with_both_exponents_an_element_has_a_constant_stiffness() {
-        let mut values = [0.0; BANDS + 3];
+        let mut values = [0.0; BANDS + 2];
         (values[15], values[16], values[17]) = (0.1, 1.0, 1.0);
         let mut plant = (FORM.attach)(&values, spring());
         let friction = |plant: &mut Box<dyn Plant>, x: f64| plant.step(x, 0.1) - (100.0 + 80.0 * x);
@@ -367,7 +332,7 @@ mod tests {
     #[test]
     fn the_force_is_linear_in_the_ratios() {
         let force = |ratios: &[f64]| drive(&mut (FORM.attach)(ratios, spring()));
-        let (mut a, mut b, mut both) = ([0.0; BANDS + 3], [0.0; BANDS + 3], [0.0; BANDS + 3]);
+        let (mut a, mut b, mut both) = ([0.0; BANDS + 2], [0.0; BANDS + 2], [0.0; BANDS + 2]);
         (a[4], b[9]) = (0.01, 0.03);
         (both[4], both[9]) = (0.01, 0.03);
         let (a, b, both, none) = (force(&a), force(&b), force(&both), force(FORM.neutral));

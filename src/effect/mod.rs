@@ -220,18 +220,8 @@ pub(crate) static RIVAL_LAWS: &[Effect] = &[
     series_compliance::EFFECT,
 ];
 
-/// The laws that a search begins with, where the entry of [`EFFECTS`] is one of [`RIVAL_LAWS`] or [`GROWN_LAWS`].
-static SIMPLEST_LAWS: &[Effect] = &[
-    lift_off::AT_ONCE,
-    progressive_stiffness::ONE_KNEE,
-    series_compliance::LINEAR,
-];
-
-/// Parts that a law may get during a search. Each is fitted beside the law first; its parameters then follow those of the law.
-pub(crate) static PARTS: &[Effect] = &[progressive_stiffness::FURTHER_KNEE];
-
-/// The laws with such parts.
-pub(crate) static GROWN_LAWS: &[Effect] = &[progressive_stiffness::TWO_KNEES, progressive_stiffness::EFFECT];
+/// The laws that a search begins with, where the entry of [`EFFECTS`] is one of [`RIVAL_LAWS`].
+static SIMPLEST_LAWS: &[Effect] = &[lift_off::AT_ONCE, series_compliance::LINEAR];
 
 /// General forms of physics that a model already has. They are attached like effects but are never reported as missing.
 pub(crate) static FORMS: &[Effect] = &[friction_form::FORM, friction_state::FORM];

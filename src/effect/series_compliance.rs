@@ -421,7 +421,7 @@ mod tests {
             &super::super::coulomb_friction::EFFECT,
             &[30.0, 0.05, 1.0],
         ));
-        let mut ratios = [0.0; 19];
+        let mut ratios = [0.0; 18];
         (ratios[0], ratios[3]) = (0.03, 0.05);
         never_chatters(&stepped_at_1_khz(&super::super::friction_form::FORM, &ratios));
     }
