@@ -38,23 +38,19 @@ fn the_same_seed_draws_the_same_bits_in_every_world_and_each_world_other_ones() 
     }
 }
 
-/// Every effect of the catalogue has a size that makes it visible, each in another world in turn, and its recordings are valid. In all
-/// worlds, the drawing alone would be a tenth of the time of all tests.
+/// Every effect of the catalogue has a size that makes it visible in two of the worlds, every second in each, and its recordings
+/// are valid.
 #[test]
 fn effects_are_visible_in_every_world() {
-    let pairs: Vec<(World, &str)> = PHYSICS
-        .iter()
-        .enumerate()
-        .filter_map(|(i, physics)| {
-            let mut in_turn = (i..i + FOREIGN.len()).map(|w| FOREIGN[w % FOREIGN.len()]);
-            let world = in_turn.find(|w| physics.is_in(*w))?;
-            Some((world, physics.code))
+    let pairs: Vec<(World, &str)> = (0..FOREIGN.len())
+        .flat_map(|w| {
+            let every_second = PHYSICS.iter().skip(w % 2).step_by(2);
+            every_second
+                .filter(move |p| p.is_in(FOREIGN[w]))
+                .map(move |p| (FOREIGN[w], p.code))
         })
         .collect();
-    for world in FOREIGN {
-        assert!(pairs.iter().any(|p| p.0 == world), "{world:?}: {pairs:?}");
-    }
-    assert!(pairs.len() > 20, "{pairs:?}");
+    assert!(pairs.len() > 40, "{}", pairs.len());
     let wrong: Vec<String> = pairs
         .par_iter()
         .filter_map(|&(world, code)| {
@@ -110,7 +106,7 @@ fn a_difficult_case_stays_near_the_budget() {
         let case = Case::draw(World::Pack, seed, number, None);
         let diagnosis = examine(&case, &case.recordings, 0).expect("valid recordings");
         let steps = diagnosis.model_steps;
-        assert!(steps < 300_000_000, "{seed}: {steps}");
+        assert!(steps < 250_000_000, "{seed}: {steps}");
         assert!(!diagnosis.search_cut_short, "{seed}: {}", diagnosis.summary);
     }
 }

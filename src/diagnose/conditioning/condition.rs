@@ -61,7 +61,7 @@ pub(super) fn condition(recordings: &[Recording], budget: usize) -> Result<Vec<T
     }
     // Where one motion hides the noise of the channels, another shows it.
     let least = |f: fn(&Samples) -> f64| NOISE_RATIO * raw.iter().map(f).fold(f64::INFINITY, f64::min);
-    let (noise_mm, shaken_mm, noise_n) = (
+    let (noise_mm, with_vibration_mm, noise_n) = (
         least(|r| r.noise_mm),
         least(|r| r.noise_mm.hypot(SINE_RMS * r.vibration_mm)),
         least(|r| r.noise_n),
@@ -72,7 +72,7 @@ pub(super) fn condition(recordings: &[Recording], budget: usize) -> Result<Vec<T
             let most_mm = if raw.vibration_mm > 0.0 {
                 noise_mm
             } else {
-                shaken_mm
+                with_vibration_mm
             };
             raw.noise_mm = raw.noise_mm.min(most_mm).hypot(raw.wander_mm);
             raw.noise_n = raw.noise_n.min(noise_n);

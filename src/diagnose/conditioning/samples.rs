@@ -25,7 +25,8 @@ const SHORTEST_S: f64 = 1e-3;
 const FLAT: f64 = 1e-8;
 /// A vibration moves the specimen if the force answers with this share of what its rate would give.
 const ANSWERED: f64 = 0.3;
-/// A rig's vibration and hum may have frequencies up to here. At less than this sampling rate, a note says that a frequency may be folded.
+/// At fewer samples a second, a note says that the true frequency of a vibration may be higher: a rig's hum and vibration often lie between
+/// half of this and this.
 const FASTEST_VIBRATION_HZ: f64 = 100.0;
 /// A line that counts as noise does so with this share of its amplitude: the RMS of a sine.
 pub(super) const SINE_RMS: f64 = std::f64::consts::FRAC_1_SQRT_2;
@@ -291,13 +292,13 @@ impl<'a> Samples<'a> {
             "its phase wanders, so it counts as noise"
         };
         let rate_hz = (self.time_s.len() - 1) as f64 / self.time_s[self.time_s.len() - 1];
-        let folded = if rate_hz < FASTEST_VIBRATION_HZ {
-            " or at a higher frequency, which looks the same at this sampling rate,"
+        let perhaps_higher = if rate_hz < FASTEST_VIBRATION_HZ {
+            format!(" (or faster: {rate_hz:.0} samples a second do not tell)")
         } else {
-            ""
+            String::new()
         };
         let text = format!(
-            "hum or vibration of {:.4} {unit} at {:.2} Hz{folded} on the {channel}: {done}; its reversals are not counted; check \
+            "hum or vibration of {:.4} {unit} at {:.2} Hz{perhaps_higher} on the {channel}: {done}; its reversals are not counted; check \
              shielding, grounding and the servo",
             line.amplitude, line.frequency_hz
         );

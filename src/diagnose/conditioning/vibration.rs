@@ -15,9 +15,9 @@ use super::smoothing::{median, range};
 use crate::recording::cycles;
 
 /// Lowest frequency in Hz that counts as vibration whatever the motion is. Test motions are slower.
-pub(super) const LOWEST_HZ: f64 = 8.0;
-/// Lowest frequency in frequencies of the motion, where that is less: of a ramp that is sampled slowly, a vibration beyond half the
-/// sampling rate has a low frequency. With 50, a friction that jumps at each reversal has harmonics of 2 % there.
+const LOWEST_HZ: f64 = 8.0;
+/// On a slow motion, lines are looked for from this many times its frequency on, where that is below [`LOWEST_HZ`]: a vibration beyond half
+/// the sampling rate of a slowly sampled ramp appears at such a low frequency. The harmonics of a square wave have 2 % there.
 const LOWEST_OF_MOTION: f64 = 50.0;
 /// Periods of a vibration that a window holds, at least: fewer are like the motion itself.
 const LEAST_PERIODS: f64 = 5.0;
@@ -26,7 +26,7 @@ const HIGHEST: f64 = 0.45;
 /// Samples of a window, and the longest window in periods of the motion.
 const SAMPLES: Range<usize> = 24..256;
 const OF_MOTION: f64 = 0.4;
-/// Ratio of two numbers of samples that are averaged. What is searched with each then overlaps.
+/// A mean takes at most this many times the samples of the next shorter one, so that the frequencies that both show overlap.
 const STRIDE_RATIO: usize = 16;
 /// Coefficients of the polynomial that the motion is in a window. With four, a sine of 7 mm left 0.01 mm in the longest window.
 const MOTION: usize = 8;
@@ -83,7 +83,7 @@ pub(super) fn remove_vibrations(time_s: &[f64], values: &mut [f64], motion_hz: f
     found
 }
 
-/// The same with lines below [`LOWEST_HZ`] where the motion is slower still. They must be steady and no motion of the specimen.
+/// The same, and on a slow motion also the lines below [`LOWEST_HZ`] that are steady and no motion of the specimen.
 pub(super) fn remove_all_vibrations(
     time_s: &[f64],
     values: &mut [f64],
@@ -99,7 +99,8 @@ pub(super) fn remove_all_vibrations(
     found
 }
 
-/// Removes the steady lines of a channel from `lowest_hz` on and adds all to `found`, up to one that is no vibration.
+/// Subtracts the steady lines of a channel from `lowest_hz` on and adds them to `found`. It ends at the first line that is no vibration; one
+/// that is not steady is added, too, and ends it as well.
 fn remove_lines(
     time_s: &[f64],
     values: &mut [f64],
@@ -173,7 +174,8 @@ fn line_of_means(
     Some(windows.of_samples(stride).line_at(time_s, values, refined_hz))
 }
 
-/// How many samples a mean takes: first so many that a window holds enough periods of the slowest vibration, at last one, for fast lines.
+/// How many samples a mean takes. The first is long enough that a window holds five periods of the slowest vibration; the last is one
+/// sample, for the fastest.
 fn strides(time_s: &[f64], motion_hz: f64, lowest_hz: f64) -> Vec<usize> {
     let needed_s = (LEAST_PERIODS / lowest_hz).min(OF_MOTION / motion_hz);
     let longest = (needed_s / interval_s(time_s) / SAMPLES.end as f64).ceil() as usize;
@@ -522,7 +524,7 @@ mod tests {
         }
     }
 
-    /// The force of a motion of 2 Hz that the test adds to a ramp is the specimen's answer.
+    /// A motion of 2 Hz on top of a ramp. The force answers it, so it is no vibration.
     #[test]
     fn a_slow_line_that_is_motion_stays() {
         let time_s = times(200.0, 64.0);

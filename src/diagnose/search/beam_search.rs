@@ -45,8 +45,8 @@ pub(super) fn search(
     search_from(context, (baseline, true), seeds, budget, progress)
 }
 
-/// The same, with a second start from a lower minimum of the baseline where `may_restart`: along a narrow valley each start would find one
-/// that is a little lower.
+/// The search from one fit of the baseline. If a single effect shows a lower minimum of the baseline, it begins again from there, where
+/// `may_restart`. It does so once: along a narrow valley, each further search would find a minimum that is a little lower.
 fn search_from(
     context: &FitContext<'_>,
     (baseline, may_restart): (Node, bool),

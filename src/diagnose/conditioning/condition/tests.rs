@@ -65,8 +65,8 @@ fn noise_is_estimated_at_any_rate() {
     }
 }
 
-/// 23 Hz is too near half the sampling rate of the second recording to be subtracted there, and the motion of the third, of 4 Hz, leaves
-/// no window that holds five periods of it. Its noise is that of the vibration there.
+/// All three recordings have a vibration of 23 Hz. It is found in the first alone: at 47 samples a second it is too fast, and the motion of
+/// the third, of 4 Hz, is too fast for a window with five periods of it. In these two it counts as noise.
 #[test]
 fn a_vibration_that_is_subtracted_from_one_recording_is_noise_in_another() {
     let shaken = |rate_hz: f64, seconds: f64, faster: f64| {
