@@ -36,19 +36,20 @@ pub(super) fn doubtful(
     judged: &[JudgedEffect],
     rest: &Rest,
 ) -> Option<Doubtful> {
-    if judged.len() < 2 {
-        return None;
-    }
     let trust = |j: &JudgedEffect| (j.place, Trust::of(context, search, j, judged, rest));
-    let all: Vec<(usize, Trust)> = judged.iter().map(trust).collect();
-    let sure = all.iter().any(|(_, trust)| trust.in_effect >= SURE_NAME);
-    let least = all.into_iter().min_by(|a, b| a.1.in_any.total_cmp(&b.1.in_any));
-    let (place, trust) = least.filter(|(_, trust)| sure && trust.in_any < DOUBTFUL_NAME)?;
+    let (place, trust) = doubtful_beside_sure(judged.iter().map(trust).collect())?;
     Some(Doubtful {
         place,
         code: search.nodes[search.chosen].attached[place].effect.code,
         confidence: trust.in_effect,
     })
+}
+
+/// The least trusted of the effects at their places, if it is doubtful and one of them is sure.
+fn doubtful_beside_sure(all: Vec<(usize, Trust)>) -> Option<(usize, Trust)> {
+    let sure = all.iter().any(|(_, trust)| trust.in_effect >= SURE_NAME);
+    let least = all.into_iter().min_by(|a, b| a.1.in_any.total_cmp(&b.1.in_any));
+    least.filter(|(_, trust)| sure && trust.in_any < DOUBTFUL_NAME)
 }
 
 /// True if the fit to selecting cycles is so much worse without a name that the name is no error of form.
@@ -67,4 +68,43 @@ pub(super) fn in_words(doubtful: &[Doubtful]) -> String {
         )
     });
     each.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Place of the name that is not given, from the confidence in each name and in it or a rival of it.
+    fn not_given(names: &[[f64; 2]]) -> Option<usize> {
+        let trusts = names
+            .iter()
+            .map(|&[in_effect, in_any]| Trust { in_effect, in_any });
+        doubtful_beside_sure(trusts.enumerate().collect()).map(|(place, _)| place)
+    }
+
+    #[test]
+    fn a_doubtful_name_beside_a_sure_one_is_not_given() {
+        // A compliance with 30 % beside a Stribeck friction with 95 %, as in a case that was looked at.
+        assert_eq!(not_given(&[[0.95, 0.95], [0.3, 0.3]]), Some(1));
+        assert_eq!(not_given(&[[0.2, 0.2], [0.3, 0.3], [0.86, 0.86]]), Some(0));
+        // Alone, beside a name that is not sure, not doubtful, or in doubt only between itself and its rivals.
+        assert_eq!(not_given(&[[0.3, 0.3]]), None);
+        assert_eq!(not_given(&[[0.84, 0.84], [0.3, 0.3]]), None);
+        assert_eq!(not_given(&[[0.95, 0.95], [0.5, 0.5]]), None);
+        assert_eq!(not_given(&[[0.95, 0.95], [0.3, 0.6]]), None);
+    }
+
+    #[test]
+    fn the_summary_says_which_name_is_not_given() {
+        let doubtful = Doubtful {
+            place: 1,
+            code: "series_compliance",
+            confidence: 0.3,
+        };
+        let said = in_words(&[doubtful]);
+        assert!(
+            said.contains("Not named: series compliance (30 % sure)"),
+            "{said}"
+        );
+    }
 }
