@@ -3,6 +3,7 @@
 
 use super::backward_elimination::{LEAST_SHARE, choose, lowest};
 use super::budget::Budget;
+use super::grown_law::grown;
 use crate::diagnose::fitting::{FitContext, Key, LikelihoodScale, Node, PENALTY, Tangent};
 
 /// Sets that are kept from one size to the next. More would cost time in proportion.
@@ -80,6 +81,13 @@ fn search_from(
         }
         added.sort_by(|&a, &b| nodes[a].cost().total_cmp(&nodes[b].cost()));
         added.truncate(BEAM_WIDTH);
+        let grown = context.parallel_map(&added, |&i| grown(context, &nodes[i]));
+        for (&i, grown) in added.iter().zip(grown) {
+            if let Some(grown) = grown {
+                nodes[i] = grown;
+            }
+        }
+        added.sort_by(|&a, &b| nodes[a].cost().total_cmp(&nodes[b].cost()));
         let Some(&best) = added.first() else { break };
         if size == 0
             && may_restart
