@@ -227,13 +227,10 @@ static SIMPLEST_LAWS: &[Effect] = &[
     series_compliance::LINEAR,
 ];
 
-/// Laws that a simpler one of the same code may become during a search, the simpler first. The parameters of a law follow those of the one
+/// Laws that a simpler one of the same code may become during a search, the simpler first. Its parameters begin with those of the one
 /// before it.
-pub(crate) static GROWN_LAWS: &[Effect] = &[
-    progressive_stiffness::ONE_LEAF,
-    progressive_stiffness::TWO_LEAVES,
-    progressive_stiffness::EFFECT,
-];
+pub(crate) static GROWN_LAWS: &[Effect] =
+    &[progressive_stiffness::ONE_LEAF, progressive_stiffness::TWO_LEAVES];
 
 /// What a grown law has more than the one before it, where that is an effect of its own: it is fitted beside the simpler law first.
 pub(crate) static PARTS: &[Effect] = &[progressive_stiffness::FURTHER_KNEE];

@@ -1,14 +1,14 @@
 //! Stiffness that rises beyond a deflection, as when a helper leaf touches.
 //!
 //! ```text
-//! F = F_in + k u_0 (e(x - x_k) / u_0)^p + k_2 e(x - x_2) + k_3 e(x - x_3),  e(u) = (u + sqrt(u^2 + w^2)) / 2,  u_0 = 5 mm
+//! F = F_in + k u_0 (e(x - x_k) / u_0)^p + k_2 e(x - x_2),  e(u) = (u + sqrt(u^2 + w^2)) / 2,  u_0 = 5 mm
 //! ```
 //! k: `extra_rate_n_per_mm`. x_k: `knee_mm`. w: `width_mm`, width of the knee. p: `exponent`. x: displacement, mm. F_in: force of the plant
-//! inside, N. For w = 0 and p = 1 the first term is k max(0, x - x_k). k_2, x_2, k_3, x_3: further leaves that touch, `second_rate_n_per_mm`,
-//! `second_knee_mm`, `third_rate_n_per_mm` and `third_knee_mm`; none with rates of 0. Leaves that do not touch yet do not rub: friction that
+//! inside, N. For w = 0 and p = 1 the first term is k max(0, x - x_k). k_2, x_2: a further leaf that touches, `second_rate_n_per_mm` and
+//! `second_knee_mm`; none with a rate of 0. Leaves that do not touch yet do not rub: friction that
 //! is in proportion to the load counts the added force g times, `friction_gain`.
 //! Source: bilinear stiffness of Polach and Hajzman, eq. 1, here as a force over displacement and with a hyperbolic knee.
-//! A power above 1 is a contact that grows, as of a leaf that rolls onto the next or a rubber stop. Range: up to three knees; of the
+//! A power above 1 is a contact that grows, as of a leaf that rolls onto the next or a rubber stop. Range: up to two knees; of the
 //! friction of a model itself, which is inside, the gain changes nothing.
 
 use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, with_more_load, wrapped};
@@ -49,9 +49,8 @@ const fn further(names: [&'static str; 2]) -> [Parameter; 2] {
 }
 
 const SECOND: [Parameter; 2] = further(["second_rate_n_per_mm", "second_knee_mm"]);
-const THIRD: [Parameter; 2] = further(["third_rate_n_per_mm", "third_knee_mm"]);
 
-/// The entry of [`super::EFFECTS`], with three knees. A search begins with one ([`super::SIMPLEST_LAWS`]) and adds further ones where they
+/// The entry of [`super::EFFECTS`], with two knees of any width. A search begins with one ([`super::SIMPLEST_LAWS`]) and adds further ones where they
 /// explain more ([`super::GROWN_LAWS`]).
 pub(crate) const EFFECT: Effect = Effect {
     code: "progressive_stiffness",
@@ -101,22 +100,16 @@ pub(crate) const EFFECT: Effect = Effect {
         },
         SECOND[0],
         SECOND[1],
-        THIRD[0],
-        THIRD[1],
     ],
-    neutral: &[0.0, 5.0, 0.3, 1.0, 1.0, 0.0, 5.0, 0.0, 5.0],
-    amplitudes: &[0, 5, 7],
-    kinks: &[
-        (1, Axis::DisplacementMm),
-        (6, Axis::DisplacementMm),
-        (8, Axis::DisplacementMm),
-    ],
+    neutral: &[0.0, 5.0, 0.3, 1.0, 1.0, 0.0, 5.0],
+    amplitudes: &[0, 5],
+    kinks: &[(1, Axis::DisplacementMm), (6, Axis::DisplacementMm)],
     shapes: &[3, 4],
     starts: |s| {
         PLACES
             .map(|p| {
                 let knee_mm = s.displacement_at(p);
-                vec![1.0, knee_mm, 0.2, 1.1, 1.1, 0.0, knee_mm, 0.0, knee_mm]
+                vec![1.0, knee_mm, 0.2, 1.1, 1.1, 0.0, knee_mm]
             })
             .to_vec()
     },
@@ -143,10 +136,6 @@ pub(crate) const EFFECT: Effect = Effect {
         )
     },
     attach: |v, inside| {
-        let mut further = [[0.0; 2]; 2];
-        for (place, given) in further.iter_mut().zip(further_of(v)) {
-            *place = given;
-        }
         wrapped(
             ProgressiveStiffness {
                 extra_rate_n_per_mm: v[0],
@@ -154,7 +143,7 @@ pub(crate) const EFFECT: Effect = Effect {
                 width_mm: v[2],
                 exponent: v[3],
                 friction_gain: v.get(4).copied().unwrap_or(1.0),
-                further,
+                further: further_of(v).next(),
                 extra_n: 0.0,
             },
             inside,
@@ -221,13 +210,25 @@ pub(super) const ONE_LEAF: Effect = Effect {
     ..EFFECT
 };
 
+/// Width of the knees of leaves that touch one after the other: the tip of a leaf meets the next at once. Pieces of any width follow every
+/// smooth curve.
+const SHARP: Parameter = Parameter {
+    bounds: [0.001, 0.5],
+    ..EFFECT.parameters[2]
+};
+/// Power of the travel beyond each of these knees: a leaf that bears has a constant rate.
+const STRAIGHT: Parameter = Parameter {
+    bounds: [1.0, 1.0],
+    ..EFFECT.parameters[3]
+};
+
 /// Two leaves that touch ([`super::GROWN_LAWS`]).
 pub(super) const TWO_LEAVES: Effect = Effect {
     parameters: &[
         EFFECT.parameters[0],
         EFFECT.parameters[1],
-        EFFECT.parameters[2],
-        EFFECT.parameters[3],
+        SHARP,
+        STRAIGHT,
         EFFECT.parameters[4],
         SECOND[0],
         SECOND[1],
@@ -235,6 +236,7 @@ pub(super) const TWO_LEAVES: Effect = Effect {
     neutral: &[0.0, 5.0, 0.3, 1.0, 1.0, 0.0, 5.0],
     amplitudes: &[0, 5],
     kinks: &[(1, Axis::DisplacementMm), (6, Axis::DisplacementMm)],
+    shapes: &[4],
     ..EFFECT
 };
 
@@ -268,8 +270,8 @@ struct ProgressiveStiffness {
     width_mm: f64,
     exponent: f64,
     friction_gain: f64,
-    /// Rate in N/mm and knee in mm of the second and the third leaf that touches.
-    further: [[f64; 2]; 2],
+    /// Rate in N/mm and knee in mm of the second leaf that touches.
+    further: Option<[f64; 2]>,
     extra_n: f64,
 }
 
@@ -286,10 +288,8 @@ impl Wrap for ProgressiveStiffness {
         let engaged_mm = self.engaged_mm(displacement_mm - self.knee_mm);
         self.extra_n =
             self.extra_rate_n_per_mm * REFERENCE_MM * (engaged_mm / REFERENCE_MM).powf(self.exponent);
-        for [rate_n_per_mm, knee_mm] in self.further {
-            if rate_n_per_mm != 0.0 {
-                self.extra_n += rate_n_per_mm * self.engaged_mm(displacement_mm - knee_mm);
-            }
+        if let Some([rate_n_per_mm, knee_mm]) = self.further {
+            self.extra_n += rate_n_per_mm * self.engaged_mm(displacement_mm - knee_mm);
         }
         let force_n = inside.step(displacement_mm, dt_s);
         with_more_load(&**inside, force_n, self.extra_n)
@@ -319,14 +319,14 @@ mod tests {
         // 3 mm past a knee of 4 mm width, 10 N/mm: 10 * (3 + 5) / 2 = 40 N over the spring.
         let mut plant = (ONE_KNEE.attach)(&[10.0, 2.0, 4.0, 1.0], spring());
         assert!((plant.step(5.0, 0.1) - 540.0).abs() < 1e-9);
-        // The same with a leaf of 2 N/mm that touches there, too, and one that has not touched by far.
-        let mut plant = (EFFECT.attach)(&[10.0, 2.0, 4.0, 1.0, 1.0, 2.0, 2.0, 3.0, 1000.0], spring());
-        assert!((plant.step(5.0, 0.1) - 548.0).abs() < 0.02);
+        // The same with a leaf of 2 N/mm that touches there, too.
+        let mut plant = (EFFECT.attach)(&[10.0, 2.0, 4.0, 1.0, 1.0, 2.0, 2.0], spring());
+        assert!((plant.step(5.0, 0.1) - 548.0).abs() < 1e-9);
     }
 
     #[test]
     fn the_sentence_names_each_leaf_that_touches() {
-        let said = (EFFECT.statement)(&[10.0, 6.0, 0.3, 1.0, 1.0, 5.0, 2.0, 0.0, 5.0]);
+        let said = (EFFECT.statement)(&[10.0, 6.0, 0.3, 1.0, 1.0, 5.0, 2.0]);
         assert!(
             said.starts_with(
                 "Beyond 2.00 mm the spring is stiffer by 5.0 N/mm, beyond 6.00 mm by another 10.0 N/mm."

@@ -48,7 +48,7 @@ pub(in crate::diagnose) struct Attached {
 }
 
 impl Attached {
-    pub(super) fn candidate(effect: &'static Effect) -> Attached {
+    pub(in crate::diagnose) fn candidate(effect: &'static Effect) -> Attached {
         Attached {
             effect,
             parameters: effect.parameters.to_vec(),

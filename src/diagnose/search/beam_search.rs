@@ -3,7 +3,7 @@
 
 use super::backward_elimination::{LEAST_SHARE, choose, lowest};
 use super::budget::Budget;
-use super::grown_law::grown;
+use super::grown_law::{can_grow, grown};
 use crate::diagnose::fitting::{FitContext, Key, LikelihoodScale, Node, PENALTY, Tangent};
 
 /// Sets that are kept from one size to the next. More would cost time in proportion.
@@ -81,13 +81,6 @@ fn search_from(
         }
         added.sort_by(|&a, &b| nodes[a].cost().total_cmp(&nodes[b].cost()));
         added.truncate(BEAM_WIDTH);
-        let grown = context.parallel_map(&added, |&i| grown(context, &nodes[i]));
-        for (&i, grown) in added.iter().zip(grown) {
-            if let Some(grown) = grown {
-                nodes[i] = grown;
-            }
-        }
-        added.sort_by(|&a, &b| nodes[a].cost().total_cmp(&nodes[b].cost()));
         let Some(&best) = added.first() else { break };
         if size == 0
             && may_restart
@@ -95,6 +88,7 @@ fn search_from(
         {
             return search_from(context, (root, false), seeds, budget, progress);
         }
+        let best = grow(context, &mut nodes, &mut added).unwrap_or(best);
         // Stops where the largest gain would not be accepted. Sums of squares are compared, not effective samples, because
         // unexplained physics correlates the residuals and would end the search too early.
         let (fall, total) = (before - nodes[best].cost(), nodes[0].cost() - nodes[best].cost());
@@ -104,6 +98,20 @@ fn search_from(
         beam = added;
     }
     chosen(context, nodes, cut_short)
+}
+
+/// Gives the best set of the beam whose laws can grow larger ones, in place, where those explain enough. Returns the index of the best set.
+/// To grow them all cost more than the search itself.
+fn grow(context: &FitContext<'_>, nodes: &mut [Node], beam: &mut [usize]) -> Option<usize> {
+    let extras = context.setup.extras.len();
+    let grows = beam.iter().copied().find(|&i| can_grow(&nodes[i], extras));
+    if let Some(i) = grows
+        && let Some(larger) = grown(context, &nodes[i])
+    {
+        nodes[i] = larger;
+    }
+    beam.sort_by(|&a, &b| nodes[a].cost().total_cmp(&nodes[b].cost()));
+    beam.first().copied()
 }
 
 /// Fits the sets of the beam to convergence, in place, and returns them with their tangents.
