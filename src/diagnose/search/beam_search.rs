@@ -3,7 +3,6 @@
 
 use super::backward_elimination::{LEAST_SHARE, choose, lowest};
 use super::budget::Budget;
-use super::grown_law::{can_grow, grown};
 use crate::diagnose::fitting::{FitContext, Key, LikelihoodScale, Node, PENALTY, Tangent};
 
 /// Sets that are kept from one size to the next. More would cost time in proportion.
@@ -88,7 +87,6 @@ fn search_from(
         {
             return search_from(context, (root, false), seeds, budget, progress);
         }
-        let best = grow(context, &mut nodes, &mut added).unwrap_or(best);
         // Stops where the largest gain would not be accepted. Sums of squares are compared, not effective samples, because
         // unexplained physics correlates the residuals and would end the search too early.
         let (fall, total) = (before - nodes[best].cost(), nodes[0].cost() - nodes[best].cost());
@@ -98,20 +96,6 @@ fn search_from(
         beam = added;
     }
     chosen(context, nodes, cut_short)
-}
-
-/// Gives the best set of the beam whose laws can grow larger ones, in place, where those explain enough. Returns the index of the best set.
-/// To grow them all cost more than the search itself.
-fn grow(context: &FitContext<'_>, nodes: &mut [Node], beam: &mut [usize]) -> Option<usize> {
-    let extras = context.setup.extras.len();
-    let grows = beam.iter().copied().find(|&i| can_grow(&nodes[i], extras));
-    if let Some(i) = grows
-        && let Some(larger) = grown(context, &nodes[i])
-    {
-        nodes[i] = larger;
-    }
-    beam.sort_by(|&a, &b| nodes[a].cost().total_cmp(&nodes[b].cost()));
-    beam.first().copied()
 }
 
 /// Fits the sets of the beam to convergence, in place, and returns them with their tangents.
