@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 import leafbench
+from leafbench import fleet
 
 #: Longest time that one call may take, s.
 LONGEST_S = 20.0
@@ -99,6 +100,7 @@ CALLS = {
     leafbench.archived_runs: (["place"], []),
     leafbench.read_archive: (["place", "runs"], []),
     leafbench.bench_toml: ([], ["bench"]),
+    fleet.diagnose: (["archive"], ["engine", "workers", "baseline", "estimates_only", "address", "progress"]),
 }
 
 

@@ -13,7 +13,7 @@ import pytest
 from conftest import SLOW, loops, sine
 
 import leafbench
-from leafbench import ArgumentTypeError, InputError, Recording
+from leafbench import ArgumentTypeError, InputError, Recording, fleet
 
 FORMATS = Path(__file__).resolve().parents[2] / "docs/formats.md"
 
@@ -162,6 +162,12 @@ def test_a_mistake_is_an_input_error_that_says_what_to_do(call, words):
         (lambda: leafbench.diagnose(loops(), progress=3), "progress is a int"),
         (lambda: leafbench.diagnose(loops(), mixed_specimens="no"), "give True or False"),
         (lambda: leafbench.simulate(3), "profile is a int"),
+        (lambda: leafbench.simulate("static-ramp", rig=np.zeros(0)), "rig is a ndarray: give True or False"),
+        (lambda: leafbench.simulate("static-ramp", rig=np.zeros(0), seed=0), "rig is a ndarray: give True or False"),
+        (lambda: fleet.diagnose("absent", engine=np.zeros(3)), "engine is a ndarray"),
+        (lambda: fleet.diagnose("absent", estimates_only=np.zeros(0)), "estimates_only is a ndarray: give True or False"),
+        (lambda: fleet.diagnose("absent", address=3), "address is a int"),
+        (lambda: fleet.diagnose("absent", progress=3), "progress is a int"),
         (lambda: leafbench.identify(loops(), model="equivalent", fix=["preload_n"]), "fix is a list"),
     ],
 )

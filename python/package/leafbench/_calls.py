@@ -132,11 +132,12 @@ def simulate(
     OSError
         A file cannot be read.
     """
+    on_rig = _arguments.switch("rig", rig)
     if seed is not None:
         seed = _arguments.whole("seed", seed, 0, 2**32 - 1)
-        if not rig:
+        if not on_rig:
             raise InputError("seed is for the noise of the mock rig: add rig=True, or leave seed out")
-    columns, specimen = _leafbench.simulate(_profile(profile), _bench(bench), _CONFIGS, _arguments.switch("rig", rig), seed)
+    columns, specimen = _leafbench.simulate(_profile(profile), _bench(bench), _CONFIGS, on_rig, seed)
     return Recording._of(columns, specimen)
 
 

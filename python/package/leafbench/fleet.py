@@ -21,7 +21,7 @@ from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from itertools import islice
 
 from . import _arguments, _leafbench
-from ._errors import InputError
+from ._errors import ArgumentTypeError, InputError
 
 #: Diagnoses are committed when there are so many, or after so many seconds: what a kill loses.
 RUNS_OF_A_COMMIT, SECONDS_OF_A_COMMIT = 32, 10.0
@@ -74,16 +74,20 @@ def diagnose(
     """
     place = _arguments.path("archive", archive)
     model = _arguments.text("baseline", baseline)
-    if engine not in ENGINES:
+    if _arguments.text("engine", engine) not in ENGINES:
         raise InputError(f'engine is {engine!r}: give "local" or "ray"')
     count = _arguments.whole("workers", workers, 0, 10_000) or os.cpu_count() or 1
+    only_estimates = _arguments.switch("estimates_only", estimates_only)
+    cluster = _arguments.text_or_none("address", address)
+    if progress is not None and not callable(progress):
+        raise ArgumentTypeError(f"progress is a {type(progress).__name__}: give a function of two arguments, done and to do (int)")
     runs = _leafbench.undiagnosed_runs(place, model)
     if not runs:
         return 0
     if engine == "ray":
-        found = _on_ray(place, runs, model, bool(estimates_only), count, address)
+        found = _on_ray(place, runs, model, only_estimates, count, cluster)
     else:
-        found = _on_threads(place, runs, model, bool(estimates_only), count)
+        found = _on_threads(place, runs, model, only_estimates, count)
     waiting: list[str] = []
     committed_at = time.monotonic()
     done = 0
