@@ -220,8 +220,20 @@ pub(crate) static RIVAL_LAWS: &[Effect] = &[
     series_compliance::EFFECT,
 ];
 
-/// The laws that a search begins with, where the entry of [`EFFECTS`] is one of [`RIVAL_LAWS`].
-static SIMPLEST_LAWS: &[Effect] = &[lift_off::AT_ONCE, series_compliance::LINEAR];
+/// The laws that a search begins with, where the entry of [`EFFECTS`] is one of [`RIVAL_LAWS`] or [`GROWN_LAWS`].
+static SIMPLEST_LAWS: &[Effect] = &[
+    lift_off::AT_ONCE,
+    progressive_stiffness::ONE_KNEE,
+    series_compliance::LINEAR,
+];
+
+/// Laws that a simpler one of the same code may become during a search, the simpler first. Its parameters begin with those of the one
+/// before it.
+pub(crate) static GROWN_LAWS: &[Effect] =
+    &[progressive_stiffness::ONE_LEAF, progressive_stiffness::TWO_LEAVES];
+
+/// What a grown law has more than the one before it, where that is an effect of its own: it is fitted beside the simpler law first.
+pub(crate) static PARTS: &[Effect] = &[progressive_stiffness::FURTHER_KNEE];
 
 /// General forms of physics that a model already has. They are attached like effects but are never reported as missing.
 pub(crate) static FORMS: &[Effect] = &[friction_form::FORM, friction_state::FORM];
@@ -358,9 +370,18 @@ pub(crate) trait Wrap: Clone + Send + 'static {
     fn carried_n(&self, inside_n: f64) -> f64 {
         inside_n
     }
+    /// See [`Plant::pressing_n`], calculated from that of the plant inside, N.
+    fn pressing_n(&self, inside_n: f64) -> f64 {
+        self.carried_n(inside_n)
+    }
 }
 
-/// Load that friction is proportional to, N: the load that the contacts inside carried, or the whole force if that is unknown.
+/// Load that friction is proportional to, N: that which presses the leaves inside on each other, or the whole force if that is unknown.
+pub(crate) fn pressing_n(inside: &dyn Plant, force_n: f64) -> f64 {
+    inside.pressing_n().unwrap_or(force_n)
+}
+
+/// Load that the contacts inside carried, N, or the whole force if that is unknown.
 pub(crate) fn load_n(inside: &dyn Plant, force_n: f64) -> f64 {
     inside.carried_n().unwrap_or(force_n)
 }
@@ -418,6 +439,10 @@ impl<W: Wrap> Plant for Wrapped<W> {
 
     fn carried_n(&self) -> Option<f64> {
         self.inside.carried_n().map(|n| self.wrap.carried_n(n))
+    }
+
+    fn pressing_n(&self) -> Option<f64> {
+        self.inside.pressing_n().map(|n| self.wrap.pressing_n(n))
     }
 
     fn boxed_clone(&self) -> Box<dyn Plant> {
