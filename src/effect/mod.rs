@@ -149,6 +149,26 @@ pub(crate) type Attach = fn(values: &[f64], inside: Box<dyn Plant>) -> Box<dyn P
 /// Gives the parameters for [`Effect::if_known`] from the effect and the known codes.
 pub(crate) type IfKnown = fn(&Effect, &Knows<'_>) -> Option<Vec<Parameter>>;
 
+/// A kink of the force of an effect.
+pub(crate) struct Kink {
+    /// Index of the parameter that gives its position.
+    pub position: usize,
+    pub axis: Axis,
+    /// Distance from a corner at which it is over, on its axis; `None` where the force goes on as a curve.
+    pub reach: fn(&[f64]) -> Option<f64>,
+}
+
+impl Kink {
+    /// One that is no corner.
+    pub(crate) const fn of(position: usize, axis: Axis) -> Kink {
+        Kink {
+            position,
+            axis,
+            reach: |_| None,
+        }
+    }
+}
+
 /// For effects that a baseline gets with their usual bounds.
 pub(crate) fn unchanged(effect: &Effect, _knows: &Knows<'_>) -> Option<Vec<Parameter>> {
     Some(effect.parameters.to_vec())
@@ -170,9 +190,8 @@ pub(crate) struct Effect {
     pub neutral: &'static [f64],
     /// Indices of the parameters that the force is proportional to. At zero, their part of the effect is off.
     pub amplitudes: &'static [usize],
-    /// Indices of the parameters that give the position of a kink of the force, each with its axis. A gradient cannot find
-    /// such a position, so a search tries several.
-    pub kinks: &'static [(usize, Axis)],
+    /// Kinks of the force. A gradient cannot find the position of one, so a search tries several.
+    pub kinks: &'static [Kink],
     /// Indices of the parameters that only bend the law: at their neutral values it has its simplest form.
     pub shapes: &'static [usize],
     /// Starting points of a search, within the ranges that the recordings cover.
@@ -325,7 +344,11 @@ impl Effect {
     pub(crate) fn at_share(&self, values: &[f64], share: f64, span: &Span) -> Vec<f64> {
         let off = |i: usize| {
             let neutral = self.neutral[i];
-            let axis = self.kinks.iter().find(|(kink, _)| *kink == i).map(|k| k.1);
+            let axis = self
+                .kinks
+                .iter()
+                .find(|kink| kink.position == i)
+                .map(|kink| kink.axis);
             match axis.filter(|axis| (neutral - values[i]).abs() > span.width(*axis)) {
                 Some(axis) => neutral.clamp(span.range(axis)[0], span.range(axis)[1]),
                 None => neutral,

@@ -11,7 +11,7 @@
 //! A power above 1 is a contact that grows, as of a leaf that rolls onto the next or a rubber stop. Range: up to two knees; of the
 //! friction of a model itself, which is inside, the gain changes nothing.
 
-use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, with_more_load, wrapped};
+use super::{Axis, Branch, Effect, Kink, LookAlike, Place, Stage, Wrap, with_more_load, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// Travel past the knee at which the added force is `extra_rate_n_per_mm` times the travel for every exponent, mm.
@@ -49,6 +49,15 @@ const fn further(names: [&'static str; 2]) -> [Parameter; 2] {
 }
 
 const SECOND: [Parameter; 2] = further(["second_rate_n_per_mm", "second_knee_mm"]);
+
+/// Power of the travel from which a knee is no corner: over ten times the travel, the added rate changes by a quarter.
+const NO_CORNER: f64 = 1.1;
+/// At twice the width from a knee, the rate has all but 5 % of its turn behind it or ahead.
+const KNEE: Kink = Kink {
+    reach: |v| (v[3] < NO_CORNER).then_some(2.0 * v[2]),
+    ..Kink::of(1, Axis::DisplacementMm)
+};
+const SECOND_KNEE: Kink = Kink { position: 6, ..KNEE };
 
 /// The entry of [`super::EFFECTS`], with two knees of any width. A search begins with one ([`super::SIMPLEST_LAWS`]) and adds further ones where they
 /// explain more ([`super::GROWN_LAWS`]).
@@ -103,7 +112,7 @@ pub(crate) const EFFECT: Effect = Effect {
     ],
     neutral: &[0.0, 5.0, 0.3, 1.0, 1.0, 0.0, 5.0],
     amplitudes: &[0, 5],
-    kinks: &[(1, Axis::DisplacementMm), (6, Axis::DisplacementMm)],
+    kinks: &[KNEE, SECOND_KNEE],
     shapes: &[3, 4],
     starts: |s| {
         PLACES
@@ -189,7 +198,7 @@ pub(super) const ONE_KNEE: Effect = Effect {
     ],
     neutral: &[0.0, 5.0, 0.3, 1.0],
     amplitudes: &[0],
-    kinks: &[(1, Axis::DisplacementMm)],
+    kinks: &[KNEE],
     shapes: &[3],
     starts: |s| PLACES.map(|p| vec![1.0, s.displacement_at(p), 0.2, 1.1]).to_vec(),
     ..EFFECT
@@ -206,7 +215,7 @@ pub(super) const ONE_LEAF: Effect = Effect {
     ],
     neutral: &[0.0, 5.0, 0.3, 1.0, 1.0],
     amplitudes: &[0],
-    kinks: &[(1, Axis::DisplacementMm)],
+    kinks: &[KNEE],
     ..EFFECT
 };
 
@@ -235,7 +244,7 @@ pub(super) const TWO_LEAVES: Effect = Effect {
     ],
     neutral: &[0.0, 5.0, 0.3, 1.0, 1.0, 0.0, 5.0],
     amplitudes: &[0, 5],
-    kinks: &[(1, Axis::DisplacementMm), (6, Axis::DisplacementMm)],
+    kinks: &[KNEE, SECOND_KNEE],
     shapes: &[4],
     ..EFFECT
 };
@@ -245,7 +254,7 @@ pub(super) const FURTHER_KNEE: Effect = Effect {
     parameters: &SECOND,
     neutral: &[0.0, 5.0],
     amplitudes: &[0],
-    kinks: &[(1, Axis::DisplacementMm)],
+    kinks: &[Kink::of(1, Axis::DisplacementMm)],
     shapes: &[],
     starts: |s| PLACES.map(|p| vec![1.0, s.displacement_at(p)]).to_vec(),
     attach: |v, inside| (ONE_KNEE.attach)(&[v[0], v[1], 0.2, 1.0], inside),

@@ -16,7 +16,7 @@ const MOST_LEFT: f64 = 0.4;
 
 /// Mean square above that of the noise that a set may leave with a larger law, in units of the noise: what else is hidden is still to be found.
 /// Packs that were looked at left 3.9 at most. Of waves of the force over the displacement, pieces left 6.5 and more, and each was named a
-/// helper leaf. At half, three of 25 packs grow only beside a second effect; at double, waves grow.
+/// helper leaf. At half, three of 25 packs grow only beside a second effect; not tried at double.
 const MOST_BESIDE_NOISE: f64 = 5.0;
 
 /// Code of the effect of a set whose law may grow; `extras`: number of effects of the baseline, which come first.
@@ -47,12 +47,22 @@ pub(super) fn grown(context: &FitContext<'_>, converged: &(Node, Tangent), code:
         }
     }
     let (larger, _) = grown?;
-    (left(context, &larger) < MOST_BESIDE_NOISE * context.data.counted() as f64).then_some(larger)
+    may_be_right(left(context, &larger), context.data.counted()).then_some(larger)
 }
 
 /// Sum of squares that a set leaves above the noise.
 fn left(context: &FitContext<'_>, node: &Node) -> f64 {
     node.cost() - context.data.counted() as f64
+}
+
+/// True if a larger law leaves little of what was left above the noise: sums of squares before and after.
+fn explains_most([before, after]: [f64; 2]) -> bool {
+    after < MOST_LEFT * before
+}
+
+/// True if what a set leaves above the noise at `counted` points may be another effect that is still to be found.
+fn may_be_right(left: f64, counted: usize) -> bool {
+    left < MOST_BESIDE_NOISE * counted as f64
 }
 
 /// True if a law has one more part than that of the set, not only more freedom.
@@ -96,9 +106,9 @@ fn with_law(
     attached[place] = Attached::candidate(law);
     let (larger, tangent) = context.converge(attached, values)?;
     let scale = LikelihoodScale::of(context.data, &larger.residuals);
-    let explains = scale.gain(node.cost() - larger.cost()) > must_gain
-        && left(context, &larger) < MOST_LEFT * left(context, node);
-    explains.then_some((larger, tangent))
+    let gains = scale.gain(node.cost() - larger.cost()) > must_gain;
+    let explains = explains_most([node, &larger].map(|set| left(context, set)));
+    (gains && explains).then_some((larger, tangent))
 }
 
 /// The values of a set beside the part that a law has more, and those of the part.
@@ -117,4 +127,50 @@ fn with_part(
     let zero_at = values.len() - 1;
     let of_part = values.drain(zero_at - part.parameters.len()..zero_at).collect();
     Some((values, of_part))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effect::find;
+
+    fn set(codes: &[&str]) -> Node {
+        let candidate = |code: &&str| Attached::candidate(find(code).expect("a code"));
+        Node {
+            attached: codes.iter().map(candidate).collect(),
+            values: Vec::new(),
+            residuals: Vec::new(),
+            fit: 0.0,
+            select: 0.0,
+        }
+    }
+
+    #[test]
+    fn only_a_missing_effect_that_explains_most_by_itself_grows() {
+        assert_eq!(
+            growing_code(&set(&["progressive_stiffness"]), 0),
+            Some("progressive_stiffness")
+        );
+        assert_eq!(growing_code(&set(&["channel_delay"]), 0), None);
+        // The baseline has it already.
+        assert_eq!(
+            growing_code(&set(&["progressive_stiffness", "channel_delay"]), 1),
+            None
+        );
+    }
+
+    #[test]
+    fn a_leaf_that_touches_leaves_little_and_a_magnet_most() {
+        // Sums of squares above the noise of a pack and of a magnet that catches at one place.
+        assert!(explains_most([64.2, 9.0]) && explains_most([9.0, 0.6]));
+        assert!(!explains_most([64.2, 28.3]));
+        // Chance may leave less than the noise.
+        assert!(explains_most([1.7, -0.3]));
+    }
+
+    #[test]
+    fn what_is_left_beside_a_leaf_may_be_another_effect_but_no_waves() {
+        assert!(may_be_right(3.9 * 600.0, 600) && may_be_right(-10.0, 600));
+        assert!(!may_be_right(6.5 * 600.0, 600));
+    }
 }
