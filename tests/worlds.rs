@@ -111,30 +111,6 @@ fn a_difficult_case_stays_near_the_budget() {
     }
 }
 
-/// A pack of beams whose leaves touch at 0.4, 2.3 and 5.9 mm, and nothing hidden in a case that was looked at. With one knee, and with
-/// friction from no load on, seven times the noise was left, and a presliding of 50 mm, the end of its range, had to make up for it.
-#[test]
-fn the_leaves_of_a_pack_touch_one_after_the_other() {
-    let case = Case::draw(World::Pack, 633_368_069, 16, None);
-    let found = examine(&case, &case.recordings, 0).expect("valid recordings");
-    let [knees] = found.effects.as_slice() else {
-        panic!("{}", found.summary);
-    };
-    assert_eq!(knees.code, "progressive_stiffness", "{}", found.summary);
-    assert!(
-        knees.statement.contains("leaves touch one after the other"),
-        "{}",
-        knees.statement
-    );
-    let after = found.fit.improved.nrmse_heldout / found.fit.noise_floor_nrmse;
-    assert!(after < 1.5, "{after}");
-    let presliding = found
-        .baseline_parameters
-        .iter()
-        .find(|p| p.name == "presliding_mm");
-    assert!(presliding.is_some_and(|p| p.value < 5.0), "{presliding:?}");
-}
-
 /// LuGre friction and nothing hidden but what its law does otherwise than the library's. With its shape in doubt only at a tenth of the
 /// friction, a Coulomb friction was named at 99 % beside or instead of the truth.
 #[test]

@@ -5,7 +5,7 @@ use crate::diagnose::course::Split;
 use crate::diagnose::diagnosis::Alternative;
 use crate::diagnose::fitting::{FitContext, Key, Node};
 use crate::diagnose::search::{SearchResult, kinks_are_recorded, penalty, refit_rivals, rest, without};
-use crate::effect::{Effect, GROWN_LAWS};
+use crate::effect::Effect;
 
 /// Two explanations are not distinguished if they differ by less than this in log-likelihood (a ratio of 400), or by less than this
 /// share of what the effect brings.
@@ -19,7 +19,7 @@ pub(in crate::diagnose) const DISTINCT_POWER: f64 = 0.04;
 const CONFIDENCE_EXPONENT: f64 = 3.0;
 /// Highest confidence in an effect with a rival that is not distinguished: of 11 such names above 90 % in cases that were looked at, 8 were
 /// right. It also limits a law that no search begins with: one was named with 97 %, a joint of two rates, where an LVDT was bowed.
-pub(super) const MOST_BESIDE_RIVAL: f64 = 0.8;
+const MOST_BESIDE_RIVAL: f64 = 0.8;
 /// A law that no search begins with is named if its log-likelihood, less the penalty of its parameters, is higher by this: a ratio of 20.
 /// Of 12 joints and contacts that were higher by at least 3, in cases of three worlds that were looked at, 11 were the hidden effect, and one
 /// was a bowed LVDT. Of five laws that were higher by 0.5 to 3, three were not the hidden one. At half, two of those five would be named, too;
@@ -141,11 +141,10 @@ fn may_be_named(context: &FitContext<'_>, node: &Node) -> bool {
     missing.all(|a| begins_a_search(context, a.effect))
 }
 
-/// True if a law is one of the candidates or grew from one, not only tried in the place of one.
+/// True if a law is one of the candidates, not only tried in the place of one.
 fn begins_a_search(context: &FitContext<'_>, law: &Effect) -> bool {
-    let candidates = context.setup.candidates.iter();
-    let mut laws = candidates.map(|c| c.effect).chain(GROWN_LAWS);
-    laws.any(|known| std::ptr::eq(known, law))
+    let mut candidates = context.setup.candidates.iter();
+    candidates.any(|c| std::ptr::eq(c.effect, law))
 }
 
 /// True if a parameter of a missing effect is at a bound outside its plausible range.

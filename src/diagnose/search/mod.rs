@@ -20,7 +20,6 @@ mod binning;
 mod budget;
 mod confounding;
 mod friction_law;
-mod grown_law;
 mod lack_of_fit;
 mod near_replicates;
 mod on_the_model;
