@@ -19,7 +19,7 @@ pub(in crate::diagnose) const DISTINCT_POWER: f64 = 0.04;
 const CONFIDENCE_EXPONENT: f64 = 3.0;
 /// Highest confidence in an effect with a rival that is not distinguished: of 11 such names above 90 % in cases that were looked at, 8 were
 /// right. It also limits a law that no search begins with: one was named with 97 %, a joint of two rates, where an LVDT was bowed.
-pub(super) const MOST_BESIDE_RIVAL: f64 = 0.8;
+const MOST_BESIDE_RIVAL: f64 = 0.8;
 /// A law that no search begins with is named if its log-likelihood, less the penalty of its parameters, is higher by this: a ratio of 20.
 /// Of 12 joints and contacts that were higher by at least 3, in cases of three worlds that were looked at, 11 were the hidden effect, and one
 /// was a bowed LVDT. Of five laws that were higher by 0.5 to 3, three were not the hidden one. At half, two of those five would be named, too;

@@ -76,11 +76,9 @@ mod tests {
 
     /// Place of the name that is not given, from the confidence in each name and in it or a rival of it.
     fn not_given(names: &[[f64; 2]]) -> Option<usize> {
-        let trusts = names.iter().map(|&[in_effect, in_any]| Trust {
-            in_effect,
-            in_any,
-            reported: in_effect,
-        });
+        let trusts = names
+            .iter()
+            .map(|&[in_effect, in_any]| Trust { in_effect, in_any });
         doubtful_beside_sure(trusts.enumerate().collect()).map(|(place, _)| place)
     }
 

@@ -1,6 +1,6 @@
 //! Confidence in a named effect.
 
-use super::alternatives::{JudgedEffect, MOST_BESIDE_RIVAL};
+use super::alternatives::JudgedEffect;
 use super::rest::Rest;
 use super::varying_coefficient::{Variation, variation};
 use crate::diagnose::fitting::FitContext;
@@ -10,12 +10,7 @@ use crate::diagnose::search::SearchResult;
 /// less than 40 % without it: 22 % in the mean, but 52 % of them were right. The likeliest exponent was 0.7; it was 0.78 for the first seed
 /// alone. At half, names of 99 % get 96 %, and names of 10 % get 63 %. At double it is above 1, and doubtful names get even less.
 const ODDS_EXPONENT: f64 = 0.75;
-/// The same for what is reported of a name that no other effect can take the place of, up to [`FIXED_CONFIDENCE`]; what is named does not
-/// depend on it. Of 95 such names of three worlds (bouc-wen and lugre of seed 633368069, pack of 3530749871), those with 20 to 40 % were
-/// right in 11 of 13 cases, with 40 to 60 % in 12 of 14, with 60 to 80 % in 19 of 21, and above in 45 of 47. At half, a name of 30 % gets
-/// 86 %; at double, 66 %.
-const REPORTED_EXPONENT: f64 = 0.25;
-/// Confidence that the exponents do not change. Of 85 names with at least that, 81 were right. From here a wrong name counts as sure.
+/// Confidence that the exponent does not change. Of 85 names with at least that, 81 were right. From here a wrong name counts as sure.
 const FIXED_CONFIDENCE: f64 = 0.9;
 /// Highest confidence that is reported.
 const MOST_CONFIDENCE: f64 = 0.99;
@@ -26,8 +21,6 @@ pub(super) struct Trust {
     pub in_effect: f64,
     /// In this effect or one of its rivals.
     pub in_any: f64,
-    /// In this effect, as it is reported.
-    pub reported: f64,
 }
 
 impl Trust {
@@ -44,22 +37,13 @@ impl Trust {
         let size = variation.map_or(1.0, Variation::trust);
         let beside_laws = judged.trust_beside(all, rest.free_laws_gain);
         let beside_rest = 1.0 - rest.share.powi(2);
-        let beside = |rivals: f64| {
-            let confidence = against_all([rivals, size, beside_laws, beside_rest]);
-            calibrated(confidence, ODDS_EXPONENT)
-        };
-        // Names with an alternative are right as often as they say: of 18 with 24 % in the mean, 28 %. The correction is not for them.
-        let in_effect = beside(judged.confidence)
-            .min(judged.confidence)
-            .min(MOST_CONFIDENCE);
-        let alone = judged.confidence > MOST_BESIDE_RIVAL;
+        let beside = |rivals: f64| calibrated(against_all([rivals, size, beside_laws, beside_rest]));
         Trust {
-            in_effect,
+            // Names with an alternative are right as often as they say: of 18 with 24 % in the mean, 28 %. The correction is not for them.
+            in_effect: beside(judged.confidence)
+                .min(judged.confidence)
+                .min(MOST_CONFIDENCE),
             in_any: beside(1.0),
-            reported: match alone && in_effect < FIXED_CONFIDENCE {
-                true => calibrated(in_effect, REPORTED_EXPONENT),
-                false => in_effect,
-            },
         }
     }
 }
@@ -71,17 +55,17 @@ fn against_all(alone: [f64; 4]) -> f64 {
     1.0 / (1.0 + odds.iter().sum::<f64>())
 }
 
-/// Corrects a confidence by what blind runs showed: its odds get an exponent, and [`FIXED_CONFIDENCE`] stays.
-fn calibrated(confidence: f64, exponent: f64) -> f64 {
+/// Corrects a confidence by what blind runs showed: its odds get the exponent [`ODDS_EXPONENT`], and [`FIXED_CONFIDENCE`] stays.
+fn calibrated(confidence: f64) -> f64 {
     let odds = |c: f64| c / (1.0 - c).max(f64::MIN_POSITIVE);
     let fixed = odds(FIXED_CONFIDENCE);
-    let calibrated = fixed * (odds(confidence) / fixed).powf(exponent);
+    let calibrated = fixed * (odds(confidence) / fixed).powf(ODDS_EXPONENT);
     calibrated / (1.0 + calibrated)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{ODDS_EXPONENT, REPORTED_EXPONENT, against_all, calibrated};
+    use super::{against_all, calibrated};
 
     #[test]
     fn a_doubtful_name_is_right_more_often_than_its_doubts_say() {
@@ -93,15 +77,7 @@ mod tests {
             (0.99, 0.982),
             (1.0, 1.0),
         ] {
-            let found = calibrated(before, ODDS_EXPONENT);
-            assert!((found - after).abs() < 0.001, "{before}: {found}");
-        }
-    }
-
-    #[test]
-    fn a_name_without_an_alternative_is_nearly_as_often_right_as_a_sure_one() {
-        for (before, after) in [(0.3, 0.808), (0.5, 0.839), (0.8, 0.880), (0.9, 0.9)] {
-            let found = calibrated(before, REPORTED_EXPONENT);
+            let found = calibrated(before);
             assert!((found - after).abs() < 0.001, "{before}: {found}");
         }
     }

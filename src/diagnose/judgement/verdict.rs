@@ -236,7 +236,7 @@ fn findings(
     confidence: &Confidence,
     rest: &Rest,
 ) -> Vec<Finding> {
-    let sure = |j: &JudgedEffect| Trust::of(context, search, j, judged, rest).reported;
+    let sure = |j: &JudgedEffect| Trust::of(context, search, j, judged, rest).in_effect;
     let named = judged.iter();
     named
         .map(|j| finding(context, search, j, confidence, sure(j)))
