@@ -111,6 +111,30 @@ fn a_difficult_case_stays_near_the_budget() {
     }
 }
 
+/// A pack of beams whose leaves touch at 0.4, 2.3 and 5.9 mm, and nothing hidden in a case that was looked at. With one knee, and with
+/// friction from no load on, seven times the noise was left, and a presliding of 50 mm, the end of its range, had to make up for it.
+#[test]
+fn the_leaves_of_a_pack_touch_one_after_the_other() {
+    let case = Case::draw(World::Pack, 633_368_069, 16, None);
+    let found = examine(&case, &case.recordings, 0).expect("valid recordings");
+    let [knees] = found.effects.as_slice() else {
+        panic!("{}", found.summary);
+    };
+    assert_eq!(knees.code, "progressive_stiffness", "{}", found.summary);
+    assert!(
+        knees.statement.contains("leaves touch one after the other"),
+        "{}",
+        knees.statement
+    );
+    let after = found.fit.improved.nrmse_heldout / found.fit.noise_floor_nrmse;
+    assert!(after < 1.5, "{after}");
+    let presliding = found
+        .baseline_parameters
+        .iter()
+        .find(|p| p.name == "presliding_mm");
+    assert!(presliding.is_some_and(|p| p.value < 5.0), "{presliding:?}");
+}
+
 /// LuGre friction and nothing hidden but what its law does otherwise than the library's. With its shape in doubt only at a tenth of the
 /// friction, a Coulomb friction was named at 99 % beside or instead of the truth.
 #[test]
@@ -246,12 +270,12 @@ fn a_curve_may_be_that_of_a_joint_and_a_bad_point_is_no_physics() {
         let case = Case::draw(world, 910_159_277, number, None);
         examine(&case, &case.recordings, 0).expect("valid recordings")
     };
-    for (number, other, is_listed) in [(79, "series_compliance", false), (55, "lift_off", true)] {
+    for (number, other) in [(79, "series_compliance"), (55, "lift_off")] {
         let found = diagnosed(World::BoucWen, number);
         let named = found.effects.iter().map(|effect| &effect.code);
         let listed = found.alternatives.iter().map(|alternative| &alternative.code);
         let said = named.chain(listed).any(|code| code == other);
-        assert!(said || !is_listed, "{number}: {}", found.summary);
+        assert!(said, "{number}: {}", found.summary);
         let sure = found
             .effects
             .iter()

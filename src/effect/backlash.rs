@@ -8,7 +8,7 @@
 //! Source: play operator, M. A. Krasnosel'skii and A. V. Pokrovskii, Systems with Hysteresis (1989).
 //! Range: quasi-static. The impact when the gap closes is not included.
 
-use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, wrapped};
+use super::{Axis, Branch, Effect, Kink, LookAlike, Place, Stage, Wrap, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -27,7 +27,7 @@ pub(crate) const EFFECT: Effect = Effect {
     }],
     neutral: &[0.0],
     amplitudes: &[],
-    kinks: &[(0, Axis::DisplacementMm)],
+    kinks: &[Kink::of(0, Axis::DisplacementMm)],
     shapes: &[],
     starts: |s| {
         [2e-4, 1e-3, 4e-3, 0.02]

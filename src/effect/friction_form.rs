@@ -16,7 +16,7 @@
 use std::sync::Arc;
 
 use super::motion::BandedTravel;
-use super::{Effect, LookAlike, Stage, Wrap, everywhere, load_n, wrapped};
+use super::{Effect, LookAlike, Stage, Wrap, everywhere, pressing_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// Edges of the length bands, mm. No usual sampling resolves the first band; the others grow by about 1.5.
@@ -257,7 +257,7 @@ impl Wrap for FrictionForm {
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let travel_mm = self.travel.advance(displacement_mm);
         let force_n = inside.step(displacement_mm, dt_s);
-        let load_n = load_n(&**inside, force_n);
+        let load_n = pressing_n(&**inside, force_n);
         let [kept, lengths] = self.factors(load_n);
         let elements = &*self.elements;
         let drags = &mut self.drags[..elements.per_mm.len()];

@@ -16,7 +16,7 @@ use std::sync::Arc;
 
 use super::friction_form::Power;
 use super::motion::BandedTravel;
-use super::{Effect, LookAlike, Stage, Wrap, everywhere, friction_form, load_n, wrapped};
+use super::{Effect, LookAlike, Stage, Wrap, everywhere, friction_form, pressing_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// Load at which the length is `length_mm`, N.
@@ -263,7 +263,7 @@ impl Wrap for FrictionState {
         if self.ratio == 0.0 {
             return force_n;
         }
-        let load_n = load_n(&**inside, force_n);
+        let load_n = pressing_n(&**inside, force_n);
         let [kept, length_mm] = self.at_load(load_n);
         // Above 1 where the load has fallen: the contact then settles from above.
         self.drag = (kept * self.drag).clamp(-MOST_DRAG, MOST_DRAG);

@@ -9,7 +9,7 @@
 //! A contact that closes softly, over a pad or at uneven points, has e = (u + sqrt(u^2 + w^2)) / 2 with u = x - c instead of u; w: `width_mm`.
 //! Source: unilateral contact (Signorini). Range: quasi-static; impact and rebound are not included.
 
-use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, wrapped};
+use super::{Axis, Branch, Effect, Kink, LookAlike, Place, Stage, Wrap, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// Contact displacement in mm that means: the contact is never lost.
@@ -42,7 +42,7 @@ pub(crate) const EFFECT: Effect = Effect {
     ],
     neutral: &[NEVER_MM, 0.0],
     amplitudes: &[],
-    kinks: &[(0, Axis::DisplacementMm)],
+    kinks: &[Kink::of(0, Axis::DisplacementMm)],
     shapes: &[],
     starts: |s| {
         let width_mm = (0.1 * s.travel_mm()).clamp(0.001, 20.0);

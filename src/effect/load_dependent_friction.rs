@@ -11,7 +11,7 @@
 //! Range: compressive load, any speed.
 
 use super::motion::Drag;
-use super::{Effect, LookAlike, Stage, Wrap, everywhere, load_n, wrapped};
+use super::{Effect, LookAlike, Stage, Wrap, everywhere, pressing_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -92,7 +92,7 @@ impl Wrap for LoadDependentFriction {
 
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let force_n = inside.step(displacement_mm, dt_s);
-        force_n + load_n(&**inside, force_n) * self.ratio * self.drag.step(displacement_mm)
+        force_n + pressing_n(&**inside, force_n) * self.ratio * self.drag.step(displacement_mm)
     }
 }
 

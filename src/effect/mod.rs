@@ -149,6 +149,26 @@ pub(crate) type Attach = fn(values: &[f64], inside: Box<dyn Plant>) -> Box<dyn P
 /// Gives the parameters for [`Effect::if_known`] from the effect and the known codes.
 pub(crate) type IfKnown = fn(&Effect, &Knows<'_>) -> Option<Vec<Parameter>>;
 
+/// A kink of the force of an effect.
+pub(crate) struct Kink {
+    /// Index of the parameter that gives its position.
+    pub position: usize,
+    pub axis: Axis,
+    /// Distance from a corner at which it is over, on its axis; `None` where the force goes on as a curve.
+    pub reach: fn(&[f64]) -> Option<f64>,
+}
+
+impl Kink {
+    /// One that is no corner.
+    pub(crate) const fn of(position: usize, axis: Axis) -> Kink {
+        Kink {
+            position,
+            axis,
+            reach: |_| None,
+        }
+    }
+}
+
 /// For effects that a baseline gets with their usual bounds.
 pub(crate) fn unchanged(effect: &Effect, _knows: &Knows<'_>) -> Option<Vec<Parameter>> {
     Some(effect.parameters.to_vec())
@@ -170,9 +190,8 @@ pub(crate) struct Effect {
     pub neutral: &'static [f64],
     /// Indices of the parameters that the force is proportional to. At zero, their part of the effect is off.
     pub amplitudes: &'static [usize],
-    /// Indices of the parameters that give the position of a kink of the force, each with its axis. A gradient cannot find
-    /// such a position, so a search tries several.
-    pub kinks: &'static [(usize, Axis)],
+    /// Kinks of the force. A gradient cannot find the position of one, so a search tries several.
+    pub kinks: &'static [Kink],
     /// Indices of the parameters that only bend the law: at their neutral values it has its simplest form.
     pub shapes: &'static [usize],
     /// Starting points of a search, within the ranges that the recordings cover.
@@ -220,8 +239,20 @@ pub(crate) static RIVAL_LAWS: &[Effect] = &[
     series_compliance::EFFECT,
 ];
 
-/// The laws that a search begins with, where the entry of [`EFFECTS`] is one of [`RIVAL_LAWS`].
-static SIMPLEST_LAWS: &[Effect] = &[lift_off::AT_ONCE, series_compliance::LINEAR];
+/// The laws that a search begins with, where the entry of [`EFFECTS`] is one of [`RIVAL_LAWS`] or [`GROWN_LAWS`].
+static SIMPLEST_LAWS: &[Effect] = &[
+    lift_off::AT_ONCE,
+    progressive_stiffness::ONE_KNEE,
+    series_compliance::LINEAR,
+];
+
+/// Laws that a simpler one of the same code may become during a search, the simpler first. Its parameters begin with those of the one
+/// before it.
+pub(crate) static GROWN_LAWS: &[Effect] =
+    &[progressive_stiffness::ONE_LEAF, progressive_stiffness::TWO_LEAVES];
+
+/// What a grown law has more than the one before it, where that is an effect of its own: it is fitted beside the simpler law first.
+pub(crate) static PARTS: &[Effect] = &[progressive_stiffness::FURTHER_KNEE];
 
 /// General forms of physics that a model already has. They are attached like effects but are never reported as missing.
 pub(crate) static FORMS: &[Effect] = &[friction_form::FORM, friction_state::FORM];
@@ -313,7 +344,11 @@ impl Effect {
     pub(crate) fn at_share(&self, values: &[f64], share: f64, span: &Span) -> Vec<f64> {
         let off = |i: usize| {
             let neutral = self.neutral[i];
-            let axis = self.kinks.iter().find(|(kink, _)| *kink == i).map(|k| k.1);
+            let axis = self
+                .kinks
+                .iter()
+                .find(|kink| kink.position == i)
+                .map(|kink| kink.axis);
             match axis.filter(|axis| (neutral - values[i]).abs() > span.width(*axis)) {
                 Some(axis) => neutral.clamp(span.range(axis)[0], span.range(axis)[1]),
                 None => neutral,
@@ -358,9 +393,18 @@ pub(crate) trait Wrap: Clone + Send + 'static {
     fn carried_n(&self, inside_n: f64) -> f64 {
         inside_n
     }
+    /// See [`Plant::pressing_n`], calculated from that of the plant inside, N.
+    fn pressing_n(&self, inside_n: f64) -> f64 {
+        self.carried_n(inside_n)
+    }
 }
 
-/// Load that friction is proportional to, N: the load that the contacts inside carried, or the whole force if that is unknown.
+/// Load that friction is proportional to, N: that which presses the leaves inside on each other, or the whole force if that is unknown.
+pub(crate) fn pressing_n(inside: &dyn Plant, force_n: f64) -> f64 {
+    inside.pressing_n().unwrap_or(force_n)
+}
+
+/// Load that the contacts inside carried, N, or the whole force if that is unknown.
 pub(crate) fn load_n(inside: &dyn Plant, force_n: f64) -> f64 {
     inside.carried_n().unwrap_or(force_n)
 }
@@ -418,6 +462,10 @@ impl<W: Wrap> Plant for Wrapped<W> {
 
     fn carried_n(&self) -> Option<f64> {
         self.inside.carried_n().map(|n| self.wrap.carried_n(n))
+    }
+
+    fn pressing_n(&self) -> Option<f64> {
+        self.inside.pressing_n().map(|n| self.wrap.pressing_n(n))
     }
 
     fn boxed_clone(&self) -> Box<dyn Plant> {

@@ -11,7 +11,7 @@
 //! Range: it acts only near reversals. It reduces the loop area; the force far along a branch stays the same.
 
 use super::motion::Drag;
-use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, load_n, wrapped};
+use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, pressing_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -127,7 +127,7 @@ impl Wrap for Presliding {
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let force_n = inside.step(displacement_mm, dt_s);
         let difference = self.drag.step(displacement_mm) - self.direction.step(displacement_mm);
-        force_n + (self.ratio * load_n(&**inside, force_n) + self.friction_n) * difference
+        force_n + (self.ratio * pressing_n(&**inside, force_n) + self.friction_n) * difference
     }
 }
 

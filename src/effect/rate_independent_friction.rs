@@ -11,7 +11,7 @@
 //! Range: baselines whose friction is multiplied by tanh(v / v_t).
 
 use super::motion::{Drag, Rates};
-use super::{Effect, LookAlike, Stage, Wrap, everywhere, load_n, wrapped};
+use super::{Effect, LookAlike, Stage, Wrap, everywhere, pressing_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -108,7 +108,7 @@ impl Wrap for RateIndependentFriction {
         self.rates.step(displacement_mm, dt_s);
         let smoothed = (self.rates.velocity_mm_s / self.transition_mm_s).tanh();
         let restored = self.ratio * (self.drag.step(displacement_mm) - smoothed);
-        force_n + load_n(&**inside, force_n) * restored
+        force_n + pressing_n(&**inside, force_n) * restored
     }
 }
 

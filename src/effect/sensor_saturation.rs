@@ -7,7 +7,7 @@
 //! Source: output range of any amplifier. Range: clipping at the upper end. A displacement channel that clips cannot be
 //! corrected after the recording; `diagnose` masks and reports those samples.
 
-use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, wrapped};
+use super::{Axis, Branch, Effect, Kink, LookAlike, Place, Stage, Wrap, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -26,7 +26,7 @@ pub(crate) const EFFECT: Effect = Effect {
     }],
     neutral: &[1e6],
     amplitudes: &[],
-    kinks: &[(0, Axis::ForceN)],
+    kinks: &[Kink::of(0, Axis::ForceN)],
     shapes: &[],
     starts: |s| {
         [0.998, 0.99, 0.975, 0.95, 0.91, 0.85]

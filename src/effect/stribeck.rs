@@ -10,7 +10,7 @@
 //! Range: sliding; stick-slip is not included, because it depends on the compliance of the rig.
 
 use super::motion::{Drag, Rates};
-use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, load_n, wrapped};
+use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, pressing_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
 /// The entry of [`super::EFFECTS`].
@@ -116,7 +116,7 @@ impl Wrap for Stribeck {
         let force_n = inside.step(displacement_mm, dt_s);
         self.rates.step(displacement_mm, dt_s);
         let fading = (-(self.rates.velocity_mm_s.abs() / self.fading_mm_s).powf(self.exponent)).exp();
-        force_n + load_n(&**inside, force_n) * self.ratio * self.drag.step(displacement_mm) * fading
+        force_n + pressing_n(&**inside, force_n) * self.ratio * self.drag.step(displacement_mm) * fading
     }
 }
 

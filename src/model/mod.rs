@@ -32,6 +32,11 @@ pub trait Plant: Any + Send {
     fn carried_n(&self) -> Option<f64> {
         None
     }
+    /// Load in N that presses the leaves on each other, which friction is proportional to: the carried load, unless leaves carry some of it
+    /// that touch nothing.
+    fn pressing_n(&self) -> Option<f64> {
+        self.carried_n()
+    }
 }
 
 /// Motion at one instant, smoothed over samples before and after it. Differences of noisy samples would be much less accurate.

@@ -10,7 +10,7 @@ use super::surrogate::Surrogate;
 use crate::cancel::CancelFlag;
 use crate::diagnose::error::BaselineError;
 use crate::effect::law::ForceLaw;
-use crate::effect::{self, EFFECTS, Effect, FORMS, RIVAL_LAWS, Stage};
+use crate::effect::{self, EFFECTS, Effect, FORMS, PARTS, RIVAL_LAWS, Stage};
 use crate::model::{BuildError, Model, Parameter, Plant};
 
 /// The model that a diagnosis starts from.
@@ -48,7 +48,7 @@ pub(in crate::diagnose) struct Attached {
 }
 
 impl Attached {
-    pub(super) fn candidate(effect: &'static Effect) -> Attached {
+    pub(in crate::diagnose) fn candidate(effect: &'static Effect) -> Attached {
         Attached {
             effect,
             parameters: effect.parameters.to_vec(),
@@ -78,6 +78,8 @@ pub(in crate::diagnose) struct Setup {
     pub form: Option<Attached>,
     /// Effects that may be missing.
     pub candidates: Vec<Attached>,
+    /// Parts that a candidate may get.
+    pub parts: Vec<Attached>,
     /// Freer laws that are only tried in the place of a named effect.
     pub rival_laws: Vec<Attached>,
     /// Replaces a slow model along the recordings.
@@ -139,6 +141,7 @@ impl Setup {
                 .map(Effect::simplest)
                 .map(Attached::candidate)
                 .collect(),
+            parts: missing(PARTS).map(Attached::candidate).collect(),
             rival_laws: missing(RIVAL_LAWS).map(Attached::candidate).collect(),
             surrogate: None,
             law: None,

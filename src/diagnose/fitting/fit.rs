@@ -421,9 +421,9 @@ fn descend<'s, 'a>(
         }
     }
     if let Some((normal, columns)) = last {
-        for &(i, axis) in candidate.effect.kinks {
-            let moves = (span.width(axis), settings.first_move);
-            descent.search_kink(p - 1 + i, moves, &normal, &scale, &|residuals| {
+        for kink in candidate.effect.kinks {
+            let moves = (span.width(kink.axis), settings.first_move);
+            descent.search_kink(p - 1 + kink.position, moves, &normal, &scale, &|residuals| {
                 whole_gradient(tangent, &columns, residuals)
             });
         }

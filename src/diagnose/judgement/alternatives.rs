@@ -3,9 +3,9 @@
 use super::tables::candidates;
 use crate::diagnose::course::Split;
 use crate::diagnose::diagnosis::Alternative;
-use crate::diagnose::fitting::{FitContext, Key, Node};
+use crate::diagnose::fitting::{FitContext, Key, Node, Tangent};
 use crate::diagnose::search::{SearchResult, kinks_are_recorded, penalty, refit_rivals, rest, without};
-use crate::effect::Effect;
+use crate::effect::{Effect, GROWN_LAWS};
 
 /// Two explanations are not distinguished if they differ by less than this in log-likelihood (a ratio of 400), or by less than this
 /// share of what the effect brings.
@@ -141,10 +141,11 @@ fn may_be_named(context: &FitContext<'_>, node: &Node) -> bool {
     missing.all(|a| begins_a_search(context, a.effect))
 }
 
-/// True if a law is one of the candidates, not only tried in the place of one.
+/// True if a law is one of the candidates or grew from one, not only tried in the place of one.
 fn begins_a_search(context: &FitContext<'_>, law: &Effect) -> bool {
-    let mut candidates = context.setup.candidates.iter();
-    candidates.any(|c| std::ptr::eq(c.effect, law))
+    let candidates = context.setup.candidates.iter();
+    let mut laws = candidates.map(|c| c.effect).chain(GROWN_LAWS);
+    laws.any(|known| std::ptr::eq(known, law))
 }
 
 /// True if a parameter of a missing effect is at a bound outside its plausible range.
@@ -164,7 +165,7 @@ pub(super) fn judge(context: &FitContext<'_>, search: &mut SearchResult, place: 
         .likelihood
         .gain(search.nodes[without].cost() - search.nodes[chosen].cost());
     let effect = search.nodes[chosen].attached[place].effect;
-    fit_rivals(context, search, without, &base, effect);
+    fit_rivals(context, search, (place, without), &base);
     let code = effect.code;
     converge_closest(context, search, &base, code);
     let (rivals, doubt) = compare(context, search, &base, code, loss);
@@ -190,15 +191,15 @@ fn against_rivals(doubt: f64) -> f64 {
 }
 
 /// Fits sets with one more effect than the set `without`, whose codes are `base`, and adds them to the search: the candidates, and the
-/// freer laws of what looks like `effect`.
+/// freer laws of what looks like the effect at `place` of the chosen set.
 fn fit_rivals(
     context: &FitContext<'_>,
     search: &mut SearchResult,
-    without: usize,
+    (place, without): (usize, usize),
     base: &Key,
-    effect: &Effect,
 ) {
     let extras = context.setup.extras.len();
+    let effect = search.nodes[search.chosen].attached[place].effect;
     // A fit that is worse than without the effect may have started from an older fit of that set: it is fitted again.
     let most = search.nodes[without].cost();
     let fitted = search.nodes.iter().filter(|n| n.cost() < most);
@@ -207,15 +208,31 @@ fn fit_rivals(
         for child in context.children(std::slice::from_ref(&parent), &seen, RIVALS_TRIED) {
             keep_better(context, search, child);
         }
+        let parents = [Some(parent), left_as_it_is(context, search, place)];
         let freer = context.setup.rival_laws.iter().filter(|law| {
             let code = law.effect.code;
             effect.confusable_with.iter().any(|l| l.code == code) && !base.contains(&code)
         });
-        search
-            .nodes
-            .extend(freer.filter_map(|law| context.child(&parent, law)));
+        for law in freer {
+            let fits = parents.iter().flatten().filter_map(|p| context.child(p, law));
+            let best = fits.min_by(|a, b| a.cost().total_cmp(&b.cost()));
+            search.nodes.extend(best);
+        }
         refit_rivals(context, search, base);
     }
+}
+
+/// The chosen set without the effect at `place`, not fitted again: the other values then move to explain what that effect did, and from there
+/// a law that looks like it may not find back. So a joint that closes was once no rival of a helper leaf, which was named with 93 %.
+fn left_as_it_is(context: &FitContext<'_>, search: &SearchResult, place: usize) -> Option<(Node, Tangent)> {
+    let chosen = &search.nodes[search.chosen];
+    let (mut attached, mut values) = (chosen.attached.clone(), chosen.values.clone());
+    let from = context.offset(&attached, place);
+    values.drain(from..from + attached[place].parameters.len());
+    attached.remove(place);
+    let structure = context.structure(attached);
+    let tangent = Tangent::new(&structure, &values)?;
+    Some((Node::new(&structure, values)?, tangent))
 }
 
 /// Adds a fit to the search, or puts it in the place of a worse fit of the same set.

@@ -29,9 +29,9 @@ pub(super) fn intervals(context: &FitContext<'_>, node: &Node, likelihood: Likel
     if let Some((converged, tangent)) = context.converged(node) {
         let rise = RISE * likelihood.variance * likelihood.correlation_time;
         for (k, attached) in node.attached.iter().enumerate() {
-            for &(i, axis) in attached.effect.kinks {
-                let place = context.offset(&node.attached, k) + i;
-                let width = context.span.width(axis);
+            for kink in attached.effect.kinks {
+                let place = context.offset(&node.attached, k) + kink.position;
+                let width = context.span.width(kink.axis);
                 let profiled = profile_interval(&structure, &converged, &tangent, place, width, rise);
                 found.ci95[place] = match (found.ci95[place], profiled) {
                     (Some(a), Some(b)) => Some([a[0].min(b[0]), a[1].max(b[1])]),

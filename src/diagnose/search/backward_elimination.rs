@@ -9,7 +9,8 @@ use crate::diagnose::fitting::{
 use crate::diagnose::note::NoteKind;
 use crate::effect::{Axis, Place, Span};
 
-/// An effect with a kink acts on at most this share of its axis: a knee below nearly all that was recorded is a smooth curve.
+/// An effect with a kink acts on at most this share of its axis, unless the kink is a corner and both its sides are recorded: a knee below
+/// nearly all that was recorded is a smooth curve. Leaves of packs touch at 2 to 15 % of the travel.
 const MOST_OF_AXIS: f64 = 0.85;
 /// A knee must have this share of the travel above it. A vibration that rounds the turning points made a knee in the last 0.7 %.
 const LEAST_AT_THE_TOP: f64 = 0.015;
@@ -105,25 +106,34 @@ pub(in crate::diagnose) fn penalty(effects: &[Attached]) -> f64 {
 /// True if every kink of the missing effects lies well within what was recorded.
 pub(in crate::diagnose) fn kinks_are_recorded(context: &FitContext<'_>, node: &Node) -> bool {
     (context.setup.extras.len()..node.attached.len()).all(|k| {
-        kink(context, node, k).is_none_or(|acts| {
-            acts.to - acts.from <= MOST_OF_AXIS * context.span.width(acts.axis)
-                && !is_at_the_top(&context.span, acts)
+        kink(context, node, k).is_none_or(|(acts, reach)| {
+            is_in_what_is_recorded(&context.span, acts, reach) && !is_at_the_top(&context.span, acts)
         })
     })
 }
 
-/// True for an effect with a knee in the last bit of the travel, where the turning points and a vibration round the loop.
-pub(in crate::diagnose) fn kinks_at_the_top(context: &FitContext<'_>, node: &Node, place: usize) -> bool {
-    kink(context, node, place).is_some_and(|acts| is_at_the_top(&context.span, acts))
+/// True for an effect whose kink has enough recorded before it: a share of the axis, or all of a corner. `reach`: distance from a corner
+/// at which it is over.
+fn is_in_what_is_recorded(span: &Span, acts: Place, reach: Option<f64>) -> bool {
+    let axis = span.width(acts.axis);
+    let before = axis - (acts.to - acts.from);
+    let has_corner = reach.is_some_and(|reach| before >= reach.max(LEAST_AT_THE_TOP * axis));
+    has_corner || acts.to - acts.from <= MOST_OF_AXIS * axis
 }
 
-/// Where an effect with a kink acts; `None` for one without, and for one that acts everywhere.
-fn kink(context: &FitContext<'_>, node: &Node, place: usize) -> Option<Place> {
+/// True for an effect with a knee in the last bit of the travel, where the turning points and a vibration round the loop.
+pub(in crate::diagnose) fn kinks_at_the_top(context: &FitContext<'_>, node: &Node, place: usize) -> bool {
+    kink(context, node, place).is_some_and(|(acts, _)| is_at_the_top(&context.span, acts))
+}
+
+/// Where an effect with a kink acts, and how far its corner reaches; `None` for one without, and for one that acts everywhere.
+fn kink(context: &FitContext<'_>, node: &Node, place: usize) -> Option<(Place, Option<f64>)> {
     let attached = &node.attached[place];
     let from = context.offset(&node.attached, place);
     let values = &node.values[from..from + attached.parameters.len()];
-    let has_kink = !attached.effect.kinks.is_empty();
-    (attached.effect.place)(values, &context.span).filter(|_| has_kink)
+    let kink = attached.effect.kinks.first()?;
+    let acts = (attached.effect.place)(values, &context.span)?;
+    Some((acts, (kink.reach)(values)))
 }
 
 /// True for a place that is only the last bit before the upper turning points.
@@ -394,5 +404,29 @@ mod tests {
             ..beyond(0.0)
         };
         assert!(!is_at_the_top(&span, contact));
+    }
+
+    #[test]
+    fn a_corner_low_in_the_travel_is_recorded_on_both_sides_and_a_curve_is_not() {
+        let span = Span {
+            displacement_mm: [0.0, 22.0],
+            force_n: [0.0, 3080.0],
+            speed_mm_s: 30.0,
+            duration_s: 60.0,
+            cycles: 10.0,
+        };
+        let beyond = |from| Place {
+            axis: Axis::DisplacementMm,
+            from,
+            to: 22.0,
+            branch: Branch::Both,
+        };
+        // A leaf touches at 1.5 mm, within 0.5 mm. A curve of any power that begins there is no knee.
+        assert!(is_in_what_is_recorded(&span, beyond(1.5), Some(0.5)));
+        assert!(!is_in_what_is_recorded(&span, beyond(1.5), None));
+        assert!(is_in_what_is_recorded(&span, beyond(4.0), None));
+        // The corner is not over where the recording begins, or is in the last bit before it.
+        assert!(!is_in_what_is_recorded(&span, beyond(1.5), Some(2.0)));
+        assert!(!is_in_what_is_recorded(&span, beyond(0.2), Some(0.01)));
     }
 }

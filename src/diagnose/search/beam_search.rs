@@ -3,6 +3,7 @@
 
 use super::backward_elimination::{LEAST_SHARE, choose, lowest};
 use super::budget::Budget;
+use super::grown_law::{growing_code, grown};
 use crate::diagnose::fitting::{FitContext, Key, LikelihoodScale, Node, PENALTY, Tangent};
 
 /// Sets that are kept from one size to the next. More would cost time in proportion.
@@ -58,6 +59,7 @@ fn search_from(
     let mut nodes = vec![baseline];
     let mut seen = vec![nodes[0].key(context.setup.extras.len())];
     let mut beam = vec![0];
+    let mut may_grow = None;
     for (size, &count) in CHILDREN.iter().enumerate() {
         cut_short = size > 0 && budget.is_spent(context.setup);
         if cut_short {
@@ -87,6 +89,15 @@ fn search_from(
         {
             return search_from(context, (root, false), seeds, budget, progress);
         }
+        if size == 0 {
+            may_grow = growing_code(&nodes[best], context.setup.extras.len());
+        }
+        if let Some(code) = may_grow
+            && grow(context, &mut nodes, &mut added, code)
+        {
+            may_grow = None;
+        }
+        let best = added[0];
         // Stops where the largest gain would not be accepted. Sums of squares are compared, not effective samples, because
         // unexplained physics correlates the residuals and would end the search too early.
         let (fall, total) = (before - nodes[best].cost(), nodes[0].cost() - nodes[best].cost());
@@ -96,6 +107,24 @@ fn search_from(
         beam = added;
     }
     chosen(context, nodes, cut_short)
+}
+
+/// Gives the best set of the beam with this code its larger law, in place, where that explains enough, and puts the best set first. True if
+/// a law has grown. To grow them all cost more than the search itself.
+fn grow(context: &FitContext<'_>, nodes: &mut [Node], beam: &mut [usize], code: &str) -> bool {
+    let extras = context.setup.extras.len();
+    let has_code = |i: &usize| nodes[*i].attached[extras..].iter().any(|a| a.effect.code == code);
+    let Some(set) = beam.iter().copied().find(has_code) else {
+        return false;
+    };
+    let Some(converged) = context.converged(&nodes[set]) else {
+        return false;
+    };
+    let larger = grown(context, &converged, code);
+    let has_grown = larger.is_some();
+    nodes[set] = larger.unwrap_or(converged.0);
+    beam.sort_by(|&a, &b| nodes[a].cost().total_cmp(&nodes[b].cost()));
+    has_grown
 }
 
 /// Fits the sets of the beam to convergence, in place, and returns them with their tangents.

@@ -20,6 +20,7 @@ mod binning;
 mod budget;
 mod confounding;
 mod friction_law;
+mod grown_law;
 mod lack_of_fit;
 mod near_replicates;
 mod on_the_model;

@@ -40,7 +40,7 @@ pub(super) fn search_again(
         return None;
     }
     let mut best: Option<DoubtedSearch> = None;
-    for (doubt, share) in [(Doubt::Friction, 0.6), (Doubt::FrictionAndCurve, 0.8)] {
+    for (doubt, share) in [(Doubt::Friction, 0.7), (Doubt::FrictionAndCurve, 0.8)] {
         let (before, known, freedom_before) = best
             .as_ref()
             .map_or((first, data, 0.0), |b| (&b.search, &b.data, b.freedom));
