@@ -87,6 +87,11 @@ impl ShapeShares {
 }
 
 impl Discrepancy {
+    /// True if the spring's curve may deviate, too.
+    pub(in crate::diagnose) fn bends_the_curve(&self) -> bool {
+        self.doubt != Doubt::Friction
+    }
+
     /// The terms for a model: its force at every point in N, and its friction divided by load. `weight` and `split` have one entry
     /// for each point. `None` if the model has no friction.
     pub(in crate::diagnose) fn new(
@@ -185,7 +190,7 @@ impl Discrepancy {
         let curve = || rms_n(self.of_friction..self.count()) / self.range_n;
         ShapeShares {
             friction: rms_n(0..self.of_friction) / self.friction_n,
-            curve: (self.doubt != Doubt::Friction).then(curve),
+            curve: self.bends_the_curve().then(curve),
         }
     }
 

@@ -4,7 +4,7 @@
 use super::backward_elimination::kinks_at_the_top;
 use super::lack_of_fit::LACK_POWER;
 use crate::diagnose::fitting::{
-    Attached, FitContext, LikelihoodScale, Node, PARAMETER_PENALTY, PENALTY, Tangent,
+    Attached, Discrepancy, FitContext, LikelihoodScale, Node, PARAMETER_PENALTY, PENALTY, Tangent, refine,
 };
 use crate::effect::{Effect, GROWN_LAWS};
 
@@ -14,6 +14,8 @@ use crate::effect::{Effect, GROWN_LAWS};
 /// refused; at double, those of the magnet are not.
 const MOST_LEFT: f64 = 0.4;
 
+/// The same after a few steps with the first slopes: a fit that has explained less than half of what it must by then is not finished.
+const MOST_LEFT_AT_FIRST: f64 = 0.7;
 /// Mean square above that of the noise that a set may leave with a larger law, in units of the noise: what else is hidden is still to be found.
 /// Packs that were looked at left 3.9 at most. Of waves of the force over the displacement, pieces left 6.5 and more, and each was named a
 /// helper leaf. At half, three of 25 packs grow only beside a second effect; not tried at double.
@@ -23,7 +25,15 @@ const MOST_BESIDE_NOISE: f64 = 5.0;
 ///
 /// Only the law that explains most by itself grows: a curve beside other curves has the freedom to follow what they leave. Beside a geometric
 /// stiffness and a delay, the friction of a leaf that touches explained the waves of a force that no effect has, and all three were sure.
-pub(super) fn growing_code(best_single: &Node, extras: usize) -> Option<&'static str> {
+/// Where the spring's curve is in doubt (`doubted`), further knees are in doubt with it.
+pub(super) fn growing_code(
+    best_single: &Node,
+    extras: usize,
+    doubted: Option<&Discrepancy>,
+) -> Option<&'static str> {
+    if doubted.is_some_and(Discrepancy::bends_the_curve) {
+        return None;
+    }
     let mut codes = best_single.attached[extras..].iter().map(|a| a.effect.code);
     codes.find(|code| GROWN_LAWS.iter().any(|law| law.code == *code))
 }
@@ -104,7 +114,13 @@ fn with_law(
     }
     let mut attached = node.attached.clone();
     attached[place] = Attached::candidate(law);
-    let (larger, tangent) = context.converge(attached, values)?;
+    let structure = context.structure(attached);
+    let tangent = Tangent::new(&structure, &values)?;
+    let near = refine(&structure, &tangent, values)?;
+    if left(context, &near) > MOST_LEFT_AT_FIRST * left(context, node) {
+        return None;
+    }
+    let (larger, tangent) = context.converged(&near)?;
     let scale = LikelihoodScale::of(context.data, &larger.residuals);
     let gains = scale.gain(node.cost() - larger.cost()) > must_gain;
     let explains = explains_most([node, &larger].map(|set| left(context, set)));
@@ -148,13 +164,13 @@ mod tests {
     #[test]
     fn only_a_missing_effect_that_explains_most_by_itself_grows() {
         assert_eq!(
-            growing_code(&set(&["progressive_stiffness"]), 0),
+            growing_code(&set(&["progressive_stiffness"]), 0, None),
             Some("progressive_stiffness")
         );
-        assert_eq!(growing_code(&set(&["channel_delay"]), 0), None);
+        assert_eq!(growing_code(&set(&["channel_delay"]), 0, None), None);
         // The baseline has it already.
         assert_eq!(
-            growing_code(&set(&["progressive_stiffness", "channel_delay"]), 1),
+            growing_code(&set(&["progressive_stiffness", "channel_delay"]), 1, None),
             None
         );
     }
