@@ -316,7 +316,7 @@ impl Wrap for ProgressiveStiffness {
 #[cfg(test)]
 mod tests {
     use super::super::testing::*;
-    use super::{EFFECT, ONE_KNEE};
+    use super::{EFFECT, ONE_KNEE, ONE_LEAF};
 
     #[test]
     fn neutral_values_change_nothing() {
@@ -331,6 +331,20 @@ mod tests {
         // The same with a leaf of 2 N/mm that touches there, too.
         let mut plant = (EFFECT.attach)(&[10.0, 2.0, 4.0, 1.0, 1.0, 2.0, 2.0], spring());
         assert!((plant.step(5.0, 0.1) - 548.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_leaf_that_touches_rubs_more_than_one_that_does_not() {
+        // 3 mm past the knee: the spring has 500 N, the leaf 30 N, which the friction of 0.1 counts 4 times.
+        let pack = || (ONE_LEAF.attach)(&[10.0, 2.0, 0.001, 1.0, 4.0], spring());
+        let friction = crate::effect::load_dependent_friction::EFFECT;
+        let mut rubbed = (friction.attach)(&[0.1, 0.1, 1.0], pack());
+        for displacement_mm in [3.0, 4.0] {
+            rubbed.step(displacement_mm, 0.1);
+        }
+        let force_n = rubbed.step(5.0, 0.1);
+        let by_hand_n = 530.0 + 0.1 * (500.0 + 4.0 * 30.0);
+        assert!((force_n - by_hand_n).abs() < 1e-3, "{force_n}");
     }
 
     #[test]
