@@ -4,7 +4,7 @@
 use super::backward_elimination::kinks_at_the_top;
 use super::lack_of_fit::LACK_POWER;
 use crate::diagnose::fitting::{
-    Attached, Discrepancy, FitContext, LikelihoodScale, Node, PARAMETER_PENALTY, PENALTY, Tangent, refine,
+    Attached, Discrepancy, FitContext, LikelihoodScale, Node, PARAMETER_PENALTY, PENALTY, Tangent,
 };
 use crate::effect::{Effect, GROWN_LAWS};
 
@@ -14,8 +14,6 @@ use crate::effect::{Effect, GROWN_LAWS};
 /// refused; at double, those of the magnet are not.
 const MOST_LEFT: f64 = 0.4;
 
-/// The same after a few steps with the first slopes: a fit that has explained less than half of what it must by then is not finished.
-const MOST_LEFT_AT_FIRST: f64 = 0.7;
 /// Mean square above that of the noise that a set may leave with a larger law, in units of the noise: what else is hidden is still to be found.
 /// Packs that were looked at left 3.9 at most. Of waves of the force over the displacement, pieces left 6.5 and more, and each was named a
 /// helper leaf. At half, three of 25 packs grow only beside a second effect; not tried at double.
@@ -114,13 +112,7 @@ fn with_law(
     }
     let mut attached = node.attached.clone();
     attached[place] = Attached::candidate(law);
-    let structure = context.structure(attached);
-    let tangent = Tangent::new(&structure, &values)?;
-    let near = refine(&structure, &tangent, values)?;
-    if left(context, &near) > MOST_LEFT_AT_FIRST * left(context, node) {
-        return None;
-    }
-    let (larger, tangent) = context.converged(&near)?;
+    let (larger, tangent) = context.converge(attached, values)?;
     let scale = LikelihoodScale::of(context.data, &larger.residuals);
     let gains = scale.gain(node.cost() - larger.cost()) > must_gain;
     let explains = explains_most([node, &larger].map(|set| left(context, set)));
