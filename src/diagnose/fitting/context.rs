@@ -88,6 +88,12 @@ pub(in crate::diagnose) struct FitContext<'a> {
 }
 
 impl<'a> FitContext<'a> {
+    /// True if the model may deviate by terms that bend the spring's curve.
+    pub(in crate::diagnose) fn curve_is_in_doubt(&self) -> bool {
+        let discrepancy = self.data.discrepancy.as_ref();
+        discrepancy.is_some_and(|terms| terms.bends_the_curve())
+    }
+
     /// The same data with another setup.
     pub(in crate::diagnose) fn with_setup<'b>(&'b self, setup: &'b Setup) -> FitContext<'b> {
         FitContext {

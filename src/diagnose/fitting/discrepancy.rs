@@ -88,7 +88,7 @@ impl ShapeShares {
 
 impl Discrepancy {
     /// True if the spring's curve may deviate, too.
-    pub(in crate::diagnose) fn bends_the_curve(&self) -> bool {
+    pub(super) fn bends_the_curve(&self) -> bool {
         self.doubt != Doubt::Friction
     }
 

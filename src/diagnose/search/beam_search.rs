@@ -89,9 +89,8 @@ fn search_from(
         {
             return search_from(context, (root, false), seeds, budget, progress);
         }
-        if size == 0 {
-            let doubted = context.data.discrepancy.as_deref();
-            may_grow = growing_code(&nodes[best], context.setup.extras.len(), doubted);
+        if size == 0 && !context.curve_is_in_doubt() {
+            may_grow = growing_code(&nodes[best], context.setup.extras.len());
         }
         if let Some(code) = may_grow
             && grow(context, &mut nodes, &mut added, code)

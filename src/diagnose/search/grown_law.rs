@@ -4,7 +4,7 @@
 use super::backward_elimination::kinks_at_the_top;
 use super::lack_of_fit::LACK_POWER;
 use crate::diagnose::fitting::{
-    Attached, Discrepancy, FitContext, LikelihoodScale, Node, PARAMETER_PENALTY, PENALTY, Tangent,
+    Attached, FitContext, LikelihoodScale, Node, PARAMETER_PENALTY, PENALTY, Tangent,
 };
 use crate::effect::{Effect, GROWN_LAWS};
 
@@ -23,15 +23,8 @@ const MOST_BESIDE_NOISE: f64 = 5.0;
 ///
 /// Only the law that explains most by itself grows: a curve beside other curves has the freedom to follow what they leave. Beside a geometric
 /// stiffness and a delay, the friction of a leaf that touches explained the waves of a force that no effect has, and all three were sure.
-/// Where the spring's curve is in doubt (`doubted`), further knees are in doubt with it.
-pub(super) fn growing_code(
-    best_single: &Node,
-    extras: usize,
-    doubted: Option<&Discrepancy>,
-) -> Option<&'static str> {
-    if doubted.is_some_and(Discrepancy::bends_the_curve) {
-        return None;
-    }
+/// None grows where the spring's curve is in doubt: further knees are in doubt with it.
+pub(super) fn growing_code(best_single: &Node, extras: usize) -> Option<&'static str> {
     let mut codes = best_single.attached[extras..].iter().map(|a| a.effect.code);
     codes.find(|code| GROWN_LAWS.iter().any(|law| law.code == *code))
 }
@@ -156,13 +149,13 @@ mod tests {
     #[test]
     fn only_a_missing_effect_that_explains_most_by_itself_grows() {
         assert_eq!(
-            growing_code(&set(&["progressive_stiffness"]), 0, None),
+            growing_code(&set(&["progressive_stiffness"]), 0),
             Some("progressive_stiffness")
         );
-        assert_eq!(growing_code(&set(&["channel_delay"]), 0, None), None);
+        assert_eq!(growing_code(&set(&["channel_delay"]), 0), None);
         // The baseline has it already.
         assert_eq!(
-            growing_code(&set(&["progressive_stiffness", "channel_delay"]), 1, None),
+            growing_code(&set(&["progressive_stiffness", "channel_delay"]), 1),
             None
         );
     }
