@@ -32,8 +32,8 @@ pub trait Plant: Any + Send {
     fn carried_n(&self) -> Option<f64> {
         None
     }
-    /// Load in N that presses the leaves on each other, which friction is proportional to: the carried load, unless leaves carry some of it
-    /// that touch nothing.
+    /// Load in N that friction is proportional to. It is the carried load, unless a part of that counts more: leaves that touch rub, and
+    /// those that do not touch yet carry load without friction.
     fn pressing_n(&self) -> Option<f64> {
         self.carried_n()
     }

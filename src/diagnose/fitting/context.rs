@@ -88,7 +88,7 @@ pub(in crate::diagnose) struct FitContext<'a> {
 }
 
 impl<'a> FitContext<'a> {
-    /// True if the model may deviate by terms that bend the spring's curve.
+    /// True if the model may deviate by terms that bend the spring's curve. They follow what further knees would.
     pub(in crate::diagnose) fn curve_is_in_doubt(&self) -> bool {
         let discrepancy = self.data.discrepancy.as_ref();
         discrepancy.is_some_and(|terms| terms.bends_the_curve())

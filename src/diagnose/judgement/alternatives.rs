@@ -4,7 +4,9 @@ use super::tables::candidates;
 use crate::diagnose::course::Split;
 use crate::diagnose::diagnosis::Alternative;
 use crate::diagnose::fitting::{FitContext, Key, Node, Tangent};
-use crate::diagnose::search::{SearchResult, kinks_are_recorded, penalty, refit_rivals, rest, without};
+use crate::diagnose::search::{
+    SearchResult, kinks_are_recorded, left_as_it_is, penalty, refit_rivals, rest, without,
+};
 use crate::effect::{Effect, GROWN_LAWS};
 
 /// Two explanations are not distinguished if they differ by less than this in log-likelihood (a ratio of 400), or by less than this
@@ -212,7 +214,7 @@ fn fit_rivals(
         for child in context.children(std::slice::from_ref(&parent), &seen, RIVALS_TRIED) {
             keep_better(context, search, child);
         }
-        let parents = [Some(parent), left_as_it_is(context, search, place)];
+        let parents = [Some(parent), beside(context, search, place)];
         let freer = context.setup.rival_laws.iter().filter(|law| {
             let code = law.effect.code;
             effect.confusable_with.iter().any(|l| l.code == code) && !base.contains(&code)
@@ -226,14 +228,11 @@ fn fit_rivals(
     }
 }
 
-/// The chosen set without the effect at `place`, not fitted again: the other values then move to explain what that effect did, and from there
-/// a law that looks like it may not find back. So a joint that closes was once no rival of a helper leaf, which was named with 93 %.
-fn left_as_it_is(context: &FitContext<'_>, search: &SearchResult, place: usize) -> Option<(Node, Tangent)> {
-    let chosen = &search.nodes[search.chosen];
-    let (mut attached, mut values) = (chosen.attached.clone(), chosen.values.clone());
-    let from = context.offset(&attached, place);
-    values.drain(from..from + attached[place].parameters.len());
-    attached.remove(place);
+/// The chosen set without the effect at `place`, with the values that the others have beside it. Fitted again, those values move to explain
+/// what the effect did, and a similar law may not find its minimum from there: a joint that closes was no rival of a helper leaf that was
+/// named with 93 %.
+fn beside(context: &FitContext<'_>, search: &SearchResult, place: usize) -> Option<(Node, Tangent)> {
+    let (attached, values) = left_as_it_is(context, &search.nodes[search.chosen], place);
     let structure = context.structure(attached);
     let tangent = Tangent::new(&structure, &values)?;
     Some((Node::new(&structure, values)?, tangent))

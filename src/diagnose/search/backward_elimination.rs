@@ -112,8 +112,7 @@ pub(in crate::diagnose) fn kinks_are_recorded(context: &FitContext<'_>, node: &N
     })
 }
 
-/// True for an effect whose kink has enough recorded before it: a share of the axis, or all of a corner. `reach`: distance from a corner
-/// at which it is over.
+/// True if enough is recorded before a kink: a share of the axis or, for a corner, the distance at which it is over (`reach`).
 fn is_in_what_is_recorded(span: &Span, acts: Place, reach: Option<f64>) -> bool {
     let axis = span.width(acts.axis);
     let before = axis - (acts.to - acts.from);
@@ -310,11 +309,7 @@ pub(in crate::diagnose) fn without(
     place: usize,
 ) -> usize {
     let extras = context.setup.extras.len();
-    let mut attached = nodes[of].attached.clone();
-    let from = context.offset(&attached, place);
-    let mut values = nodes[of].values.clone();
-    values.drain(from..from + attached[place].parameters.len());
-    attached.remove(place);
+    let (attached, values) = left_as_it_is(context, &nodes[of], place);
     let mut key: Key = attached[extras..].iter().map(|a| a.effect.code).collect();
     key.sort_unstable();
     let known = (0..nodes.len())
@@ -339,6 +334,19 @@ pub(in crate::diagnose) fn without(
         }
         (None, known) => known.unwrap_or(0),
     }
+}
+
+/// The effects and values of a set without the effect at `place`; the other values stay as they are.
+pub(in crate::diagnose) fn left_as_it_is(
+    context: &FitContext<'_>,
+    node: &Node,
+    place: usize,
+) -> (Vec<Attached>, Vec<f64>) {
+    let (mut attached, mut values) = (node.attached.clone(), node.values.clone());
+    let from = context.offset(&attached, place);
+    values.drain(from..from + attached[place].parameters.len());
+    attached.remove(place);
+    (attached, values)
 }
 
 /// Index of the node of lowest cost.
@@ -380,21 +388,28 @@ mod tests {
             "{taken}"
         );
     }
-    #[test]
-    fn a_knee_in_the_last_bit_of_the_travel_is_at_the_top() {
+
+    /// A travel from 0 to `top_mm`, and all of it beyond a displacement.
+    fn travel(top_mm: f64) -> (Span, impl Fn(f64) -> Place) {
         let span = Span {
-            displacement_mm: [0.0, 34.34],
+            displacement_mm: [0.0, top_mm],
             force_n: [0.0, 3080.0],
             speed_mm_s: 30.0,
             duration_s: 60.0,
             cycles: 10.0,
         };
-        let beyond = |from| Place {
+        let beyond = move |from| Place {
             axis: Axis::DisplacementMm,
             from,
-            to: 34.34,
+            to: top_mm,
             branch: Branch::Both,
         };
+        (span, beyond)
+    }
+
+    #[test]
+    fn a_knee_in_the_last_bit_of_the_travel_is_at_the_top() {
+        let (span, beyond) = travel(34.34);
         assert!(is_at_the_top(&span, beyond(34.1)));
         assert!(!is_at_the_top(&span, beyond(30.0)));
         // A contact near the lower end is far from the upper turning points.
@@ -408,19 +423,7 @@ mod tests {
 
     #[test]
     fn a_corner_low_in_the_travel_is_recorded_on_both_sides_and_a_curve_is_not() {
-        let span = Span {
-            displacement_mm: [0.0, 22.0],
-            force_n: [0.0, 3080.0],
-            speed_mm_s: 30.0,
-            duration_s: 60.0,
-            cycles: 10.0,
-        };
-        let beyond = |from| Place {
-            axis: Axis::DisplacementMm,
-            from,
-            to: 22.0,
-            branch: Branch::Both,
-        };
+        let (span, beyond) = travel(22.0);
         // A leaf touches at 1.5 mm, within 0.5 mm. A curve of any power that begins there is no knee.
         assert!(is_in_what_is_recorded(&span, beyond(1.5), Some(0.5)));
         assert!(!is_in_what_is_recorded(&span, beyond(1.5), None));

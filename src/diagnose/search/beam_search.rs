@@ -109,8 +109,8 @@ fn search_from(
     chosen(context, nodes, cut_short)
 }
 
-/// Gives the best set of the beam with this code its larger law, in place, where that explains enough, and puts the best set first. True if
-/// a law has grown. To grow them all cost more than the search itself.
+/// Replaces the law of this code in the best set of the beam that has it by a larger one, where that explains enough, and sorts the beam
+/// again. True if the law has grown. Only one set: to try all cost more than the search itself.
 fn grow(context: &FitContext<'_>, nodes: &mut [Node], beam: &mut [usize], code: &str) -> bool {
     let extras = context.setup.extras.len();
     let has_code = |i: &usize| nodes[*i].attached[extras..].iter().any(|a| a.effect.code == code);

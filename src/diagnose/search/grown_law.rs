@@ -1,5 +1,5 @@
-//! Laws that get further parameters where they leave structure: the leaves of a pack touch one after the other, and a curve with one knee
-//! leaves of two what then looks like a compliance of the fixture.
+//! Laws that get further parameters during a search. The leaves of a pack touch one after the other. A law with one knee cannot follow
+//! that, and what it leaves looks like a compliance of the fixture.
 
 use super::backward_elimination::kinks_at_the_top;
 use super::lack_of_fit::LACK_POWER;
@@ -8,13 +8,14 @@ use crate::diagnose::fitting::{
 };
 use crate::effect::{Effect, GROWN_LAWS};
 
-/// Share of what a set leaves above the noise that it may still leave with a larger law. In six packs that were looked at, the friction of a
+/// Largest share of the sum of squares above the noise that may remain when a law gets larger. In six packs that were looked at, the friction of a
 /// leaf that touches and each further leaf left 2 to 35 % of it. Straight pieces follow any curve a little better with each: of a magnet that
 /// catches at one place they left 44 to 99 % at each step, and it was named a helper leaf. At half, two of ten of these steps are
 /// refused; at double, those of the magnet are not.
 const MOST_LEFT: f64 = 0.4;
 
-/// Mean square above that of the noise that a set may leave with a larger law, in units of the noise: what else is hidden is still to be found.
+/// Largest mean square above the noise that a set with a larger law may leave, in units of the noise. It is not zero, because a second
+/// hidden effect may still have to be found.
 /// Packs that were looked at left 3.9 at most. Of waves of the force over the displacement, pieces left 6.5 and more, and each was named a
 /// helper leaf. At half, three of 25 packs grow only beside a second effect; not tried at double.
 const MOST_BESIDE_NOISE: f64 = 5.0;
@@ -23,14 +24,13 @@ const MOST_BESIDE_NOISE: f64 = 5.0;
 ///
 /// Only the law that explains most by itself grows: a curve beside other curves has the freedom to follow what they leave. Beside a geometric
 /// stiffness and a delay, the friction of a leaf that touches explained the waves of a force that no effect has, and all three were sure.
-/// None grows where the spring's curve is in doubt: further knees are in doubt with it.
 pub(super) fn growing_code(best_single: &Node, extras: usize) -> Option<&'static str> {
     let mut codes = best_single.attached[extras..].iter().map(|a| a.effect.code);
     codes.find(|code| GROWN_LAWS.iter().any(|law| law.code == *code))
 }
 
-/// The set, converged, with the law of this code grown as far as that explains more than effects must; `None` if it does not grow, or if the
-/// set then leaves more than a law that is right does.
+/// The converged set with the largest law of this code that gains enough; `None` if no larger law does, or if the set with it still leaves
+/// too much.
 pub(super) fn grown(context: &FitContext<'_>, converged: &(Node, Tangent), code: &str) -> Option<Node> {
     let extras = context.setup.extras.len();
     let place = extras

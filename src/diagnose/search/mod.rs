@@ -5,6 +5,7 @@
 //! |---|---|
 //! | `friction_law` | generalises the baseline's friction law before any effect is called missing |
 //! | `beam_search` | beam search over sets of effects |
+//! | `grown_law` | laws that get further parameters during the search |
 //! | `budget` | how much of it there may be |
 //! | `binning`, `near_replicates`, `lack_of_fit` | the structure that a set leaves, which no candidate explains |
 //! | `confounding` | which axes go together over the recorded points |
@@ -28,7 +29,9 @@ mod path_search;
 mod second_search;
 mod simplest_form;
 
-pub(in crate::diagnose) use backward_elimination::{kinks_are_recorded, kinks_at_the_top, penalty, without};
+pub(in crate::diagnose) use backward_elimination::{
+    kinks_are_recorded, kinks_at_the_top, left_as_it_is, penalty, without,
+};
 pub(in crate::diagnose) use beam_search::SearchResult;
 pub(in crate::diagnose) use binning::{AXES, BinnedAxis, binned, coordinate};
 pub(in crate::diagnose) use confounding::{
