@@ -9,17 +9,22 @@
 //!
 //! | file | what it does |
 //! |---|---|
+//! | `beside` | the physics beside which offsets are fitted; zeros that are seen where no model fits yet |
+//! | `mean_curves` | the curve of the spring as each recording shows it, without a model |
 //! | `offsets` | the offsets of a recording, and their kinds |
 //! | `offset_fit` | fits the baseline with offsets, and leaves out those that bring too little |
 //! | `shift` | takes offsets out of data and recordings |
 
+mod beside;
+mod mean_curves;
 mod offset_fit;
 mod offsets;
 mod shift;
 
+pub(super) use beside::offsets_of_recordings;
 pub(super) use shift::{corrected, without_zero};
 
-pub(super) use offset_fit::OffsetFit;
+use offset_fit::OffsetFit;
 use offset_fit::{GAIN_OF_EACH, OffsetsOf, fitted, fitted_in_all, sparse};
 use offsets::OffsetKind::{Delay, Displacement, Force};
 use offsets::{FileOffsets, OffsetKind};
@@ -57,13 +62,13 @@ const SETS: [&[OffsetKind]; 7] = [
 ];
 
 /// True for a fit that leaves too little to look for offsets.
-pub(super) fn fits(data: &Data, node: &Node) -> bool {
+fn fits(data: &Data, node: &Node) -> bool {
     let rough = data.sum(&node.residuals, Split::Fit) + data.sum(&node.residuals, Split::Select);
     rough < LEAST_POWER * data.counted() as f64
 }
 
 /// Offsets of the recordings, if they explain what the baseline leaves.
-pub(super) fn find(structure: &ModelStructure<'_>, node: &Node) -> Option<OffsetFit> {
+fn find(structure: &ModelStructure<'_>, node: &Node) -> Option<OffsetFit> {
     let data = structure.data;
     let files = data.tracks.len();
     let counted = data.counted() as f64;
@@ -153,7 +158,7 @@ pub(super) fn common_zero_note(name: &str, zero_mm: f64) -> Note {
 }
 
 /// True if a general friction law or a single effect explains about what the offsets explain.
-pub(super) fn physics_suffices(context: &FitContext<'_>, node: &Node, found: &OffsetFit) -> bool {
+fn physics_suffices(context: &FitContext<'_>, node: &Node, found: &OffsetFit) -> bool {
     let Some(parent) = context.converged(node) else {
         return false;
     };
@@ -165,7 +170,7 @@ pub(super) fn physics_suffices(context: &FitContext<'_>, node: &Node, found: &Of
 }
 
 /// Offsets that are left after a correction: the shift in time is exact only in the recordings themselves.
-pub(super) fn refine(structure: &ModelStructure<'_>, node: &Node, found: &mut OffsetFit) {
+fn refine(structure: &ModelStructure<'_>, node: &Node, found: &mut OffsetFit) {
     if let Some(left) = fitted(structure, node, &found.own, OffsetsOf::Known) {
         for (offset, left) in found.offsets.iter_mut().zip(&left.offsets) {
             offset.add(Force, left.force_n);

@@ -52,8 +52,6 @@ pub(in crate::diagnose) use node::{Key, Node};
 pub(in crate::diagnose) use score::{Tangent, insert_group};
 pub(in crate::diagnose) use structure::ModelStructure;
 
-use file_offsets::OffsetFit;
-
 use crate::diagnose::conditioning::{Track, tracks};
 use crate::diagnose::error::{BaselineError, DiagnoseError};
 use crate::diagnose::options::DiagnoseOptions;
@@ -87,15 +85,13 @@ pub(in crate::diagnose) fn fitted_input(
         first = first_fit(setup, &mut data, &run)?;
     }
     let recordings = if zero_mm.is_some() { &shifted } else { recordings };
-    let found = offsets_beside_a_law(&run.context(setup, &data), &first);
-    if let Some((mut found, law)) = found {
+    let found = file_offsets::offsets_of_recordings(&run, setup, &data, &first);
+    if let Some((mut found, beside)) = found {
         for _ in 0..2 {
             let corrected = file_offsets::corrected(recordings, &found.offsets);
             (data, run) = again(&corrected)?;
             first = first_fit(setup, &mut data, &run)?;
-            let context = run.context(setup, &data);
-            let node = with_law(&context, &first, law.as_ref()).unwrap_or_else(|| first.clone());
-            file_offsets::refine(&context.structure(node.attached.clone()), &node, &mut found);
+            beside.refine(&run.context(setup, &data), &first, &mut found);
         }
         for (recording, offset) in recordings.iter().zip(&found.offsets) {
             data.add_notes(file_offsets::notes(&recording.name, offset));
@@ -115,32 +111,6 @@ pub(in crate::diagnose) fn fitted_input(
     let notes = repeats::disagreements(&data);
     data.add_notes(notes);
     Ok((data, run, first))
-}
-
-/// Offsets of single recordings, and the general friction law beside which they were found; `None` for the baseline's own law.
-fn offsets_beside_a_law(context: &FitContext<'_>, first: &Node) -> Option<(OffsetFit, Option<Attached>)> {
-    let general = context.setup.forms.iter().map(Some);
-    for law in std::iter::once(None).chain(general) {
-        let Some(node) = with_law(context, first, law) else {
-            continue;
-        };
-        let found = file_offsets::find(&context.structure(node.attached.clone()), &node);
-        if let Some(found) = found.filter(|found| !file_offsets::physics_suffices(context, &node, found)) {
-            return Some((found, law.cloned()));
-        }
-        if file_offsets::fits(context.data, &node) {
-            return None;
-        }
-    }
-    None
-}
-
-/// The fitted baseline with a friction law, its own for `None`; `None` if the recordings do not support the general one.
-fn with_law(context: &FitContext<'_>, first: &Node, law: Option<&Attached>) -> Option<Node> {
-    match law {
-        None => Some(first.clone()),
-        Some(form) => general_law::with_form(context, first, form),
-    }
 }
 
 /// Fits the baseline, then removes mains hum and sets the weights by what the fit leaves.

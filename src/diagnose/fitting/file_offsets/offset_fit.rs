@@ -40,6 +40,16 @@ pub(in crate::diagnose::fitting) struct OffsetFit {
 }
 
 impl OffsetFit {
+    /// Zeros of one kind, all of them known, beside a fit with this sum of squares.
+    pub(super) fn of_zeros(kind: OffsetKind, offsets: Vec<FileOffsets>, cost: f64) -> OffsetFit {
+        let own = (0..offsets.len()).filter(|&file| offsets[file].of(kind) != 0.0);
+        OffsetFit {
+            own: own.map(|file| (file, kind)).collect(),
+            offsets,
+            cost,
+        }
+    }
+
     pub(super) fn has(&self, kind: OffsetKind) -> bool {
         self.own.iter().any(|own| own.1 == kind)
     }

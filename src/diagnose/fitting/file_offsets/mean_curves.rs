@@ -1,0 +1,146 @@
+//! The curve of the spring as each recording shows it without a model: the mean of both branches of its loops.
+//!
+//! Whatever friction a spring has, it acts against either direction, so that the mean of both branches is the spring. Recordings of one
+//! specimen must show the same curve wherever they overlap. A zero of the force shifts the curve of its recording along the force, a zero
+//! of the displacement along the displacement.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::offsets::OffsetKind;
+use crate::diagnose::conditioning::{Track, median, range};
+use crate::diagnose::fitting::data::Data;
+
+/// Number of places along the displacement at which the curves are compared, and fewest points of a branch at one.
+const PLACES: usize = 40;
+const LEAST_POINTS: usize = 3;
+/// Fewest places that two recordings share.
+const LEAST_SHARED: usize = 6;
+/// Share of a stroke after which friction has reversed.
+const REVERSED: f64 = 0.3;
+/// Standard deviation of the displacements at a place, in steps, from which its points show a slope of their own.
+const SPREAD: f64 = 0.1;
+
+/// The mean curves of all recordings.
+pub(super) struct MeanCurves {
+    /// Force in N of each recording at each place; `None` where one of its branches is missing.
+    of_each: Vec<Vec<Option<f64>>>,
+    /// Distance of two places in mm.
+    step_mm: f64,
+}
+
+impl MeanCurves {
+    /// The curves of a force in N at the points of the data.
+    pub(super) fn of(data: &Data, force_n: &[f64]) -> MeanCurves {
+        let all = data.tracks.iter().flat_map(|t| &t.displacement_mm);
+        let low_mm = all.clone().copied().fold(f64::INFINITY, f64::min);
+        let high_mm = all.copied().fold(f64::NEG_INFINITY, f64::max);
+        let step_mm = (high_mm - low_mm) / PLACES as f64;
+        let mut from = 0;
+        let curve = |track: &Track| {
+            let mut points = vec![[Vec::new(), Vec::new()]; PLACES];
+            for i in 0..track.len() {
+                let [lower_mm, upper_mm] = track.motion[i].reach_mm;
+                let reversed = track.since_reversal_mm[i] > REVERSED * (upper_mm - lower_mm);
+                if data.weight[from + i] > 0.0 && reversed {
+                    let steps = (track.displacement_mm[i] - low_mm) / step_mm;
+                    let place = (steps as usize).min(PLACES - 1);
+                    let beside = steps - (place as f64 + 0.5);
+                    points[place][usize::from(track.direction[i] > 0.0)].push([beside, force_n[from + i]]);
+                }
+            }
+            from += track.len();
+            let rate = step_mm * range(&track.force_n) / range(&track.displacement_mm);
+            points
+                .iter()
+                .map(|[down, up]| Some(0.5 * (level(down, rate)? + level(up, rate)?)))
+                .collect()
+        };
+        MeanCurves {
+            of_each: data.tracks.iter().map(curve).collect(),
+            step_mm,
+        }
+    }
+
+    /// Mean of the recordings that show a place, with their number; `None` where fewer than two do.
+    fn common(&self, place: usize) -> Option<(f64, f64)> {
+        let shown: Vec<f64> = self.of_each.iter().filter_map(|curve| curve[place]).collect();
+        let count = shown.len() as f64;
+        (shown.len() > 1).then(|| (shown.iter().sum::<f64>() / count, count))
+    }
+
+    /// RMS distance in N of the curves from what they have in common, where they overlap; `None` if they hardly do.
+    pub(super) fn disagreement_n(&self) -> Option<f64> {
+        let shared: Vec<(usize, f64)> = (0..PLACES)
+            .filter_map(|place| Some((place, self.common(place)?.0)))
+            .collect();
+        let apart: Vec<f64> = shared
+            .iter()
+            .flat_map(|&(place, common_n)| {
+                let shown = self.of_each.iter().filter_map(move |curve| curve[place]);
+                shown.map(move |n| (n - common_n).powi(2))
+            })
+            .collect();
+        (shared.len() >= LEAST_SHARED).then(|| (apart.iter().sum::<f64>() / apart.len() as f64).sqrt())
+    }
+
+    /// Slope in N/mm of what the curves have in common, at each place; the nearest place with neighbours on both sides counts.
+    fn slopes(&self) -> Vec<f64> {
+        let common: Vec<Option<f64>> = (0..PLACES).map(|k| Some(self.common(k)?.0)).collect();
+        let own: Vec<(usize, f64)> = (1..PLACES - 1)
+            .filter_map(|k| Some((k, (common[k + 1]? - common[k - 1]?) / (2.0 * self.step_mm))))
+            .collect();
+        let nearest = |k: usize| own.iter().min_by_key(|(at, _)| at.abs_diff(k));
+        (0..PLACES).map(|k| nearest(k).map_or(0.0, |s| s.1)).collect()
+    }
+
+    /// What each recording reads too much on a channel, in N or mm, by least squares to first order. Most recordings have a right zero,
+    /// so the median is zero.
+    pub(super) fn zeros(&self, kind: OffsetKind) -> Option<Vec<f64>> {
+        let slopes = self.slopes();
+        let files = self.of_each.len();
+        let mut normal = DMatrix::zeros(files, files);
+        let mut right = DVector::zeros(files);
+        for (place, slope) in slopes.iter().enumerate() {
+            let Some((common_n, count)) = self.common(place) else {
+                continue;
+            };
+            let by_n = if kind == OffsetKind::Force { 1.0 } else { -slope };
+            let shown: Vec<(usize, f64)> = (0..files)
+                .filter_map(|file| Some((file, self.of_each[file][place]? - common_n)))
+                .collect();
+            for &(a, apart_n) in &shown {
+                right[a] += by_n * apart_n;
+                normal[(a, a)] += by_n * by_n;
+                for &(b, _) in &shown {
+                    normal[(a, b)] -= by_n * by_n / count;
+                }
+            }
+        }
+        // What all recordings share is not seen; neither is the zero of one that overlaps with none.
+        let ridge = 1e-6 * normal.diagonal().amax();
+        for file in 0..files {
+            normal[(file, file)] += ridge;
+        }
+        let zeros = normal.cholesky()?.solve(&right);
+        let middle = median(zeros.iter().copied().collect());
+        Some(zeros.iter().map(|zero| zero - middle).collect())
+    }
+}
+
+/// Force in N in the middle of a place, from its points: distance from the middle in steps, force in N. `rate` in N per step is the mean
+/// slope of the recording, for points that lie too close together to show one.
+fn level(points: &[[f64; 2]], rate: f64) -> Option<f64> {
+    if points.len() < LEAST_POINTS {
+        return None;
+    }
+    let count = points.len() as f64;
+    let [x, n] = [0, 1].map(|k| points.iter().map(|p| p[k]).sum::<f64>() / count);
+    let power: f64 = points.iter().map(|p| (p[0] - x).powi(2)).sum();
+    let along: f64 = points.iter().map(|p| (p[0] - x) * (p[1] - n)).sum();
+    let slope = if power > count * SPREAD * SPREAD {
+        along / power
+    } else {
+        rate
+    };
+    Some(n - slope * x)
+}
