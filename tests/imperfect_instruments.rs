@@ -97,6 +97,8 @@ struct Instrument {
     /// Samples per second of each recording, and how far single intervals deviate, as a share.
     rates_hz: [f64; 4],
     jitter: f64,
+    /// Force in N of the specimen without friction, over the displacement in mm.
+    load_n: fn(f64) -> f64,
     fault: Fault,
 }
 
@@ -108,6 +110,7 @@ const GOOD: Instrument = Instrument {
     servo: [0.0, 0.0],
     rates_hz: [200.0, 500.0, 500.0, 200.0],
     jitter: 0.0,
+    load_n: |x| PRELOAD_N + RATE_N_PER_MM * x,
     fault: |_, _, _| {},
 };
 
@@ -354,7 +357,7 @@ impl Instrument {
                     travel_mm.signum() + (drag - travel_mm.signum()) * (-travel_mm.abs() / REVERSES_MM).exp();
                 before_mm = x;
             }
-            let load_n = PRELOAD_N + RATE_N_PER_MM * before_mm;
+            let load_n = (self.load_n)(before_mm);
             recording.time_s.push(time_s);
             recording
                 .displacement_mm
@@ -411,6 +414,43 @@ fn nothing_is_named_that_an_instrument_did() {
 #[test]
 fn a_good_instrument_has_no_notes() {
     assert_eq!(GOOD.mistake(1), None);
+}
+
+/// What is missing in the baseline does not hide what an instrument did: recordings of one specimen show one curve, whatever it is.
+#[test]
+fn zeros_are_found_beside_physics_that_is_missing() {
+    const ZEROS_MM: [f64; 4] = [0.0, 0.45, -0.3, 0.15];
+    // A helper leaf touches over a few millimetres from 8 mm on.
+    let helper = Instrument {
+        load_n: |x| {
+            let past_mm = x - 8.0;
+            let touched_mm = 0.5 * (past_mm + past_mm.hypot(1.0));
+            PRELOAD_N + RATE_N_PER_MM * x + 70.0 * touched_mm
+        },
+        fault: |file, r, _| r.displacement_mm.iter_mut().for_each(|x| *x += ZEROS_MM[file]),
+        ..GOOD
+    };
+    let baseline = Baseline::of(crate::model::find("equivalent").expect("listed"));
+    let options = DiagnoseOptions {
+        points: 1500,
+        ..DiagnoseOptions::default()
+    };
+    let diagnosis = diagnose(&helper.recordings(1), &baseline, &options, &mut |_, _| {}).expect("diagnosed");
+    let codes: Vec<&str> = diagnosis.effects.iter().map(|e| e.code.as_str()).collect();
+    assert_eq!(codes, ["progressive_stiffness"], "{}", diagnosis.summary);
+    let zeros_mm: Vec<f64> = (0..ZEROS_MM.len())
+        .map(|file| {
+            let name = format!("run-{file}");
+            let mut of_file = diagnosis.notes.iter().filter(|n| n.recording == name);
+            of_file
+                .find(|n| n.kind.word() == "zero")
+                .map_or(0.0, |n| n.size.value)
+        })
+        .collect();
+    // Which zero all share is a choice: here it is that of the first recording.
+    for (found_mm, truth_mm) in zeros_mm.iter().zip(ZEROS_MM) {
+        assert!((found_mm - zeros_mm[0] - truth_mm).abs() < 0.02, "{zeros_mm:?}");
+    }
 }
 
 /// The figure for the documents: all instruments on seeds that nothing was tuned on.

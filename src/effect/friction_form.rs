@@ -16,6 +16,7 @@
 use std::sync::Arc;
 
 use super::motion::BandedTravel;
+use super::power::Power;
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, pressing_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
@@ -206,43 +207,6 @@ impl FrictionForm {
     }
 }
 
-/// A power with a fixed exponent, fast for ratios close to one: a general power took a fifth of a diagnosis.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Power {
-    exponent: f64,
-    /// Coefficients of the binomial series after the first, each divided by the one before.
-    series: [f64; Power::TERMS],
-}
-
-impl Power {
-    const TERMS: usize = 7;
-    /// Largest distance from one at which the series is exact to rounding.
-    const NEAR: f64 = 0.01;
-
-    pub(super) fn new(exponent: f64) -> Power {
-        Power {
-            exponent,
-            series: std::array::from_fn(|k| (exponent - k as f64) / (k + 1) as f64),
-        }
-    }
-
-    pub(super) fn of(&self, ratio: f64) -> f64 {
-        let past = ratio - 1.0;
-        if self.exponent == 0.0 {
-            1.0
-        } else if self.exponent == 1.0 {
-            ratio
-        } else if past.abs() < Power::NEAR {
-            self.series
-                .iter()
-                .rev()
-                .fold(1.0, |sum, coefficient| 1.0 + coefficient * past * sum)
-        } else {
-            ratio.powf(self.exponent)
-        }
-    }
-}
-
 impl Wrap for FrictionForm {
     fn reset(&mut self) {
         self.travel = BandedTravel::default();
@@ -314,18 +278,6 @@ mod tests {
         let each_n = 0.1 * 1000.0 * 0.1 * per_mm.iter().sum::<f64>() / 3.0;
         for pair in steps.windows(2) {
             assert!((pair[1] - pair[0] - each_n).abs() < 1e-9, "{steps:?}, {each_n}");
-        }
-    }
-
-    #[test]
-    fn a_power_of_a_ratio_near_one_is_exact_to_rounding() {
-        for exponent in [0.0, 0.07, 0.5, 0.93, 1.0] {
-            let power = Power::new(exponent);
-            for k in -400..=400 {
-                let ratio: f64 = 1.0 + 5e-5 * f64::from(k);
-                let off = power.of(ratio) / ratio.powf(exponent) - 1.0;
-                assert!(off.abs() < 4.0 * f64::EPSILON, "{ratio}^{exponent}: {off}");
-            }
         }
     }
 

@@ -14,8 +14,8 @@
 
 use std::sync::Arc;
 
-use super::friction_form::Power;
 use super::motion::BandedTravel;
+use super::power::Power;
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, friction_form, pressing_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 

@@ -18,6 +18,7 @@ pub(crate) mod law;
 pub(crate) mod lift_off;
 pub(crate) mod load_dependent_friction;
 pub(crate) mod motion;
+mod power;
 pub(crate) mod presliding;
 pub(crate) mod progressive_stiffness;
 pub(crate) mod rate_independent_friction;

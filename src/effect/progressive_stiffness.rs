@@ -11,6 +11,7 @@
 //! A power above 1 is a contact that grows, as of a leaf that rolls onto the next or a rubber stop. Range: up to two knees; of the
 //! friction of a model itself, which is inside, the gain changes nothing.
 
+use super::power::power_of;
 use super::{Axis, Branch, Effect, Kink, LookAlike, Place, Stage, Wrap, with_more_load, wrapped};
 use crate::model::{Parameter, Plant};
 
@@ -296,7 +297,7 @@ impl Wrap for ProgressiveStiffness {
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let engaged_mm = self.engaged_mm(displacement_mm - self.knee_mm);
         self.extra_n =
-            self.extra_rate_n_per_mm * REFERENCE_MM * (engaged_mm / REFERENCE_MM).powf(self.exponent);
+            self.extra_rate_n_per_mm * REFERENCE_MM * power_of(engaged_mm / REFERENCE_MM, self.exponent);
         if let Some([rate_n_per_mm, knee_mm]) = self.further {
             self.extra_n += rate_n_per_mm * self.engaged_mm(displacement_mm - knee_mm);
         }

@@ -14,6 +14,7 @@
 //! starts again with each recording.
 
 use super::motion::{BandedTravel, Drag, Reversals};
+use super::power::power_of;
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, load_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
@@ -179,13 +180,13 @@ impl Stroke {
     /// Cycles so far, with the stroke that has begun. At power 0 the count rises only at the reversals. From power 1 on it rises along the
     /// stroke. Between them, it rises in part along the stroke and in part at its end.
     fn cycles_so_far(&self, power: f64) -> f64 {
-        let along = 0.5 * (self.length_mm / REFERENCE_STROKE_MM).powf(power);
+        let along = 0.5 * power_of(self.length_mm / REFERENCE_STROKE_MM, power);
         self.cycles + power.clamp(0.0, 1.0) * along
     }
 
     /// Counts the stroke that ends as half a cycle, by its length.
     fn end(&mut self, power: f64) {
-        self.cycles += 0.5 * (self.length_mm / REFERENCE_STROKE_MM).powf(power);
+        self.cycles += 0.5 * power_of(self.length_mm / REFERENCE_STROKE_MM, power);
         self.length_mm = 0.0;
     }
 }
@@ -238,7 +239,7 @@ impl Wrap for RunIn {
         self.stroke.length_mm += self.stroke.travel.advance(displacement_mm).abs();
         if reversed || self.stroke_power > 0.0 {
             let cycles = self.stroke.cycles_so_far(self.stroke_power);
-            let done = -(-(cycles / self.cycles).powf(self.power)).exp_m1();
+            let done = -(-power_of(cycles / self.cycles, self.power)).exp_m1();
             self.done = (self.reversals.count, done);
         }
         let carried_n = load_n(&**inside, force_n);

@@ -10,6 +10,7 @@
 //! Range: sliding; stick-slip is not included, because it depends on the compliance of the rig.
 
 use super::motion::{Drag, Rates};
+use super::power::power_of;
 use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, pressing_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
@@ -115,7 +116,7 @@ impl Wrap for Stribeck {
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         let force_n = inside.step(displacement_mm, dt_s);
         self.rates.step(displacement_mm, dt_s);
-        let fading = (-(self.rates.velocity_mm_s.abs() / self.fading_mm_s).powf(self.exponent)).exp();
+        let fading = (-power_of(self.rates.velocity_mm_s.abs() / self.fading_mm_s, self.exponent)).exp();
         force_n + pressing_n(&**inside, force_n) * self.ratio * self.drag.step(displacement_mm) * fading
     }
 }

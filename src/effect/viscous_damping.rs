@@ -10,6 +10,7 @@
 //! hardly any damping (Kadziela et al. 2015, Fig. 12: loops at 2.5 Hz and 1 Hz are alike).
 
 use super::motion::Rates;
+use super::power::power_of;
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
@@ -98,7 +99,7 @@ impl Wrap for ViscousDamping {
     fn step(&mut self, inside: &mut Box<dyn Plant>, displacement_mm: f64, dt_s: f64) -> f64 {
         self.rates.step(displacement_mm, dt_s);
         let speeds = self.rates.velocity_mm_s / REFERENCE_MM_S;
-        let grown = speeds.signum() * speeds.abs().powf(self.exponent);
+        let grown = speeds.signum() * power_of(speeds.abs(), self.exponent);
         inside.step(displacement_mm, dt_s) + self.damping_n_s_per_mm * REFERENCE_MM_S * grown
     }
 }

@@ -9,19 +9,19 @@
 //!
 //! | file | what it does |
 //! |---|---|
-//! | `beside` | the physics beside which offsets are fitted; zeros that are seen where no model fits yet |
+//! | `found_by` | looks for offsets: beside friction laws, then in the mean curves |
 //! | `mean_curves` | the curve of the spring as each recording shows it, without a model |
 //! | `offsets` | the offsets of a recording, and their kinds |
 //! | `offset_fit` | fits the baseline with offsets, and leaves out those that bring too little |
 //! | `shift` | takes offsets out of data and recordings |
 
-mod beside;
+mod found_by;
 mod mean_curves;
 mod offset_fit;
 mod offsets;
 mod shift;
 
-pub(super) use beside::offsets_of_recordings;
+pub(super) use found_by::offsets_of_recordings;
 pub(super) use shift::{corrected, without_zero};
 
 use offset_fit::OffsetFit;
@@ -129,11 +129,7 @@ pub(super) fn common_zero_mm(run: &RunSettings, setup: &Setup, data: &Data, node
 /// Displacement in mm at which the straight line through all points has no force, if the line has a negative force at zero and all
 /// points lie above.
 fn crossing_mm(data: &Data) -> Option<f64> {
-    let x: Vec<f64> = data
-        .tracks
-        .iter()
-        .flat_map(|t| t.displacement_mm.clone())
-        .collect();
+    let x = displacement_mm(data);
     let used: Vec<usize> = (0..data.len()).filter(|&i| data.weight[i] > 0.0).collect();
     let mean = |of: &[f64]| used.iter().map(|&i| of[i]).sum::<f64>() / used.len().max(1) as f64;
     let (mean_mm, mean_n) = (mean(&x), mean(&data.force_n));
@@ -146,6 +142,12 @@ fn crossing_mm(data: &Data) -> Option<f64> {
     // Below it the pusher would have been off the spring: that is lift-off, which is physics.
     let lowest_mm = used.iter().map(|&i| x[i]).fold(f64::INFINITY, f64::min);
     (along > 0.0 && crossing_mm > 0.0 && lowest_mm > crossing_mm).then_some(crossing_mm)
+}
+
+/// The displacement of all points in mm.
+fn displacement_mm(data: &Data) -> Vec<f64> {
+    let tracks = data.tracks.iter();
+    tracks.flat_map(|t| t.displacement_mm.clone()).collect()
 }
 
 /// The note on a zero that all recordings share.

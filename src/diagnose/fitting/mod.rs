@@ -86,12 +86,12 @@ pub(in crate::diagnose) fn fitted_input(
     }
     let recordings = if zero_mm.is_some() { &shifted } else { recordings };
     let found = file_offsets::offsets_of_recordings(&run, setup, &data, &first);
-    if let Some((mut found, beside)) = found {
+    if let Some((mut found, found_by)) = found {
         for _ in 0..2 {
             let corrected = file_offsets::corrected(recordings, &found.offsets);
             (data, run) = again(&corrected)?;
             first = first_fit(setup, &mut data, &run)?;
-            beside.refine(&run.context(setup, &data), &first, &mut found);
+            found_by.refine(&run.context(setup, &data), &first, &mut found);
         }
         for (recording, offset) in recordings.iter().zip(&found.offsets) {
             data.add_notes(file_offsets::notes(&recording.name, offset));

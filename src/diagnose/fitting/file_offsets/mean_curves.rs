@@ -31,16 +31,19 @@ pub(super) struct MeanCurves {
 impl MeanCurves {
     /// The curves of a force in N at the points of the data.
     pub(super) fn of(data: &Data, force_n: &[f64]) -> MeanCurves {
-        let all = data.tracks.iter().flat_map(|t| &t.displacement_mm);
-        let low_mm = all.clone().copied().fold(f64::INFINITY, f64::min);
-        let high_mm = all.copied().fold(f64::NEG_INFINITY, f64::max);
+        let of_all: Vec<[f64; 2]> = data.tracks.iter().map(ends_mm).collect();
+        let low_mm = of_all.iter().map(|e| e[0]).fold(f64::INFINITY, f64::min);
+        let high_mm = of_all.iter().map(|e| e[1]).fold(f64::NEG_INFINITY, f64::max);
         let step_mm = (high_mm - low_mm) / PLACES as f64;
         let mut from = 0;
         let curve = |track: &Track| {
             let mut points = vec![[Vec::new(), Vec::new()]; PLACES];
+            let [lowest_mm, highest_mm] = ends_mm(track);
             for i in 0..track.len() {
-                let [lower_mm, upper_mm] = track.motion[i].reach_mm;
-                let reversed = track.since_reversal_mm[i] > REVERSED * (upper_mm - lower_mm);
+                // The first stroke has no turning point before it.
+                let [from_mm, to_mm] = track.motion[i].reach_mm;
+                let stroke_mm = to_mm.min(highest_mm) - from_mm.max(lowest_mm);
+                let reversed = track.since_reversal_mm[i] > REVERSED * stroke_mm;
                 if data.weight[from + i] > 0.0 && reversed {
                     let steps = (track.displacement_mm[i] - low_mm) / step_mm;
                     let place = (steps as usize).min(PLACES - 1);
@@ -127,6 +130,14 @@ impl MeanCurves {
     }
 }
 
+/// Smallest and largest displacement in mm.
+fn ends_mm(track: &Track) -> [f64; 2] {
+    let x = track.displacement_mm.iter();
+    x.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| {
+        [low.min(*x), high.max(*x)]
+    })
+}
+
 /// Force in N in the middle of a place, from its points: distance from the middle in steps, force in N. `rate` in N per step is the mean
 /// slope of the recording, for points that lie too close together to show one.
 fn level(points: &[[f64; 2]], rate: f64) -> Option<f64> {
@@ -143,4 +154,66 @@ fn level(points: &[[f64; 2]], rate: f64) -> Option<f64> {
         rate
     };
     Some(n - slope * x)
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::super::offsets::OffsetKind::{Displacement, Force};
+    use super::*;
+    use crate::diagnose::fitting::sampled;
+
+    /// Three recordings of a spring of 60 + 2 x N/mm with friction of 10 % of the force, each with a zero of the displacement in mm and of
+    /// the force in N.
+    pub(in super::super) fn three(zeros: [[f64; 2]; 3]) -> Data {
+        let (one, _) = sampled(0.005, 20.0, |_, _| 0.0);
+        let mut data = one.clone();
+        (data.tracks, data.force_n) = (Vec::new(), Vec::new());
+        data.weight = one.weight.repeat(3);
+        for [zero_mm, zero_n] in zeros {
+            let mut track = one.tracks[0].clone();
+            for i in 0..track.len() {
+                let x = track.displacement_mm[i];
+                let spring_n = 60.0 * x + x * x;
+                track.force_n[i] = spring_n * (1.0 + 0.1 * track.direction[i]) + zero_n;
+                track.displacement_mm[i] += zero_mm;
+                for reach_mm in &mut track.motion[i].reach_mm {
+                    *reach_mm += zero_mm;
+                }
+            }
+            data.force_n.extend(&track.force_n);
+            data.tracks.push(track);
+        }
+        data
+    }
+
+    #[test]
+    fn curves_of_one_spring_agree_whatever_its_friction() {
+        let data = three([[0.0; 2]; 3]);
+        let apart_n = MeanCurves::of(&data, &data.force_n).disagreement_n().unwrap();
+        assert!(apart_n < 1e-9, "{apart_n}");
+    }
+
+    #[test]
+    fn a_zero_of_the_force_is_seen_exactly() {
+        let data = three([[0.0, 0.0], [0.0, 25.0], [0.0, -8.0]]);
+        let zeros = MeanCurves::of(&data, &data.force_n).zeros(Force).unwrap();
+        for (found, truth) in zeros.iter().zip([0.0, 25.0, -8.0]) {
+            assert!((found - truth).abs() < 0.01, "{zeros:?}");
+        }
+    }
+
+    #[test]
+    fn a_zero_of_the_displacement_is_seen_to_first_order() {
+        let data = three([[0.0, 0.0], [0.3, 0.0], [-0.1, 0.0]]);
+        let zeros = MeanCurves::of(&data, &data.force_n).zeros(Displacement).unwrap();
+        for (found, truth) in zeros.iter().zip([0.0, 0.3, -0.1]) {
+            assert!((found - truth).abs() <= 0.1 * truth.abs(), "{zeros:?}");
+        }
+    }
+
+    #[test]
+    fn recordings_that_hardly_overlap_say_nothing() {
+        let data = three([[0.0, 0.0], [30.0, 0.0], [60.0, 0.0]]);
+        assert_eq!(MeanCurves::of(&data, &data.force_n).disagreement_n(), None);
+    }
 }
