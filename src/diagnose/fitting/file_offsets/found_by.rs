@@ -20,8 +20,11 @@ use crate::diagnose::fitting::node::Node;
 const LEAST_SHARE: f64 = 3e-3;
 const MOST_LEFT: f64 = 0.05;
 /// Zeros of one channel that leave this many times the power that those of the other do, with the linearity of the load cell added to
-/// both, are the wrong kind. If neither leaves as much, what the model leaves decides.
+/// both, are the wrong kind. If neither leaves as much, what models leave decides.
 const WORSE_KIND: f64 = 4.0;
+/// A best fit that leaves less by this factor is clearly better. Of 21 sets of recordings with zeros of the displacement, 19 had the better
+/// best fit with those; the other two were within 4 %. At half (1.05) nothing changes, at double (1.2) one gets the wrong channel.
+const CLEARLY: f64 = 1.1;
 /// Steps to the zeros, each to first order.
 const STEPS: usize = 4;
 
@@ -91,18 +94,37 @@ fn seen_in_mean_curves(run: &RunSettings, setup: &Setup, data: &Data, first: &No
     if aligning.is_empty() || physics_aligns(&run.context(setup, data), first) {
         return None;
     }
-    let fitted = aligning.into_iter().filter_map(|zeros| {
+    let beside = |zeros: Aligning| {
         let without = shifted(data, &zeros.offsets);
         let context = run.context(setup, &without);
         let (first, _) = context.converged(first)?;
-        let costs = explanations(&context, &first).into_iter().map(|node| node.cost());
-        Some(OffsetFit::of_zeros(
-            zeros.kind,
-            zeros.offsets,
-            costs.min_by(f64::total_cmp)?,
-        ))
-    });
-    fitted.min_by(|a, b| a.cost.total_cmp(&b.cost))
+        Some((zeros, explanations(&context, &first)))
+    };
+    let better = |a: (Aligning, Vec<Node>), b: (Aligning, Vec<Node>)| {
+        if fit_better(&a.1, &b.1) { a } else { b }
+    };
+    let (zeros, nodes) = aligning.into_iter().filter_map(beside).reduce(better)?;
+    let costs = nodes.iter().map(Node::cost);
+    Some(OffsetFit::of_zeros(
+        zeros.kind,
+        zeros.offsets,
+        costs.min_by(f64::total_cmp)?,
+    ))
+}
+
+/// True if the first fits are the better ones: by the best of them, if it is clearly better, else by most sets of effects. One fit alone
+/// may have ended in a poor minimum.
+fn fit_better(a: &[Node], b: &[Node]) -> bool {
+    let least = |of: &[Node]| of.iter().map(Node::cost).fold(f64::INFINITY, f64::min);
+    let ratio = least(b) / least(a);
+    if !(1.0 / CLEARLY..CLEARLY).contains(&ratio) {
+        return ratio > 1.0;
+    }
+    let vote = |a: &Node| {
+        let same = b.iter().find(|b| b.key(0) == a.key(0))?;
+        Some(if a.cost() < same.cost() { 1 } else { -1 })
+    };
+    a.iter().filter_map(vote).sum::<i32>() > 0
 }
 
 /// Zeros of one channel, one for each recording, that bring the mean curves together.
