@@ -212,7 +212,7 @@ pub(super) fn notes(name: &str, offset: &FileOffsets) -> Vec<Note> {
             "mm",
             NoteKind::Zero,
             "the zero of the displacement",
-            "do not move the LVDT between tests, or set its zero again",
+            "do not move the LVDT between tests, or set its zero again; if nothing was moved, the spring has set",
         ),
         (
             1e3 * offset.delay_s,
