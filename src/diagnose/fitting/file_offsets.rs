@@ -21,10 +21,10 @@ mod offset_fit;
 mod offsets;
 mod shift;
 
-pub(super) use found_by::offsets_of_recordings;
+pub(super) use found_by::{mean_curves_disagree, offsets_of_recordings, seen_in_mean_curves};
 pub(super) use shift::{corrected, without_zero};
 
-use offset_fit::OffsetFit;
+pub(super) use offset_fit::OffsetFit;
 use offset_fit::{GAIN_OF_EACH, OffsetsOf, fitted, fitted_in_all, sparse};
 use offsets::OffsetKind::{Delay, Displacement, Force};
 use offsets::{FileOffsets, OffsetKind};
@@ -39,6 +39,7 @@ use super::node::Node;
 use super::structure::ModelStructure;
 use crate::diagnose::course::Split;
 use crate::diagnose::note::{Note, NoteAction, NoteKind};
+use crate::recording::Recording;
 
 /// Mean square of the baseline's residuals, in units of the noise, from which offsets are looked for, and which they may leave.
 const LEAST_POWER: f64 = 1.3;
@@ -197,8 +198,15 @@ fn delays_differ(structure: &ModelStructure<'_>, node: &Node, fit: &OffsetFit) -
     same.is_none_or(|(same, _)| 0.5 * (same.cost() - fit.cost) > GAIN_OF_ALL + GAIN_OF_EACH * files)
 }
 
+/// Adds the notes on the offsets that were taken out of these recordings.
+pub(super) fn add_notes(data: &mut Data, recordings: &[Recording], found: &OffsetFit) {
+    for (recording, offset) in recordings.iter().zip(&found.offsets) {
+        data.add_notes(notes(&recording.name, offset));
+    }
+}
+
 /// Notes on the offsets of one recording that were taken out.
-pub(super) fn notes(name: &str, offset: &FileOffsets) -> Vec<Note> {
+fn notes(name: &str, offset: &FileOffsets) -> Vec<Note> {
     let sizes = [
         (
             offset.force_n,

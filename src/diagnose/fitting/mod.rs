@@ -52,9 +52,12 @@ pub(in crate::diagnose) use node::{Key, Node};
 pub(in crate::diagnose) use score::{Tangent, insert_group};
 pub(in crate::diagnose) use structure::ModelStructure;
 
+use file_offsets::OffsetFit;
+
 use crate::diagnose::conditioning::{Track, tracks};
 use crate::diagnose::error::{BaselineError, DiagnoseError};
 use crate::diagnose::options::DiagnoseOptions;
+use crate::model::equivalent;
 use crate::recording::Recording;
 
 /// The points of all tracks, with what every fit needs.
@@ -76,6 +79,14 @@ pub(in crate::diagnose) fn fitted_input(
 ) -> Result<(Data, RunSettings, Node), DiagnoseError> {
     let points = options.points_of_each(recordings.len());
     let again = |corrected: &[Recording]| input(tracks(corrected, points)?, options);
+    let mut aligned = Vec::new();
+    let zeros = zeros_under_a_slow_model(setup, &data, &run);
+    if let Some(zeros) = &zeros {
+        aligned = file_offsets::corrected(recordings, &zeros.offsets);
+        (data, run) = again(&aligned)?;
+        file_offsets::add_notes(&mut data, &aligned, zeros);
+    }
+    let recordings = if zeros.is_some() { &aligned } else { recordings };
     let mut first = first_fit(setup, &mut data, &run)?;
     let mut shifted = Vec::new();
     let zero_mm = file_offsets::common_zero_mm(&run, setup, &data, &first);
@@ -93,9 +104,7 @@ pub(in crate::diagnose) fn fitted_input(
             first = first_fit(setup, &mut data, &run)?;
             found_by.refine(&run.context(setup, &data), &first, &mut found);
         }
-        for (recording, offset) in recordings.iter().zip(&found.offsets) {
-            data.add_notes(file_offsets::notes(&recording.name, offset));
-        }
+        file_offsets::add_notes(&mut data, recordings, &found);
     }
     if let Some(zero_mm) = zero_mm {
         let notes = recordings
@@ -111,6 +120,19 @@ pub(in crate::diagnose) fn fitted_input(
     let notes = repeats::disagreements(&data);
     data.add_notes(notes);
     Ok((data, run, first))
+}
+
+/// Zeros of single recordings that are seen in their mean curves. A fast model does for that in place of a slow one: by what recordings
+/// disagree does not depend on the model.
+fn zeros_under_a_slow_model(setup: &Setup, data: &Data, run: &RunSettings) -> Option<OffsetFit> {
+    if !setup.model.slow || !file_offsets::mean_curves_disagree(data) {
+        return None;
+    }
+    let mut fast = Setup::new(&Baseline::of(&equivalent::MODEL)).ok()?;
+    fast.cancel = setup.cancel.clone();
+    let mut data = data.clone();
+    let first = first_fit(&mut fast, &mut data, run).ok()?;
+    file_offsets::seen_in_mean_curves(run, &fast, &data, &first)
 }
 
 /// Fits the baseline, then removes mains hum and sets the weights by what the fit leaves.

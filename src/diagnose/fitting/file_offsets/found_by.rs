@@ -72,6 +72,9 @@ pub(in crate::diagnose::fitting) fn offsets_of_recordings(
             return None;
         }
     }
+    if setup.model.slow {
+        return None;
+    }
     let seen = seen_in_mean_curves(run, setup, data, first)?;
     Some((seen, FoundBy::MeanCurves))
 }
@@ -86,10 +89,12 @@ fn with_law(context: &FitContext<'_>, first: &Node, law: Option<&Attached>) -> O
 
 /// Zeros on one channel that bring the mean curves of the recordings together, unless physics does. What the model cannot follow beside
 /// them does not matter here: all recordings show it alike.
-fn seen_in_mean_curves(run: &RunSettings, setup: &Setup, data: &Data, first: &Node) -> Option<OffsetFit> {
-    if setup.model.slow {
-        return None;
-    }
+pub(in crate::diagnose::fitting) fn seen_in_mean_curves(
+    run: &RunSettings,
+    setup: &Setup,
+    data: &Data,
+    first: &Node,
+) -> Option<OffsetFit> {
     let aligning = aligning(data);
     if aligning.is_empty() || physics_aligns(&run.context(setup, data), first) {
         return None;
@@ -125,6 +130,11 @@ fn fit_better(a: &[Node], b: &[Node]) -> bool {
         Some(if a.cost() < same.cost() { 1 } else { -1 })
     };
     a.iter().filter_map(vote).sum::<i32>() > 0
+}
+
+/// True if there may be zeros of recordings to look for in their mean curves.
+pub(in crate::diagnose::fitting) fn mean_curves_disagree(data: &Data) -> bool {
+    !aligning(data).is_empty()
 }
 
 /// Zeros of one channel, one for each recording, that bring the mean curves together.
