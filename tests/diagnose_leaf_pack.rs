@@ -84,19 +84,19 @@ fn judge(
     let mut real = bench.clone();
     truth.conceal(&mut real);
     let recordings: Vec<Recording> = profiles.iter().map(|p| recorded(&real, p, samples)).collect();
+    let (diagnosis, took_s) = diagnosed(bench, &recordings);
+    (diagnosis, recordings, took_s)
+}
+
+/// Diagnoses recordings with the baseline of the bench file. Also returns the duration in s.
+fn diagnosed(bench: &Bench, recordings: &[Recording]) -> (Diagnosis, f64) {
     let mut baseline = Baseline::of(crate::model::find("leaf-pack").expect("listed"));
     baseline.structure = bench.model.structure.clone();
     baseline.start = Some(bench.model.values().expect("shipped"));
     let begun = Instant::now();
-    let diagnosis = diagnose(
-        &recordings,
-        &baseline,
-        &DiagnoseOptions::default(),
-        &mut |_, _| {},
-    )
-    .expect("diagnosed");
-    let took_s = begun.elapsed().as_secs_f64();
-    (diagnosis, recordings, took_s)
+    let diagnosis =
+        diagnose(recordings, &baseline, &DiagnoseOptions::default(), &mut |_, _| {}).expect("diagnosed");
+    (diagnosis, begun.elapsed().as_secs_f64())
 }
 
 fn codes(diagnosis: &Diagnosis) -> Vec<&str> {
@@ -199,6 +199,31 @@ fn the_missing_effect_of_a_pack_is_named() {
         let found = &diagnosis.effects[0].parameters[0];
         assert!((found.value / truth.effect[0].1 - 1.0).abs() < 0.07, "{found:?}");
         explained(&diagnosis);
+    }
+}
+
+/// What differs between recordings is seen without a model, so a slow one does not hide it.
+#[test]
+fn an_lvdt_zero_of_each_recording_of_a_pack_is_taken_out() {
+    const ZEROS_MM: [f64; 3] = [0.0, 0.4, -0.25];
+    let (bench, [_, fast]) = small();
+    let profiles = [ramps(22.0, 2.0), fast, sine("slow", 10.0, 1.0, 6)];
+    let mut recordings: Vec<Recording> = profiles.iter().map(|p| recorded(&bench, p, 900)).collect();
+    for ((recording, zero_mm), name) in recordings.iter_mut().zip(ZEROS_MM).zip(["ramps", "fast", "slow"]) {
+        recording.name = name.to_owned();
+        recording.displacement_mm.iter_mut().for_each(|x| *x += zero_mm);
+    }
+    let (diagnosis, _) = diagnosed(&bench, &recordings);
+    assert_eq!(diagnosis.verdict, Verdict::Adequate, "{}", diagnosis.summary);
+    let taken_out_mm = |name: &str| {
+        let mut of_recording = diagnosis.notes.iter().filter(|n| n.recording == name);
+        of_recording
+            .find(|n| n.kind.word() == "zero")
+            .map_or(0.0, |n| n.size.value)
+    };
+    let found_mm = ["ramps", "fast", "slow"].map(taken_out_mm);
+    for (found, truth) in found_mm.iter().zip(ZEROS_MM) {
+        assert!((found - found_mm[0] - truth).abs() < 0.03, "{found_mm:?}");
     }
 }
 
