@@ -1,11 +1,12 @@
 //! What differs between recordings of one specimen and is no physics: a zero of the force, a zero of the displacement, a delay
 //! between the channels, each its own in every recording. Another tare, an LVDT that was moved, clocks that started at other times.
 //!
-//! They are taken as real only if they explain nearly all that the baseline leaves above the noise, and no more kinds of them are used
-//! than that needs. Then each offset that brings too little is left out. A recording has a zero of its own on one channel at most: a zero
-//! of the force and one of the displacement together can move it along the line of the spring, where little changes, and then take up
-//! the error of the model. Instruments are the cheaper explanation and the cheaper check, so they win against physics. A delay that is
-//! the same in all recordings is left to the candidates.
+//! They are taken as real if they explain nearly all that the baseline leaves above the noise, and no more kinds of them are used than that
+//! needs. Each offset that brings too little is left out. If no offsets explain so much, zeros that bring the mean curves of the recordings
+//! together are taken as real. A recording has a zero of its own on one channel at most: a zero of the force and one of the displacement
+//! together can move it along the line of the spring, where little changes, and then take up the error of the model. Instruments are the
+//! cheaper explanation and the cheaper check, so they win against physics. A delay that is the same in all recordings is left to the
+//! candidates.
 //!
 //! | file | what it does |
 //! |---|---|
@@ -21,7 +22,7 @@ mod offset_fit;
 mod offsets;
 mod shift;
 
-pub(super) use found_by::{mean_curves_disagree, offsets_of_recordings, seen_in_mean_curves};
+pub(super) use found_by::{FoundBy, mean_curves_disagree, offsets_of_recordings, seen_in_mean_curves};
 pub(super) use shift::{corrected, without_zero};
 
 pub(super) use offset_fit::OffsetFit;
@@ -220,7 +221,7 @@ fn notes(name: &str, offset: &FileOffsets) -> Vec<Note> {
             "mm",
             NoteKind::Zero,
             "the zero of the displacement",
-            "do not move the LVDT between tests, or set its zero again; if nothing was moved, the spring has set",
+            "do not move the LVDT between tests, or set its zero again; if nothing was moved, the spring has taken a set",
         ),
         (
             1e3 * offset.delay_s,

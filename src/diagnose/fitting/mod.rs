@@ -52,7 +52,7 @@ pub(in crate::diagnose) use node::{Key, Node};
 pub(in crate::diagnose) use score::{Tangent, insert_group};
 pub(in crate::diagnose) use structure::ModelStructure;
 
-use file_offsets::OffsetFit;
+use file_offsets::{FoundBy, OffsetFit};
 
 use crate::diagnose::conditioning::{Track, tracks};
 use crate::diagnose::error::{BaselineError, DiagnoseError};
@@ -79,14 +79,6 @@ pub(in crate::diagnose) fn fitted_input(
 ) -> Result<(Data, RunSettings, Node), DiagnoseError> {
     let points = options.points_of_each(recordings.len());
     let again = |corrected: &[Recording]| input(tracks(corrected, points)?, options);
-    let mut aligned = Vec::new();
-    let zeros = zeros_under_a_slow_model(setup, &data, &run);
-    if let Some(zeros) = &zeros {
-        aligned = file_offsets::corrected(recordings, &zeros.offsets);
-        (data, run) = again(&aligned)?;
-        file_offsets::add_notes(&mut data, &aligned, zeros);
-    }
-    let recordings = if zeros.is_some() { &aligned } else { recordings };
     let mut first = first_fit(setup, &mut data, &run)?;
     let mut shifted = Vec::new();
     let zero_mm = file_offsets::common_zero_mm(&run, setup, &data, &first);
@@ -96,13 +88,16 @@ pub(in crate::diagnose) fn fitted_input(
         first = first_fit(setup, &mut data, &run)?;
     }
     let recordings = if zero_mm.is_some() { &shifted } else { recordings };
-    let found = file_offsets::offsets_of_recordings(&run, setup, &data, &first);
+    let found = file_offsets::offsets_of_recordings(&run, setup, &data, &first)
+        .or_else(|| zeros_under_a_slow_model(setup, &data, &run));
     if let Some((mut found, found_by)) = found {
         for _ in 0..2 {
             let corrected = file_offsets::corrected(recordings, &found.offsets);
             (data, run) = again(&corrected)?;
             first = first_fit(setup, &mut data, &run)?;
-            found_by.refine(&run.context(setup, &data), &first, &mut found);
+            if !found_by.refine(&run.context(setup, &data), &first, &mut found) {
+                break;
+            }
         }
         file_offsets::add_notes(&mut data, recordings, &found);
     }
@@ -122,9 +117,9 @@ pub(in crate::diagnose) fn fitted_input(
     Ok((data, run, first))
 }
 
-/// Zeros of single recordings that are seen in their mean curves. A fast model does for that in place of a slow one: by what recordings
-/// disagree does not depend on the model.
-fn zeros_under_a_slow_model(setup: &Setup, data: &Data, run: &RunSettings) -> Option<OffsetFit> {
+/// Zeros of single recordings that are seen in their mean curves, with a fast model in place of a slow one. How the recordings differ from
+/// each other does not depend on the model.
+fn zeros_under_a_slow_model(setup: &Setup, data: &Data, run: &RunSettings) -> Option<(OffsetFit, FoundBy)> {
     if !setup.model.slow || !file_offsets::mean_curves_disagree(data) {
         return None;
     }
@@ -132,7 +127,8 @@ fn zeros_under_a_slow_model(setup: &Setup, data: &Data, run: &RunSettings) -> Op
     fast.cancel = setup.cancel.clone();
     let mut data = data.clone();
     let first = first_fit(&mut fast, &mut data, run).ok()?;
-    file_offsets::seen_in_mean_curves(run, &fast, &data, &first)
+    let zeros = file_offsets::seen_in_mean_curves(run, &fast, &data, &first)?;
+    Some((zeros, FoundBy::MeanCurves))
 }
 
 /// Fits the baseline, then removes mains hum and sets the weights by what the fit leaves.

@@ -17,7 +17,7 @@ const LEAST_POINTS: usize = 3;
 const LEAST_SHARED: usize = 6;
 /// Share of a stroke after which friction has reversed.
 const REVERSED: f64 = 0.3;
-/// Standard deviation of the displacements at a place, in steps, from which its points show a slope of their own.
+/// From this spread of the displacements at a place on (standard deviation, in steps), a slope is fitted to its points.
 const SPREAD: f64 = 0.1;
 
 /// The mean curves of all recordings.
@@ -64,14 +64,14 @@ impl MeanCurves {
         }
     }
 
-    /// Mean of the recordings that show a place, with their number; `None` where fewer than two do.
+    /// Mean force in N at a place over the recordings that reach it, and their number; `None` for fewer than two.
     fn common(&self, place: usize) -> Option<(f64, f64)> {
         let shown: Vec<f64> = self.of_each.iter().filter_map(|curve| curve[place]).collect();
         let count = shown.len() as f64;
         (shown.len() > 1).then(|| (shown.iter().sum::<f64>() / count, count))
     }
 
-    /// RMS distance in N of the curves from what they have in common, where they overlap; `None` if they hardly do.
+    /// RMS in N by which the curves differ from their mean where they overlap; `None` if they overlap at too few places.
     pub(super) fn disagreement_n(&self) -> Option<f64> {
         let shared: Vec<(usize, f64)> = (0..PLACES)
             .filter_map(|place| Some((place, self.common(place)?.0)))
@@ -86,7 +86,7 @@ impl MeanCurves {
         (shared.len() >= LEAST_SHARED).then(|| (apart.iter().sum::<f64>() / apart.len() as f64).sqrt())
     }
 
-    /// Slope in N/mm of what the curves have in common, at each place; the nearest place with neighbours on both sides counts.
+    /// Slope in N/mm of the mean of the curves at each place, taken from the nearest place with neighbours on both sides.
     fn slopes(&self) -> Vec<f64> {
         let common: Vec<Option<f64>> = (0..PLACES).map(|k| Some(self.common(k)?.0)).collect();
         let own: Vec<(usize, f64)> = (1..PLACES - 1)
@@ -96,8 +96,8 @@ impl MeanCurves {
         (0..PLACES).map(|k| nearest(k).map_or(0.0, |s| s.1)).collect()
     }
 
-    /// What each recording reads too much on a channel, in N or mm, by least squares to first order. Most recordings have a right zero,
-    /// so the median is zero.
+    /// What each recording reads too much on a channel, in N or mm, by least squares to first order. The zeros are relative to their
+    /// median: a zero that all recordings share is not seen.
     pub(super) fn zeros(&self, kind: OffsetKind) -> Option<Vec<f64>> {
         let slopes = self.slopes();
         let files = self.of_each.len();
@@ -119,7 +119,7 @@ impl MeanCurves {
                 }
             }
         }
-        // What all recordings share is not seen; neither is the zero of one that overlaps with none.
+        // Without the ridge the matrix is singular: a zero that all recordings share is not seen, nor that of one that overlaps with none.
         let ridge = 1e-6 * normal.diagonal().amax();
         for file in 0..files {
             normal[(file, file)] += ridge;
