@@ -160,6 +160,8 @@ pub(crate) struct Kink {
     pub axis: Axis,
     /// Distance from a corner at which it is over, on its axis; `None` where the force goes on as a curve.
     pub reach: fn(&[f64]) -> Option<f64>,
+    /// Rate that begins at it, N/mm; 0 where none does.
+    pub added_n_per_mm: fn(&[f64]) -> f64,
 }
 
 impl Kink {
@@ -169,6 +171,7 @@ impl Kink {
             position,
             axis,
             reach: |_| None,
+            added_n_per_mm: |_| 0.0,
         }
     }
 }

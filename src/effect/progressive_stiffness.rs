@@ -56,9 +56,14 @@ const NO_CORNER: f64 = 1.1;
 /// At twice the width from a knee, the rate has all but 5 % of its turn behind it or ahead.
 const KNEE: Kink = Kink {
     reach: |v| (v[3] < NO_CORNER).then_some(2.0 * v[2]),
+    added_n_per_mm: |v| v[0],
     ..Kink::of(1, Axis::DisplacementMm)
 };
-const SECOND_KNEE: Kink = Kink { position: 6, ..KNEE };
+const SECOND_KNEE: Kink = Kink {
+    position: 6,
+    added_n_per_mm: |v| v[5],
+    ..KNEE
+};
 
 /// The entry of [`super::EFFECTS`], with two knees of any width. A search begins with one ([`super::SIMPLEST_LAWS`]) and adds further ones where they
 /// explain more ([`super::GROWN_LAWS`]).

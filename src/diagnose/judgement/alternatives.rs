@@ -5,7 +5,7 @@ use crate::diagnose::course::Split;
 use crate::diagnose::diagnosis::Alternative;
 use crate::diagnose::fitting::{FitContext, Key, Node, Tangent};
 use crate::diagnose::search::{
-    SearchResult, kinks_are_recorded, left_as_it_is, penalty, refit_rivals, rest, without,
+    SearchResult, knee_is_plausible, left_as_it_is, penalty, refit_rivals, rest, without,
 };
 use crate::effect::{Effect, GROWN_LAWS};
 
@@ -105,17 +105,19 @@ pub(in crate::diagnose) fn distinguishable_lack(rival: &Node, loss: f64, distinc
 }
 
 /// The set to name instead of the chosen one, if the chosen one needs a parameter at a bound outside its plausible range to fit as well
-/// as a rival that does not; `None` if the chosen one may stay.
+/// as a rival that does not, or a knee that the specimen cannot have; `None` if the chosen one may stay.
 pub(super) fn more_plausible(
     context: &FitContext<'_>,
     search: &SearchResult,
     judged: &[JudgedEffect],
 ) -> Option<usize> {
-    if !at_implausible_bound(&search.nodes[search.chosen]) {
-        return None;
-    }
-    best_rival(judged, |r| {
-        r.lack < LEAST_LACK && may_be_named(context, &search.nodes[r.node])
+    let chosen = &search.nodes[search.chosen];
+    let at_a_bound = at_implausible_bound(chosen);
+    best_rival(judged, |j, r| {
+        let fits_as_well =
+            || at_a_bound && r.lack < LEAST_LACK && may_be_named(context, &search.nodes[r.node]);
+        // A rival that is not distinguished, however free its law is.
+        !knee_is_plausible(context, chosen, j.place) || fits_as_well()
     })
 }
 
@@ -125,7 +127,7 @@ pub(super) fn better_law(
     search: &SearchResult,
     judged: &[JudgedEffect],
 ) -> Option<usize> {
-    best_rival(judged, |r| {
+    best_rival(judged, |_, r| {
         let mut attached = search.nodes[r.node].attached.iter();
         let law = attached.rfind(|a| a.effect.code == r.code);
         r.lack < -BETTER_LAW && law.is_some_and(|a| !begins_a_search(context, a.effect))
@@ -133,12 +135,15 @@ pub(super) fn better_law(
 }
 
 /// The set of the closest rival that `may_replace` accepts. A rival with a parameter at an implausible bound is left out.
-fn best_rival(judged: &[JudgedEffect], may_replace: impl Fn(&RivalSet) -> bool) -> Option<usize> {
-    let rivals = judged.iter().flat_map(|j| &j.rivals);
+fn best_rival(
+    judged: &[JudgedEffect],
+    may_replace: impl Fn(&JudgedEffect, &RivalSet) -> bool,
+) -> Option<usize> {
+    let rivals = judged.iter().flat_map(|j| j.rivals.iter().map(move |r| (j, r)));
     rivals
-        .filter(|r| !r.strained && may_replace(r))
-        .min_by(|a, b| a.lack.total_cmp(&b.lack))
-        .map(|r| r.node)
+        .filter(|(j, r)| !r.strained && may_replace(j, r))
+        .min_by(|a, b| a.1.lack.total_cmp(&b.1.lack))
+        .map(|(_, r)| r.node)
 }
 
 /// True if a search may name every missing effect of a set: none of them is a law that is only tried as a rival.
@@ -152,6 +157,11 @@ fn begins_a_search(context: &FitContext<'_>, law: &Effect) -> bool {
     let candidates = context.setup.candidates.iter();
     let mut laws = candidates.map(|c| c.effect).chain(GROWN_LAWS);
     laws.any(|known| std::ptr::eq(known, law))
+}
+
+/// True if the specimen may have every knee of the missing effects.
+fn has_plausible_knees(context: &FitContext<'_>, node: &Node) -> bool {
+    (context.setup.extras.len()..node.attached.len()).all(|place| knee_is_plausible(context, node, place))
 }
 
 /// True if a parameter of a missing effect is at a bound outside its plausible range.
@@ -312,7 +322,7 @@ fn best_replacements(
             return None;
         };
         let replaces = other != code && node.attached.len() == base.len() + extras + 1;
-        (replaces && kinks_are_recorded(context, node)).then(|| RivalSet {
+        (replaces && has_plausible_knees(context, node)).then(|| RivalSet {
             code: other,
             node: i,
             lack: search.likelihood.gain(node.cost() - chosen.cost()) + penalty(&node.attached[extras..])

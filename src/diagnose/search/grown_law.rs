@@ -1,7 +1,7 @@
 //! Laws that get further parameters during a search. The leaves of a pack touch one after the other. A law with one knee cannot follow
 //! that, and what it leaves looks like a compliance of the fixture.
 
-use super::backward_elimination::kinks_at_the_top;
+use super::knees::kinks_at_the_top;
 use super::lack_of_fit::LACK_POWER;
 use crate::diagnose::fitting::{
     Attached, FitContext, LikelihoodScale, Node, PARAMETER_PENALTY, PENALTY, Tangent,
