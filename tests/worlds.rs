@@ -224,6 +224,24 @@ fn a_joint_that_closes_and_a_soft_contact_are_named() {
     }
 }
 
+/// Cases that were looked at: contacts that close at 0.4, 0.4 and 0.9 mm, beside nothing, Stribeck friction and relaxation. A helper leaf
+/// was named for each, with 48 to 79 %, but below its knee the spring had 10 to 14 % of its rate, and there is no such spring.
+#[test]
+fn where_hardly_a_spring_is_left_below_a_knee_a_contact_closes() {
+    let cases: [(u64, usize, &[&str]); 3] = [
+        (2_102_910_507, 59, &["lift_off"]),
+        (2_102_910_507, 54, &["stribeck", "lift_off"]),
+        (1_427_208_227, 34, &["lift_off", "relaxation"]),
+    ];
+    for (seed, number, hidden) in cases {
+        let case = Case::draw(World::BoucWen, seed, number, None);
+        let found = examine(&case, &case.recordings, 0).expect("valid recordings");
+        let named: Vec<&str> = found.effects.iter().map(|e| e.code.as_str()).collect();
+        assert_eq!(named, hidden, "{seed} {number}: {}", found.summary);
+        found.improved.plant().expect("a model that can be built");
+    }
+}
+
 /// Friction that fades with the logarithm of the speed. What its law misses looked like a compliance of the fixture, which was named, too,
 /// with 30 %.
 #[test]
