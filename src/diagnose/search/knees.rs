@@ -10,7 +10,8 @@ const MOST_OF_AXIS: f64 = 0.85;
 const LEAST_AT_THE_TOP: f64 = 0.015;
 /// A leaf that touches adds at most this share of the rate above the knee: three times the rate below. What nearly begins to be a spring
 /// there was not in contact before. Of 158 knees that were named in cases that were looked at, those of leaves added up to 66 %, one beside a
-/// soft fixture 78 %; five contacts that close added 75 to 100 %. At half, a third of the leaves would be contacts; at double, no knee is.
+/// soft fixture 78 %; five contacts that close added 75 to 100 %. At half, more than a quarter of the leaves would be contacts; at double,
+/// no knee is.
 const MOST_OF_RATE: f64 = 0.75;
 
 /// True if every kink of the missing effects lies well within what was recorded.
