@@ -228,7 +228,7 @@ fn a_joint_that_closes_and_a_soft_contact_are_named() {
 /// was named for each, with 48 to 79 %, but below its knee the spring had 10 to 14 % of its rate, and there is no such spring.
 #[test]
 fn where_hardly_a_spring_is_left_below_a_knee_a_contact_closes() {
-    let cases: [(u64, usize, &[&str]); 3] = [
+    let cases: [(u64, u64, &[&str]); 3] = [
         (2_102_910_507, 59, &["lift_off"]),
         (2_102_910_507, 54, &["stribeck", "lift_off"]),
         (1_427_208_227, 34, &["lift_off", "relaxation"]),

@@ -74,6 +74,7 @@ pub(crate) const EFFECT: Effect = Effect {
         Some(parameters)
     },
     place: everywhere,
+    plausible: super::always,
     confusable_with: &[
         LookAlike {
             code: "load_dependent_friction",

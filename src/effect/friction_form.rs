@@ -108,6 +108,7 @@ pub(crate) const FORM: Effect = Effect {
         known.then(|| effect.parameters.to_vec())
     },
     place: everywhere,
+    plausible: super::always,
     confusable_with: &[
         LookAlike {
             code: "presliding",

@@ -124,6 +124,7 @@ pub(crate) const FORM: Effect = Effect {
     attach: |v, inside| wrapped(FrictionState::new(v), inside),
     if_known: friction_form::FORM.if_known,
     place: everywhere,
+    plausible: super::always,
     confusable_with: LOOK_ALIKES,
 };
 

@@ -59,6 +59,7 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     if_known: super::unchanged,
     place: everywhere,
+    plausible: super::always,
     confusable_with: &[
         LookAlike {
             code: "progressive_stiffness",

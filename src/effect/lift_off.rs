@@ -75,6 +75,7 @@ pub(crate) const EFFECT: Effect = Effect {
             branch: Branch::Both,
         })
     },
+    plausible: super::always,
     confusable_with: &[LookAlike {
         code: "geometric_stiffness",
         why: "near zero load, a lost contact curves the start of the characteristic",

@@ -68,6 +68,7 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     if_known: super::unchanged,
     place: everywhere,
+    plausible: super::always,
     confusable_with: &[LookAlike {
         code: "coulomb_friction",
         why: "at one mean load and a small amplitude, both widen the loop by the same force",

@@ -160,8 +160,6 @@ pub(crate) struct Kink {
     pub axis: Axis,
     /// Distance from a corner at which it is over, on its axis; `None` where the force goes on as a curve.
     pub reach: fn(&[f64]) -> Option<f64>,
-    /// Rate that begins at it, N/mm; 0 where none does.
-    pub added_n_per_mm: fn(&[f64]) -> f64,
 }
 
 impl Kink {
@@ -171,7 +169,6 @@ impl Kink {
             position,
             axis,
             reach: |_| None,
-            added_n_per_mm: |_| 0.0,
         }
     }
 }
@@ -179,6 +176,11 @@ impl Kink {
 /// For effects that a baseline gets with their usual bounds.
 pub(crate) fn unchanged(effect: &Effect, _knows: &Knows<'_>) -> Option<Vec<Parameter>> {
     Some(effect.parameters.to_vec())
+}
+
+/// For effects whose bounds are all that is known of their values.
+pub(crate) fn always(_values: &[f64], _span: &Span) -> bool {
+    true
 }
 
 /// One entry of [`EFFECTS`].
@@ -211,6 +213,8 @@ pub(crate) struct Effect {
     pub if_known: IfKnown,
     /// Where on the loop the effect acts; `None` if it acts everywhere.
     pub place: fn(values: &[f64], span: &Span) -> Option<Place>,
+    /// False for values that no specimen or rig has whose recordings cover `span`.
+    pub plausible: fn(values: &[f64], span: &Span) -> bool,
     pub confusable_with: &'static [LookAlike],
 }
 

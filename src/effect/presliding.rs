@@ -91,6 +91,7 @@ pub(crate) const EFFECT: Effect = Effect {
             branch: Branch::Both,
         })
     },
+    plausible: super::always,
     confusable_with: &[
         LookAlike {
             code: "backlash",

@@ -77,6 +77,7 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     if_known: |_, _| None,
     place: everywhere,
+    plausible: super::always,
     confusable_with: &[LookAlike {
         code: "stribeck",
         why: "both add friction in the slow ramp and none at high speed",

@@ -132,6 +132,7 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     if_known: super::unchanged,
     place: everywhere,
+    plausible: super::always,
     confusable_with: &[
         LookAlike {
             code: "sensor_drift",

@@ -77,6 +77,7 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     if_known: super::unchanged,
     place: everywhere,
+    plausible: super::always,
     confusable_with: &[LookAlike {
         code: "geometric_stiffness",
         why: "a channel that is not straight curves the characteristic as geometry does",

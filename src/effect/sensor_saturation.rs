@@ -49,6 +49,7 @@ pub(crate) const EFFECT: Effect = Effect {
             branch: Branch::Both,
         })
     },
+    plausible: super::always,
     confusable_with: &[LookAlike {
         code: "geometric_stiffness",
         why: "a clipped peak looks like a spring that softens",

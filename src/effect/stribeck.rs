@@ -79,6 +79,7 @@ pub(crate) const EFFECT: Effect = Effect {
             branch: Branch::Both,
         })
     },
+    plausible: super::always,
     confusable_with: &[
         LookAlike {
             code: "rate_independent_friction",

@@ -73,6 +73,7 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     if_known: super::unchanged,
     place: everywhere,
+    plausible: super::always,
     confusable_with: &[LookAlike {
         code: "channel_delay",
         why: "a delay of the force channel changes the force by delay times rate times speed, as damping does",

@@ -90,6 +90,7 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     if_known: super::unchanged,
     place: everywhere,
+    plausible: super::always,
     confusable_with: &[LookAlike {
         code: "run_in",
         why: "in one recording, a friction that changes with its heat also changes with the cycles",

@@ -5,7 +5,7 @@
 //! ```
 //! Source: put author, year and equation here. Range: small deflections, where the fixture is linear.
 
-use crate::effect::{Effect, LookAlike, Stage, Wrap, everywhere, unchanged, wrapped};
+use crate::effect::{Effect, LookAlike, Stage, Wrap, always, everywhere, unchanged, wrapped};
 use crate::model::{Parameter, Plant};
 
 /// The entry of [`EFFECTS`](crate::effect::EFFECTS).
@@ -31,6 +31,7 @@ pub(crate) const EFFECT: Effect = Effect {
     attach: |v, inside| wrapped(FixtureStiffness { rate_n_per_mm: v[0] }, inside),
     if_known: unchanged,
     place: everywhere,
+    plausible: always,
     confusable_with: &[LookAlike {
         code: "progressive_stiffness",
         why: "over a short travel both only raise the rate",

@@ -5,7 +5,7 @@ use crate::diagnose::course::Split;
 use crate::diagnose::diagnosis::Alternative;
 use crate::diagnose::fitting::{FitContext, Key, Node, Tangent};
 use crate::diagnose::search::{
-    SearchResult, knee_is_plausible, left_as_it_is, penalty, refit_rivals, rest, without,
+    SearchResult, kink_is_recorded, left_as_it_is, penalty, refit_rivals, rest, without,
 };
 use crate::effect::{Effect, GROWN_LAWS};
 
@@ -105,7 +105,7 @@ pub(in crate::diagnose) fn distinguishable_lack(rival: &Node, loss: f64, distinc
 }
 
 /// The set to name instead of the chosen one, if the chosen one needs a parameter at a bound outside its plausible range to fit as well
-/// as a rival that does not, or a knee that the specimen cannot have; `None` if the chosen one may stay.
+/// as a rival that does not, or an effect that is not plausible in the place of one that is; `None` if the chosen one may stay.
 pub(super) fn more_plausible(
     context: &FitContext<'_>,
     search: &SearchResult,
@@ -117,7 +117,7 @@ pub(super) fn more_plausible(
         let fits_as_well =
             || at_a_bound && r.lack < LEAST_LACK && may_be_named(context, &search.nodes[r.node]);
         // A rival that is not distinguished, however free its law is.
-        !knee_is_plausible(context, chosen, j.place) || fits_as_well()
+        !is_plausible(context, chosen, j.place) || fits_as_well()
     })
 }
 
@@ -159,9 +159,28 @@ fn begins_a_search(context: &FitContext<'_>, law: &Effect) -> bool {
     laws.any(|known| std::ptr::eq(known, law))
 }
 
-/// True if the specimen may have every knee of the missing effects.
-fn has_plausible_knees(context: &FitContext<'_>, node: &Node) -> bool {
-    (context.setup.extras.len()..node.attached.len()).all(|place| knee_is_plausible(context, node, place))
+/// True if every missing effect of a set is plausible.
+fn is_plausible_set(context: &FitContext<'_>, node: &Node) -> bool {
+    (context.setup.extras.len()..node.attached.len()).all(|place| is_plausible(context, node, place))
+}
+
+/// True if a specimen or rig may have the effect at `place`, and a kink of it lies within what was recorded.
+fn is_plausible(context: &FitContext<'_>, node: &Node, place: usize) -> bool {
+    let attached = &node.attached[place];
+    let from = context.offset(&node.attached, place);
+    let values = &node.values[from..from + attached.parameters.len()];
+    (attached.effect.plausible)(values, &context.span) && kink_is_recorded(context, node, place)
+}
+
+/// Place of an effect of the chosen set that is not plausible.
+pub(super) fn implausible(
+    context: &FitContext<'_>,
+    search: &SearchResult,
+    judged: &[JudgedEffect],
+) -> Option<usize> {
+    let chosen = &search.nodes[search.chosen];
+    let mut places = judged.iter().map(|j| j.place);
+    places.find(|&place| !is_plausible(context, chosen, place))
 }
 
 /// True if a parameter of a missing effect is at a bound outside its plausible range.
@@ -322,7 +341,7 @@ fn best_replacements(
             return None;
         };
         let replaces = other != code && node.attached.len() == base.len() + extras + 1;
-        (replaces && has_plausible_knees(context, node)).then(|| RivalSet {
+        (replaces && is_plausible_set(context, node)).then(|| RivalSet {
             code: other,
             node: i,
             lack: search.likelihood.gain(node.cost() - chosen.cost()) + penalty(&node.attached[extras..])

@@ -3,10 +3,10 @@
 use nalgebra::DMatrix;
 
 use super::alternatives::{
-    JudgedEffect, LEAST_TRUST, alternative, better_law, judge, more_plausible, nearest,
+    JudgedEffect, LEAST_TRUST, alternative, better_law, implausible, judge, more_plausible, nearest,
 };
 use super::delivered::{as_model, as_written, delivered};
-use super::further_names::{self, Doubtful, doubtful, is_much_worse};
+use super::further_names::{self, Doubtful, doubtful, hardly_believed, is_much_worse};
 use super::groups::group;
 use super::intervals::intervals;
 use super::location::{locate, share_in, words};
@@ -166,7 +166,7 @@ fn verdict_of(unexplained: bool, nothing_named: bool) -> Verdict {
 }
 
 /// Judges the effects of the chosen set. Takes back those that may be nothing but the error of form of the other laws, the least trusted
-/// first, and names a rival instead that fits as well without an implausible parameter.
+/// first. An effect that is not plausible gives its place to a rival that is, or is taken back where there is none.
 fn judge_trusted(context: &FitContext<'_>, search: &mut SearchResult, refitted: &Node) -> Vec<JudgedEffect> {
     loop {
         let effects = judge_all(context, search);
@@ -181,13 +181,16 @@ fn judge_trusted(context: &FitContext<'_>, search: &mut SearchResult, refitted: 
             more_plausible(context, search, &effects).or_else(|| better_law(context, search, &effects))
         {
             search.chosen = rival;
+        } else if let Some(place) = implausible(context, search, &effects) {
+            search.chosen = without(context, &mut search.nodes, search.chosen, place);
         } else {
             return effects;
         }
     }
 }
 
-/// Judges the effects of the chosen set and takes back each doubtful name beside a sure one, where the others explain the recordings too.
+/// Judges the effects of the chosen set. Takes back each that is hardly believed, and each doubtful name beside a sure one where the others
+/// explain the recordings too.
 fn judge_sure(
     context: &FitContext<'_>,
     search: &mut SearchResult,
@@ -198,6 +201,11 @@ fn judge_sure(
     let mut effects = judge_trusted(context, search, known.refitted);
     loop {
         let rest = Rest::of(context, search, fits, false);
+        if let Some(place) = hardly_believed(context, search, &effects, &rest) {
+            search.chosen = without(context, &mut search.nodes, search.chosen, place);
+            effects = judge_trusted(context, search, known.refitted);
+            continue;
+        }
         let Some(doubtful) = doubtful(context, search, &effects, &rest) else {
             return (effects, taken_back);
         };

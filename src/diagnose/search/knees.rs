@@ -1,4 +1,4 @@
-//! Knees of the missing effects: whether a knee was recorded with both its sides, and whether it may be one of the specimen.
+//! Knees of the missing effects: whether a knee was recorded, with both its sides.
 
 use crate::diagnose::fitting::{FitContext, Node};
 use crate::effect::{Axis, Place, Span};
@@ -8,38 +8,17 @@ use crate::effect::{Axis, Place, Span};
 const MOST_OF_AXIS: f64 = 0.85;
 /// A knee must have this share of the travel above it. A vibration that rounds the turning points made a knee in the last 0.7 %.
 const LEAST_AT_THE_TOP: f64 = 0.015;
-/// A leaf that touches adds at most this share of the rate above the knee: three times the rate below. What nearly begins to be a spring
-/// there was not in contact before. Of 158 knees that were named in cases that were looked at, those of leaves added up to 66 %, one beside a
-/// soft fixture 78 %; five contacts that close added 75 to 100 %. At half, more than a quarter of the leaves would be contacts; at double,
-/// no knee is.
-const MOST_OF_RATE: f64 = 0.75;
-
 /// True if every kink of the missing effects lies well within what was recorded.
 pub(in crate::diagnose) fn kinks_are_recorded(context: &FitContext<'_>, node: &Node) -> bool {
-    (context.setup.extras.len()..node.attached.len()).all(|k| is_recorded(context, node, k))
+    (context.setup.extras.len()..node.attached.len()).all(|k| kink_is_recorded(context, node, k))
 }
 
-/// True if the kink of the effect at `place` lies well within what was recorded, or if it has none.
-fn is_recorded(context: &FitContext<'_>, node: &Node, place: usize) -> bool {
-    knee(context, node, place).is_none_or(|knee| {
-        is_in_what_is_recorded(&context.span, knee.acts, knee.reach)
-            && !is_at_the_top(&context.span, knee.acts)
+/// True if the kink of the effect at `place` lies well within what was recorded, or if it has none. A search may end at one that does not,
+/// because a smaller set has its knee elsewhere than the set that it was chosen from.
+pub(in crate::diagnose) fn kink_is_recorded(context: &FitContext<'_>, node: &Node, place: usize) -> bool {
+    kink(context, node, place).is_none_or(|(acts, reach)| {
+        is_in_what_is_recorded(&context.span, acts, reach) && !is_at_the_top(&context.span, acts)
     })
-}
-
-/// True if the knee of the effect at `place` may be one of the specimen: it lies within what was recorded, and there is a spring below it. A
-/// search may end at one that does not, because a smaller set has its knee elsewhere than the set that it was chosen from.
-pub(in crate::diagnose) fn knee_is_plausible(context: &FitContext<'_>, node: &Node, place: usize) -> bool {
-    let leaves = |knee: Knee| leaves_a_spring(&context.span, knee.acts, knee.added_n_per_mm);
-    is_recorded(context, node, place) && knee(context, node, place).is_none_or(leaves)
-}
-
-/// True if a knee adds so little that a spring is there before it.
-fn leaves_a_spring(span: &Span, acts: Place, added_n_per_mm: f64) -> bool {
-    let before = 1.0 - (acts.to - acts.from) / span.width(acts.axis);
-    let mean_n_per_mm = span.width(Axis::ForceN) / span.travel_mm();
-    let above_n_per_mm = mean_n_per_mm + before * added_n_per_mm;
-    added_n_per_mm <= MOST_OF_RATE * above_n_per_mm
 }
 
 /// True if enough is recorded before a kink: a share of the axis or, for a corner, the distance at which it is over (`reach`).
@@ -52,30 +31,17 @@ fn is_in_what_is_recorded(span: &Span, acts: Place, reach: Option<f64>) -> bool 
 
 /// True for an effect with a knee in the last bit of the travel, where the turning points and a vibration round the loop.
 pub(in crate::diagnose) fn kinks_at_the_top(context: &FitContext<'_>, node: &Node, place: usize) -> bool {
-    knee(context, node, place).is_some_and(|knee| is_at_the_top(&context.span, knee.acts))
+    kink(context, node, place).is_some_and(|(acts, _)| is_at_the_top(&context.span, acts))
 }
 
-/// The first kink of an effect.
-struct Knee {
-    /// Where the effect acts: from the kink on, or up to it.
-    acts: Place,
-    /// How far its corner reaches; `None` for one that is no corner.
-    reach: Option<f64>,
-    /// Rate that begins there.
-    added_n_per_mm: f64,
-}
-
-/// The kink of the effect at `place`; `None` for one without, and for one that acts everywhere.
-fn knee(context: &FitContext<'_>, node: &Node, place: usize) -> Option<Knee> {
+/// Where an effect with a kink acts, and how far its corner reaches; `None` for one without, and for one that acts everywhere.
+fn kink(context: &FitContext<'_>, node: &Node, place: usize) -> Option<(Place, Option<f64>)> {
     let attached = &node.attached[place];
     let from = context.offset(&node.attached, place);
     let values = &node.values[from..from + attached.parameters.len()];
     let kink = attached.effect.kinks.first()?;
-    Some(Knee {
-        acts: (attached.effect.place)(values, &context.span)?,
-        reach: (kink.reach)(values),
-        added_n_per_mm: (kink.added_n_per_mm)(values),
-    })
+    let acts = (attached.effect.place)(values, &context.span)?;
+    Some((acts, (kink.reach)(values)))
 }
 
 /// True for a place that is only the last bit before the upper turning points.
@@ -132,17 +98,5 @@ mod tests {
         // The corner is not over where the recording begins, or is in the last bit before it.
         assert!(!is_in_what_is_recorded(&span, beyond(1.5), Some(2.0)));
         assert!(!is_in_what_is_recorded(&span, beyond(0.2), Some(0.01)));
-    }
-
-    /// 3080 N over 22 mm are 140 N/mm.
-    #[test]
-    fn a_leaf_leaves_a_spring_below_its_knee_and_a_contact_does_not() {
-        let (span, beyond) = travel(22.0);
-        assert!(leaves_a_spring(&span, beyond(1.1), 100.0));
-        assert!(!leaves_a_spring(&span, beyond(1.1), 120.0));
-        // A leaf that touches half way up: 100 N/mm, then 280.
-        assert!(leaves_a_spring(&span, beyond(11.0), 180.0));
-        // No knee of the stiffness.
-        assert!(leaves_a_spring(&span, beyond(0.2), 0.0));
     }
 }

@@ -6,7 +6,7 @@
 //! | `friction_law` | generalises the baseline's friction law before any effect is called missing |
 //! | `beam_search` | beam search over sets of effects |
 //! | `grown_law` | laws that get further parameters during the search |
-//! | `knees` | whether a knee was recorded, and whether it may be one of the specimen |
+//! | `knees` | whether a knee was recorded, with both its sides |
 //! | `budget` | how much of it there may be |
 //! | `binning`, `near_replicates`, `lack_of_fit` | the structure that a set leaves, which no candidate explains |
 //! | `confounding` | which axes go together over the recorded points |
@@ -37,7 +37,7 @@ pub(in crate::diagnose) use binning::{AXES, BinnedAxis, binned, coordinate};
 pub(in crate::diagnose) use confounding::{
     AxisPoint, axis_in_words, confounding, go_together, recorded_points,
 };
-pub(in crate::diagnose) use knees::{kinks_are_recorded, kinks_at_the_top, knee_is_plausible};
+pub(in crate::diagnose) use knees::{kink_is_recorded, kinks_are_recorded, kinks_at_the_top};
 pub(in crate::diagnose) use lack_of_fit::{
     LACK_GAIN, LACK_POWER, LackOfFit, beyond_friction, lack_of_fit, rest,
 };
