@@ -8,6 +8,7 @@
 //! Source: play operator, M. A. Krasnosel'skii and A. V. Pokrovskii, Systems with Hysteresis (1989).
 //! Range: quasi-static. The impact when the gap closes is not included.
 
+use super::wording::shown;
 use super::{Axis, Branch, Effect, Kink, LookAlike, Place, Stage, Wrap, wrapped};
 use crate::model::{Parameter, Plant};
 
@@ -36,8 +37,8 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     statement: |v| {
         format!(
-            "After each reversal, {:.3} mm of motion are lost before the force follows. Possible causes: play in an eye, in a pin or in the pusher guide.",
-            v[0]
+            "After each reversal, {} mm of motion are lost before the force follows. Possible causes: play in an eye, in a pin or in the pusher guide.",
+            shown(v[0], 3)
         )
     },
     attach: |v, inside| {

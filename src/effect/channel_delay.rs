@@ -11,6 +11,7 @@
 //! reversal separates the two.
 
 use super::motion::Rates;
+use super::wording::shown;
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
@@ -35,9 +36,9 @@ pub(crate) const EFFECT: Effect = Effect {
     starts: |_| vec![vec![0.2]],
     statement: |v| {
         format!(
-            "The {} channel lags the other channel by {:.2} ms. Possible causes: filters, sampling order or clocks of the amplifiers.",
+            "The {} channel lags the other channel by {} ms. Possible causes: filters, sampling order or clocks of the amplifiers.",
             if v[0] >= 0.0 { "force" } else { "displacement" },
-            v[0].abs()
+            shown(v[0].abs(), 2)
         )
     },
     attach: |v, inside| {

@@ -10,6 +10,7 @@
 //! from friction in proportion to the load.
 
 use super::motion::Drag;
+use super::wording::shown;
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
@@ -52,8 +53,8 @@ pub(crate) const EFFECT: Effect = Effect {
     starts: |_| vec![vec![10.0, 0.02, 0.8], vec![10.0, 0.1, 0.8], vec![10.0, 0.5, 0.8]],
     statement: |v| {
         format!(
-            "A dry friction of {:.1} N acts against every motion and does not depend on the load. Possible causes: bushings, pusher on its board, guides or seals.",
-            v[0]
+            "A dry friction of {} N acts against every motion and does not depend on the load. Possible causes: bushings, pusher on its board, guides or seals.",
+            shown(v[0], 1)
         )
     },
     attach: |v, inside| {

@@ -9,6 +9,7 @@
 //! branch measured there (Table 5-1) softens by about a third over its travel.
 //! Range: travels in which the linkage angle changes smoothly; not beyond the recorded displacement.
 
+use super::wording::signed;
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, with_more_load, wrapped};
 use crate::model::{Parameter, Plant};
 
@@ -43,8 +44,8 @@ pub(crate) const EFFECT: Effect = Effect {
     starts: |_| vec![vec![0.1, 0.0]],
     statement: |v| {
         format!(
-            "The rate changes smoothly with deflection, by {:+.2} N/mm for each mm at the datum. Possible causes: geometry of shackle or camber.",
-            v[0]
+            "The rate changes smoothly with deflection, by {} N/mm for each mm at the datum. Possible causes: geometry of shackle or camber.",
+            signed(v[0], 2)
         )
     },
     attach: |v, inside| {

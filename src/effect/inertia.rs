@@ -8,6 +8,7 @@
 //! of the frequency; in a single sine it only lowers the apparent rate.
 
 use super::motion::Rates;
+use super::wording::shown;
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 use crate::units::inertia_force_n;
@@ -33,8 +34,8 @@ pub(crate) const EFFECT: Effect = Effect {
     starts: |_| vec![vec![0.5]],
     statement: |v| {
         format!(
-            "A mass of {:.2} kg moves between load cell and specimen. The load cell also measures its inertia force.",
-            v[0]
+            "A mass of {} kg moves between load cell and specimen. The load cell also measures its inertia force.",
+            shown(v[0], 2)
         )
     },
     attach: |v, inside| {

@@ -11,6 +11,7 @@
 //! Range: compressive load, any speed.
 
 use super::motion::Drag;
+use super::wording::shown;
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, pressing_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
@@ -53,8 +54,8 @@ pub(crate) const EFFECT: Effect = Effect {
     starts: |_| vec![vec![0.01, 0.05, 1.0], vec![0.01, 0.5, 1.0], vec![0.01, 1.5, 0.7]],
     statement: |v| {
         format!(
-            "A dry friction of {:.1} % of the carried load acts against every motion. Possible causes: leaf on leaf, or a shackle under load.",
-            100.0 * v[0]
+            "A dry friction of {} % of the carried load acts against every motion. Possible causes: leaf on leaf, or a shackle under load.",
+            shown(100.0 * v[0], 1)
         )
     },
     attach: |v, inside| {

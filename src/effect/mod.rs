@@ -33,6 +33,7 @@ pub(crate) mod stribeck;
 pub(crate) mod testing;
 pub(crate) mod viscous_damping;
 pub(crate) mod warming;
+mod wording;
 mod wrap;
 
 pub(crate) use wrap::{Wrap, load_n, pressing_n, with_more_load, with_zero, wrapped};

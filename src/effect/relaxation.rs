@@ -10,6 +10,7 @@
 //! Source: standard linear solid, C. Zener, Elasticity and Anelasticity of Metals (1948); arms in parallel, E. Wiechert (1893).
 //! Range: small strain, a spectrum of up to three decades. Friction cannot produce this decay, because it does not change at rest.
 
+use super::wording::shown;
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Parameter, Plant};
 
@@ -67,8 +68,9 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     statement: |v| {
         format!(
-            "The force relaxes at constant displacement: a part of {:.2} N/mm of the rate decays with a time constant of {:.2} s.",
-            v[0], v[1]
+            "The force relaxes at constant displacement: a part of {} N/mm of the rate decays with a time constant of {:.2} s.",
+            shown(v[0], 2),
+            v[1]
         )
     },
     attach: |v, inside| {

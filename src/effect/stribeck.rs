@@ -11,6 +11,7 @@
 
 use super::motion::{Drag, Rates};
 use super::power::power_of;
+use super::wording::shown;
 use super::{Axis, Branch, Effect, LookAlike, Place, Stage, Wrap, pressing_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
@@ -53,8 +54,8 @@ pub(crate) const EFFECT: Effect = Effect {
     starts: |_| vec![vec![0.01, 1.0, 1.5], vec![0.01, 5.0, 1.5], vec![0.01, 30.0, 1.5]],
     statement: |v| {
         format!(
-            "Friction is higher near zero speed: by {:.1} % of the load at rest. The addition fades over {:.1} mm/s.",
-            100.0 * v[0],
+            "Friction is higher near zero speed: by {} % of the load at rest. The addition fades over {:.1} mm/s.",
+            shown(100.0 * v[0], 1),
             v[1]
         )
     },

@@ -11,6 +11,7 @@
 
 use super::motion::Rates;
 use super::power::power_of;
+use super::wording::shown;
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
@@ -51,14 +52,14 @@ pub(crate) const EFFECT: Effect = Effect {
     statement: |v| {
         if (v[1] - 1.0).abs() < PROPORTIONAL {
             return format!(
-                "A damping force in proportion to the speed is missing: {:.3} N for each mm/s.",
-                v[0]
+                "A damping force in proportion to the speed is missing: {} N for each mm/s.",
+                shown(v[0], 3)
             );
         }
         format!(
-            "A damping force that grows as the speed to the power of {:.2} is missing: {:.1} N at {REFERENCE_MM_S:.0} mm/s.",
+            "A damping force that grows as the speed to the power of {:.2} is missing: {} N at {REFERENCE_MM_S:.0} mm/s.",
             v[1],
-            v[0] * REFERENCE_MM_S
+            shown(v[0] * REFERENCE_MM_S, 1)
         )
     },
     attach: |v, inside| {

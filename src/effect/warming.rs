@@ -10,6 +10,7 @@
 //! (empirical). Range: the contacts are cold at the start of each recording.
 
 use super::motion::BandedTravel;
+use super::wording::signed;
 use super::{Effect, LookAlike, Stage, Wrap, everywhere, load_n, wrapped};
 use crate::model::{Motion, Parameter, Plant};
 
@@ -70,8 +71,8 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     statement: |v| {
         format!(
-            "The friction changes by {:+.0} % when its contacts are hot ({:.3} J of friction work); they cool over about {:.0} s.",
-            100.0 * v[0],
+            "The friction changes by {} % when its contacts are hot ({:.3} J of friction work); they cool over about {:.0} s.",
+            signed(100.0 * v[0], 0),
             v[1],
             v[2]
         )

@@ -1,7 +1,8 @@
-//! Takes back names that are hardly believed, and a doubtful name beside a sure one: the law of the sure effect is known only in part, and what
+//! Takes back names that are not plausible or hardly believed, and a doubtful name beside a sure one: the law of the sure effect is known only in part, and what
 //! its formula misses looks like a further effect.
 
 use super::alternatives::JudgedEffect;
+use super::plausible::is_plausible;
 use super::rest::Rest;
 use super::trust::Trust;
 use crate::diagnose::course::Split;
@@ -76,6 +77,18 @@ fn doubtful_beside_sure(all: Vec<(usize, Trust)>) -> Option<(usize, Trust)> {
 pub(super) fn is_much_worse(data: &Data, with: &Node, without: &Node) -> bool {
     let noise = data.count(Split::Select) as f64;
     without.select > MOST_RISE * with.select.max(noise)
+}
+
+/// The chosen set without an effect that is not plausible, if it fits nearly as well.
+pub(super) fn without_implausible(
+    context: &FitContext<'_>,
+    search: &SearchResult,
+    judged: &[JudgedEffect],
+) -> Option<usize> {
+    let chosen = &search.nodes[search.chosen];
+    let implausible = judged.iter().filter(|j| !is_plausible(context, chosen, j.place));
+    let mut smaller = implausible.map(|j| j.without);
+    smaller.find(|&set| !is_much_worse(context.data, chosen, &search.nodes[set]))
 }
 
 /// The names that are not given, as the end of a summary.

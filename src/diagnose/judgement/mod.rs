@@ -14,7 +14,8 @@
 //! | `rest` | what the chosen set leaves: structure above the noise, the shape of laws in doubt |
 //! | `few_points` | points that are missed by far where all others fit |
 //! | `trust` | the confidence in a named effect |
-//! | `further_names` | takes back a doubtful name beside a sure one |
+//! | `plausible` | whether a specimen or rig may have an effect |
+//! | `further_names` | takes back names that are not plausible or hardly believed, and a doubtful name beside a sure one |
 //! | `delivered` | what is written as the improved model |
 //! | `summary` | the diagnosis in a few sentences |
 //! | `of_path` | effects of the path, as they were judged before the path was in doubt |
@@ -34,6 +35,7 @@ mod left_out;
 mod location;
 mod look_alikes;
 mod of_path;
+mod plausible;
 mod rest;
 mod summary;
 mod tables;

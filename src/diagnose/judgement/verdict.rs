@@ -3,10 +3,10 @@
 use nalgebra::DMatrix;
 
 use super::alternatives::{
-    JudgedEffect, LEAST_TRUST, alternative, better_law, implausible, judge, more_plausible, nearest,
+    JudgedEffect, LEAST_TRUST, alternative, better_law, judge, more_plausible, nearest,
 };
 use super::delivered::{as_model, as_written, delivered};
-use super::further_names::{self, Doubtful, doubtful, hardly_believed, is_much_worse};
+use super::further_names::{self, Doubtful, doubtful, hardly_believed, is_much_worse, without_implausible};
 use super::groups::group;
 use super::intervals::intervals;
 use super::location::{locate, share_in, words};
@@ -166,7 +166,7 @@ fn verdict_of(unexplained: bool, nothing_named: bool) -> Verdict {
 }
 
 /// Judges the effects of the chosen set. Takes back those that may be nothing but the error of form of the other laws, the least trusted
-/// first. An effect that is not plausible gives its place to a rival that is, or is taken back where there is none.
+/// first. An effect that is not plausible gives its place to a rival that is, or is taken back where the others do without it.
 fn judge_trusted(context: &FitContext<'_>, search: &mut SearchResult, refitted: &Node) -> Vec<JudgedEffect> {
     loop {
         let effects = judge_all(context, search);
@@ -181,8 +181,8 @@ fn judge_trusted(context: &FitContext<'_>, search: &mut SearchResult, refitted: 
             more_plausible(context, search, &effects).or_else(|| better_law(context, search, &effects))
         {
             search.chosen = rival;
-        } else if let Some(place) = implausible(context, search, &effects) {
-            search.chosen = without(context, &mut search.nodes, search.chosen, place);
+        } else if let Some(smaller) = without_implausible(context, search, &effects) {
+            search.chosen = smaller;
         } else {
             return effects;
         }
