@@ -3,6 +3,8 @@
 
 use std::ops::Range;
 
+use nalgebra::{Matrix3, Vector3};
+
 use super::smoothing::median;
 
 /// Largest number of samples in a row that is a spike: a motion or a force lasts longer.
@@ -13,6 +15,13 @@ const LEAST_NOISES: f64 = 8.0;
 const LEAST_STEPS: f64 = 4.0;
 /// Number of steps on either side whose median is the measure.
 const AROUND: usize = 5;
+/// Least distance of a spike from the parabola through the samples around it, beside the noises: this many times the distance of the worst of
+/// them. Beside a corner or a jump they are far from it, so neither is a spike. A fast motion that was sampled slowly had steps of 80 N; a
+/// spike of 330 N was fitted as a compliance of the fixture. In 1672 recordings that were looked at, it finds three more spikes, all in
+/// recordings that have some. At half, it finds those at double, too; at double, fewer.
+const LEAST_MISFITS: f64 = 4.0;
+/// Fewest samples on either side of a run for a parabola.
+const LEAST_BESIDE: usize = 3;
 /// A channel in which a larger share of the samples stands off has another noise, no spikes.
 const MOST_SHARE: f64 = 0.02;
 
@@ -37,7 +46,11 @@ pub(super) fn spikes(time_s: &[f64], values: &[f64], noise: f64) -> Spikes {
             .map(|length| i..(i + length).min(values.len()));
         let spike = longest_first
             .filter_map(|run| Some((height(time_s, values, before, &run)?, run)))
-            .find(|(height, run)| *height > LEAST_NOISES * noise + LEAST_STEPS * step_around(values, run));
+            .find(|(height, run)| {
+                let least = LEAST_NOISES * noise;
+                *height > least + LEAST_STEPS * step_around(values, run)
+                    || *height > least && off_curve(time_s, values, &found.samples, run) > least
+            });
         match spike {
             Some((height, run)) => {
                 found.largest = found.largest.max(height);
@@ -87,6 +100,55 @@ fn step_around(values: &[f64], run: &Range<usize>) -> f64 {
     median(before.chain((run.end..to.saturating_sub(1)).map(step)).collect())
 }
 
+/// How far a run is from the parabola through the samples around it, beyond what these are, 0 where it is not. The spikes `found` are left
+/// out, and the sample that is farthest off: it may be the next spike.
+fn off_curve(time_s: &[f64], values: &[f64], found: &[usize], run: &Range<usize>) -> f64 {
+    let is_good = |i: &usize| found.binary_search(i).is_err();
+    let mut around: Vec<usize> = (0..run.start).rev().filter(is_good).take(AROUND).collect();
+    let before = around.len();
+    around.extend(run.end..(run.end + AROUND).min(values.len()));
+    if before.min(around.len() - before) < LEAST_BESIDE {
+        return 0.0;
+    }
+    let off =
+        |parabola: &Vector3<f64>, i: usize| values[i] - parabola.dot(&powers(time_s[i] - time_s[run.start]));
+    let worst = |parabola: &Vector3<f64>, around: &[usize]| {
+        let off = around.iter().map(|&i| off(parabola, i).abs());
+        off.enumerate()
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .unwrap_or_default()
+    };
+    let through = |around: &[usize]| parabola(time_s, values, around, time_s[run.start]);
+    let Some((farthest, _)) = through(&around).map(|first| worst(&first, &around)) else {
+        return 0.0;
+    };
+    around.remove(farthest);
+    let Some(parabola) = through(&around) else {
+        return 0.0;
+    };
+    let offs: Vec<f64> = run.clone().map(|i| off(&parabola, i)).collect();
+    let least = offs
+        .iter()
+        .map(|off| offs[0].signum() * off)
+        .fold(f64::INFINITY, f64::min);
+    least - LEAST_MISFITS * worst(&parabola, &around).1
+}
+
+/// Coefficients of the parabola through some samples, of the time since `from_s`; `None` if they are at fewer than three times.
+fn parabola(time_s: &[f64], values: &[f64], samples: &[usize], from_s: f64) -> Option<Vector3<f64>> {
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for &i in samples {
+        let row = powers(time_s[i] - from_s);
+        normal += row * row.transpose();
+        right += row * values[i];
+    }
+    normal.try_inverse().map(|inverse| inverse * right)
+}
+
+fn powers(t_s: f64) -> Vector3<f64> {
+    Vector3::new(1.0, t_s, t_s * t_s)
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::smoothing::noise;
@@ -122,6 +184,38 @@ mod tests {
             assert_eq!(found.samples, off, "{per_cycle}");
             assert!((found.largest - 8.0).abs() < 2.5, "{}", found.largest);
         }
+    }
+
+    /// A fast motion that is sampled slowly: its steps are a quarter of the spike, as the force of a spring that is driven at 60 mm/s.
+    #[test]
+    fn a_spike_of_a_few_steps_is_found_where_the_motion_is_smooth() {
+        let time_s: Vec<f64> = (0..600).map(|i| 0.02 * f64::from(i)).collect();
+        let smooth = |t: f64| 1500.0 - 1400.0 * (2.8 * t).cos();
+        let mut force_n: Vec<f64> = (0..600)
+            .map(|i| smooth(time_s[i as usize]) + 2.0 * noisy(i))
+            .collect();
+        for (at, off_n) in [(26, 250.0), (30, -180.0), (437, 250.0)] {
+            force_n[at] += off_n;
+        }
+        let found = spikes(&time_s, &force_n, noise(&time_s, &force_n));
+        assert_eq!(found.samples, [26, 30, 437]);
+    }
+
+    /// Dry friction that reverses at once: the force falls by ten steps between two samples.
+    #[test]
+    fn a_force_that_reverses_at_once_has_no_spikes() {
+        let time_s: Vec<f64> = (0..1000).map(|i| 0.01 * f64::from(i)).collect();
+        let force_n: Vec<f64> = (0..1000)
+            .map(|i| {
+                let along = (i as usize + 13) % 200;
+                let (up, x) = (along < 100, along.min(200 - along) as f64);
+                1000.0 + 20.0 * x + if up { 100.0 } else { -100.0 } + noisy(i as usize)
+            })
+            .collect();
+        assert_eq!(
+            spikes(&time_s, &force_n, noise(&time_s, &force_n)),
+            Spikes::default()
+        );
     }
 
     #[test]

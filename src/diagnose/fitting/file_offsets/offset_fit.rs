@@ -21,6 +21,10 @@ pub(super) const GAIN_OF_EACH: f64 = 5.0;
 /// Prior standard deviations: force and displacement as a share of their ranges, delay in s.
 const PRIOR_SHARE: f64 = 0.1;
 const PRIOR_S: f64 = 3e-3;
+/// A recording has a delay of its own if one of [`PRIOR_S`] moves the displacement, at the highest speed, by this many noises of the LVDT. In a
+/// slower one a delay only turns each reversal, as another friction law does: a ramp got 29 ms, and then two wrong effects were sure. At half,
+/// it still gets none; at double, one of up to 3 mm/s with a noise of 2 um gets none.
+const LEAST_MOVED: f64 = 2.0;
 /// Steps of the difference quotients, as shares of the priors, and number of Gauss-Newton steps.
 const STEP: f64 = 1e-3;
 const ROUNDS: usize = 5;
@@ -55,11 +59,16 @@ impl OffsetFit {
     }
 }
 
-/// Some kinds of offsets in all recordings.
-fn in_all(files: usize, kinds: &[OffsetKind]) -> Vec<OwnOffset> {
-    (0..files)
-        .flat_map(|file| kinds.iter().map(move |&kind| (file, kind)))
+/// Some kinds of offsets in all recordings that show them.
+fn in_all(tracks: &[Track], kinds: &[OffsetKind]) -> Vec<OwnOffset> {
+    let every = (0..tracks.len()).flat_map(|file| kinds.iter().map(move |&kind| (file, kind)));
+    every
+        .filter(|&(file, kind)| kind != Delay || shows_delays(&tracks[file]))
         .collect()
+}
+
+fn shows_delays(track: &Track) -> bool {
+    PRIOR_S * track.top_speed_mm_s() >= LEAST_MOVED * track.noise_mm
 }
 
 /// Which recordings may have an offset.
@@ -78,9 +87,9 @@ pub(super) fn fitted_in_all(
     kinds: &[OffsetKind],
 ) -> Option<OffsetFit> {
     // A zero that all recordings share is no offset: the first recording is the reference until the offsets are centred.
-    let mut own = in_all(structure.data.tracks.len(), kinds);
+    let mut own = in_all(&structure.data.tracks, kinds);
     own.retain(|&(file, kind)| file > 0 || kind == Delay);
-    fitted(structure, node, &own, OffsetsOf::All)
+    (!own.is_empty()).then(|| fitted(structure, node, &own, OffsetsOf::All))?
 }
 
 /// Fits the baseline with offsets of some recordings.
@@ -170,7 +179,7 @@ pub(super) fn sparse(structure: &ModelStructure<'_>, node: &Node, dense: &Offset
         .into_iter()
         .filter(|&kind| dense.has(kind))
         .collect();
-    let all = in_all(dense.offsets.len(), &kinds);
+    let all = in_all(&structure.data.tracks, &kinds);
     let line = slopes_beside(structure, &dense.offsets, node.values.clone(), &all)?;
     let covariance = line.normal().cholesky()?.inverse();
     let sizes: Vec<f64> = all
@@ -267,7 +276,8 @@ mod tests {
     /// What stays of three recordings with zeros on both channels and a delay each. Their sizes are in units of the priors, their
     /// uncertainty is 0.01, and the two zeros of a recording go together.
     fn kept(sizes: [[f64; 3]; 3]) -> Vec<OwnOffset> {
-        let all = in_all(3, &[Force, Displacement, Delay]);
+        let kinds = [Force, Displacement, Delay];
+        let all: Vec<OwnOffset> = (0..3).flat_map(|file| kinds.map(|kind| (file, kind))).collect();
         let sizes = sizes.concat();
         let mut covariance = DMatrix::from_diagonal_element(9, 9, 1e-4);
         for file in 0..3 {
