@@ -4,7 +4,8 @@
 use rayon::prelude::*;
 
 use crate::blind::{BlindRequest, by_world, examine, run};
-use crate::diagnose::{Diagnosis, NoteKind, Verdict};
+use crate::diagnose::note::NoteKind;
+use crate::diagnose::{Diagnosis, Verdict};
 use crate::truth::catalogue::PHYSICS;
 use crate::truth::{Case, Family, World};
 
