@@ -18,7 +18,7 @@ const AROUND: usize = 5;
 /// Least distance of a spike from the parabola through the samples around it, beside the noises: this many times the distance of the worst of
 /// them. Beside a corner or a jump they are far from it, so neither is a spike. A fast motion that was sampled slowly had steps of 80 N; a
 /// spike of 330 N was fitted as a compliance of the fixture. In 1672 recordings that were looked at, it finds three more spikes, all in
-/// recordings that have some. At half, it finds those at double, too; at double, fewer.
+/// recordings that have some. At half, it finds seven in recordings that have none; at double, the same three.
 const LEAST_MISFITS: f64 = 4.0;
 /// Fewest samples on either side of a run for a parabola.
 const LEAST_BESIDE: usize = 3;
