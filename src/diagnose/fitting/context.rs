@@ -126,6 +126,12 @@ impl<'a> FitContext<'a> {
                 .sum::<usize>()
     }
 
+    /// Values of the effect at `place` of a set.
+    pub(in crate::diagnose) fn effect_values<'n>(&self, node: &'n Node, place: usize) -> &'n [f64] {
+        let from = self.offset(&node.attached, place);
+        &node.values[from..from + node.attached[place].parameters.len()]
+    }
+
     /// Values that the fit of the baseline starts from.
     pub(super) fn start(&self) -> Vec<f64> {
         let mut start = self.setup.start.clone();

@@ -98,8 +98,7 @@ pub(super) fn as_written(
         if k < extras && !attached.own && !of_path.names(attached.effect.code) {
             continue;
         }
-        let from = context.offset(&node.attached, k);
-        let own = &node.values[from..from + attached.parameters.len()];
+        let own = context.effect_values(node, k);
         values.extend(own);
         written.push(attached.clone());
         let mut kept = attached.clone();

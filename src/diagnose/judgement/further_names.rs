@@ -1,5 +1,5 @@
-//! Takes back names that are not plausible or hardly believed, and a doubtful name beside a sure one: the law of the sure effect is known only in part, and what
-//! its formula misses looks like a further effect.
+//! Takes back names that are not plausible or hardly believed, and a doubtful name beside a sure one: the law of the sure effect is known only
+//! in part, and what its formula misses looks like a further effect.
 
 use super::alternatives::JudgedEffect;
 use super::plausible::is_plausible;

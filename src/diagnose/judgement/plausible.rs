@@ -10,8 +10,6 @@ pub(super) fn is_plausible_set(context: &FitContext<'_>, node: &Node) -> bool {
 
 /// True if a specimen or rig may have the effect at `place`, and a kink of it lies within what was recorded.
 pub(super) fn is_plausible(context: &FitContext<'_>, node: &Node, place: usize) -> bool {
-    let attached = &node.attached[place];
-    let from = context.offset(&node.attached, place);
-    let values = &node.values[from..from + attached.parameters.len()];
-    (attached.effect.plausible)(values, &context.span) && kink_is_recorded(context, node, place)
+    let plausible = node.attached[place].effect.plausible;
+    plausible(context.effect_values(node, place), &context.span) && kink_is_recorded(context, node, place)
 }

@@ -262,13 +262,13 @@ fn finding(
     let node = &search.nodes[search.chosen];
     let attached = &node.attached[judged.place];
     let from = context.offset(&node.attached, judged.place);
-    let group = &node.values[from..from + attached.parameters.len()];
+    let values = context.effect_values(node, judged.place);
     let variation = variation(context, search.likelihood, node, judged.place);
     Finding {
         code: attached.effect.code.to_owned(),
         confidence: sure,
         size_spread: variation.map(|v| v.spread),
-        statement: one_of(&judged.group, attached.effect.code) + &(attached.effect.statement)(group),
+        statement: one_of(&judged.group, attached.effect.code) + &(attached.effect.statement)(values),
         group: match judged.group.as_slice() {
             [] => Vec::new(),
             others => [attached.effect.code]
@@ -356,10 +356,8 @@ fn effect_locations(
     }
     let mut list = Vec::new();
     for j in judged {
-        let attached = &after.attached[j.place];
-        let from = context.offset(&after.attached, j.place);
-        let group = &after.values[from..from + attached.parameters.len()];
-        if let Some(place) = (attached.effect.place)(group, &context.span) {
+        let acts = after.attached[j.place].effect.place;
+        if let Some(place) = acts(context.effect_values(after, j.place), &context.span) {
             let share = share_in(context.data, &before.residuals, &place);
             list.push(Location {
                 axis: place.axis,

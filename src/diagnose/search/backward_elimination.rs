@@ -221,11 +221,10 @@ fn displacement_noise_mm(context: &FitContext<'_>) -> f64 {
 
 /// True if a parameter in this unit, which is zero without the effect, is smaller than `least`.
 fn has_size_below(context: &FitContext<'_>, node: &Node, place: usize, unit: &str, least: f64) -> bool {
-    let from = context.offset(&node.attached, place);
     let attached = &node.attached[place];
     let sizes = attached.parameters.iter().zip(attached.effect.neutral);
     sizes
-        .zip(&node.values[from..])
+        .zip(context.effect_values(node, place))
         .filter(|((p, neutral), _)| p.unit == unit && **neutral == 0.0)
         .any(|(_, value)| value.abs() < least)
 }

@@ -36,11 +36,9 @@ pub(in crate::diagnose) fn kinks_at_the_top(context: &FitContext<'_>, node: &Nod
 
 /// Where an effect with a kink acts, and how far its corner reaches; `None` for one without, and for one that acts everywhere.
 fn kink(context: &FitContext<'_>, node: &Node, place: usize) -> Option<(Place, Option<f64>)> {
-    let attached = &node.attached[place];
-    let from = context.offset(&node.attached, place);
-    let values = &node.values[from..from + attached.parameters.len()];
-    let kink = attached.effect.kinks.first()?;
-    let acts = (attached.effect.place)(values, &context.span)?;
+    let (effect, values) = (node.attached[place].effect, context.effect_values(node, place));
+    let kink = effect.kinks.first()?;
+    let acts = (effect.place)(values, &context.span)?;
     Some((acts, (kink.reach)(values)))
 }
 
