@@ -179,8 +179,15 @@ pub(crate) fn unchanged(effect: &Effect, _knows: &Knows<'_>) -> Option<Vec<Param
     Some(effect.parameters.to_vec())
 }
 
+/// What recordings show without a model, for [`Effect::plausible`].
+pub(crate) struct Recorded<'a> {
+    pub span: Span,
+    /// Median force in N, from the zero of its channel, at displacements below one in mm; `None` where there are none.
+    pub force_below_n: &'a dyn Fn(f64) -> Option<f64>,
+}
+
 /// For effects whose bounds are all that is known of their values.
-pub(crate) fn always(_values: &[f64], _span: &Span) -> bool {
+pub(crate) fn always(_values: &[f64], _recorded: &Recorded<'_>) -> bool {
     true
 }
 
@@ -214,8 +221,8 @@ pub(crate) struct Effect {
     pub if_known: IfKnown,
     /// Where on the loop the effect acts; `None` if it acts everywhere.
     pub place: fn(values: &[f64], span: &Span) -> Option<Place>,
-    /// False for values that no specimen or rig has whose recordings cover `span`.
-    pub plausible: fn(values: &[f64], span: &Span) -> bool,
+    /// False for values that no specimen or rig has that these recordings are of.
+    pub plausible: fn(values: &[f64], recorded: &Recorded<'_>) -> bool,
     pub confusable_with: &'static [LookAlike],
 }
 

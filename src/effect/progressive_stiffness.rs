@@ -179,9 +179,10 @@ pub(crate) const EFFECT: Effect = Effect {
             branch: Branch::Both,
         })
     },
-    plausible: |v, s| {
-        let before = (v[1] - s.displacement_mm[0]) / s.travel_mm();
-        let mean_n_per_mm = s.width(Axis::ForceN) / s.travel_mm();
+    plausible: |v, recorded| {
+        let span = &recorded.span;
+        let before = (v[1] - span.displacement_mm[0]) / span.travel_mm();
+        let mean_n_per_mm = span.width(Axis::ForceN) / span.travel_mm();
         let above_n_per_mm = mean_n_per_mm + before * v[0];
         before > LOW_IN_THE_TRAVEL || v[0] <= MOST_OF_RATE * above_n_per_mm
     },
@@ -333,7 +334,6 @@ impl Wrap for ProgressiveStiffness {
 mod tests {
     use super::super::testing::*;
     use super::{EFFECT, ONE_KNEE, ONE_LEAF};
-    use crate::effect::Span;
 
     #[test]
     fn neutral_values_change_nothing() {
@@ -367,13 +367,9 @@ mod tests {
     #[test]
     fn a_leaf_leaves_a_spring_below_its_knee_and_a_contact_that_closes_does_not() {
         // 3080 N over 22 mm: 140 N/mm in the mean.
-        let span = Span {
-            displacement_mm: [0.0, 22.0],
-            force_n: [0.0, 3080.0],
-            ..span()
-        };
+        let recorded = ramp([22.0, 3080.0]);
         let plausible =
-            |added_n_per_mm, knee_mm| (ONE_KNEE.plausible)(&[added_n_per_mm, knee_mm, 0.2, 1.0], &span);
+            |added_n_per_mm, knee_mm| (ONE_KNEE.plausible)(&[added_n_per_mm, knee_mm, 0.2, 1.0], &recorded);
         assert!(plausible(100.0, 1.1) && !plausible(120.0, 1.1));
         // A bump stop: 50 N/mm up to 18 mm, then 550.
         assert!(plausible(500.0, 18.0));

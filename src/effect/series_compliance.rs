@@ -78,14 +78,15 @@ pub(crate) const EFFECT: Effect = Effect {
     attach: |v, inside| wrapped(SeriesCompliance::of(FixtureJoint::of(v)), inside),
     if_known: super::unchanged,
     place: everywhere,
-    plausible: |v, s| {
+    plausible: |v, recorded| {
         let joint = if v.len() == 1 {
             FixtureJoint::linear(v[0])
         } else {
             FixtureJoint::of(v)
         };
-        let [from_mm, to_mm] = s.force_n.map(|force_n| joint.deformation_mm(force_n));
-        to_mm - from_mm <= MOST_OF_TRAVEL * s.travel_mm()
+        let span = &recorded.span;
+        let [from_mm, to_mm] = span.force_n.map(|force_n| joint.deformation_mm(force_n));
+        to_mm - from_mm <= MOST_OF_TRAVEL * span.travel_mm()
     },
     confusable_with: &[
         LookAlike {
@@ -358,7 +359,6 @@ impl Wrap for SeriesCompliance {
 mod tests {
     use super::super::testing::*;
     use super::{EFFECT, Effect, FixtureJoint, LINEAR};
-    use crate::effect::Span;
 
     #[test]
     fn neutral_values_change_nothing() {
@@ -369,13 +369,9 @@ mod tests {
     #[test]
     fn a_fixture_takes_a_small_part_of_the_travel() {
         // 2000 N over 20 mm: 1 mm/kN takes 10 %, 2 mm/kN 20 %. A seat that is loose up to 200 N takes 0.6 mm.
-        let span = Span {
-            displacement_mm: [0.0, 20.0],
-            force_n: [0.0, 2000.0],
-            ..span()
-        };
-        assert!((LINEAR.plausible)(&[1.0], &span) && !(LINEAR.plausible)(&[2.0], &span));
-        assert!((EFFECT.plausible)(&[3.0, 200.0, 1.0, 0.98], &span));
+        let recorded = ramp([20.0, 2000.0]);
+        assert!((LINEAR.plausible)(&[1.0], &recorded) && !(LINEAR.plausible)(&[2.0], &recorded));
+        assert!((EFFECT.plausible)(&[3.0, 200.0, 1.0, 0.98], &recorded));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::{Effect, Span};
+use super::{Effect, Recorded, Span};
 use crate::model::Plant;
 use crate::model::equivalent::Equivalent;
 
@@ -23,6 +23,18 @@ pub(crate) fn span() -> Span {
 }
 
 /// Time steps and displacements: a slow ramp up, a hold and down, then sines of two amplitudes at 2 Hz.
+/// Recordings of a straight line from 0 to a displacement in mm and a force in N, with a contact at 0.
+pub(crate) fn ramp([top_mm, top_n]: [f64; 2]) -> Recorded<'static> {
+    Recorded {
+        span: Span {
+            displacement_mm: [0.0, top_mm],
+            force_n: [0.0, top_n],
+            ..span()
+        },
+        force_below_n: &|_| Some(0.0),
+    }
+}
+
 pub(crate) fn motion() -> Vec<(f64, f64)> {
     let mut steps = Vec::new();
     steps.extend((0..200).map(|i| (0.1, 0.05 * f64::from(i))));
