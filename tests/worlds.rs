@@ -231,13 +231,14 @@ fn a_joint_that_closes_and_a_soft_contact_are_named() {
 fn where_hardly_a_spring_is_left_below_a_knee_a_contact_closes() {
     let cases: [(u64, u64, &[&str]); 3] = [
         (2_102_910_507, 59, &["lift_off"]),
-        (2_102_910_507, 54, &["stribeck", "lift_off"]),
+        (2_102_910_507, 54, &["lift_off", "stribeck"]),
         (1_427_208_227, 34, &["lift_off", "relaxation"]),
     ];
     for (seed, number, hidden) in cases {
         let case = Case::draw(World::BoucWen, seed, number, None);
         let found = examine(&case, &case.recordings, 0).expect("valid recordings");
-        let named: Vec<&str> = found.effects.iter().map(|e| e.code.as_str()).collect();
+        let mut named: Vec<&str> = found.effects.iter().map(|e| e.code.as_str()).collect();
+        named.sort_unstable();
         assert_eq!(named, hidden, "{seed} {number}: {}", found.summary);
         found.improved.plant().expect("a model that can be built");
     }
