@@ -191,9 +191,7 @@ mod tests {
     fn a_spike_of_a_few_steps_is_found_where_the_motion_is_smooth() {
         let time_s: Vec<f64> = (0..600).map(|i| 0.02 * f64::from(i)).collect();
         let smooth = |t: f64| 1500.0 - 1400.0 * (2.8 * t).cos();
-        let mut force_n: Vec<f64> = (0..600)
-            .map(|i| smooth(time_s[i as usize]) + 2.0 * noisy(i))
-            .collect();
+        let mut force_n: Vec<f64> = (0..600).map(|i| smooth(time_s[i]) + 2.0 * noisy(i)).collect();
         for (at, off_n) in [(26, 250.0), (30, -180.0), (437, 250.0)] {
             force_n[at] += off_n;
         }
