@@ -244,7 +244,7 @@ fn where_hardly_a_spring_is_left_below_a_knee_a_contact_closes() {
     }
 }
 
-/// A case that was looked at: delays of 1 to 3 ms in fast recordings. A ramp of 0.6 mm/s got a delay of 29 ms, too, which no ramp shows, and
+/// A case that was looked at: delays of 1 to 3 ms in fast recordings. A ramp of 0.4 mm/s got a delay of 29 ms, too, which no ramp shows, and
 /// friction near zero speed and warm friction were named with 95 and 91 %.
 #[test]
 fn a_slow_ramp_shows_no_delay() {

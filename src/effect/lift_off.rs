@@ -15,10 +15,10 @@ use crate::model::{Parameter, Plant};
 /// Contact displacement in mm that means: the contact is never lost.
 const NEVER_MM: f64 = -1000.0;
 
-/// Where the pusher does not touch the specimen, the force is at most this share of its range: what the zero of the channel is uncertain by. Of
-/// 19 contacts in cases of five worlds that were looked at, it is 0.03 % at most before a zero is fitted, but for one that was far from where it
-/// was fitted; of 12 that were named in packs and were not there, 0.2 % in one, and 0.6 % at least in the others. At half, a contact was lost
-/// whose zero was fitted 4 N off; at double, one more of the 12 is named.
+/// Where the pusher does not touch the specimen, the force is at most this share of its range, because the zero of the channel is uncertain by
+/// so much. Of 19 contacts in cases of five worlds that were looked at, it is 0.03 % at most before a zero is fitted, except for one that was
+/// named far from its true place. Of 12 contacts that were named in packs and were not there, it is 0.2 % in one, and at least 0.6 % in the
+/// others. At half, five cases that were run have the same answers; at double, one more of the 12 passes.
 const MOST_FORCE: f64 = 2e-3;
 
 /// The entry of [`super::EFFECTS`]. A contact that closes over a travel curves the characteristic as a stiffer specimen does. So no search

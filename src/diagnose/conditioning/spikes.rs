@@ -15,10 +15,11 @@ const LEAST_NOISES: f64 = 8.0;
 const LEAST_STEPS: f64 = 4.0;
 /// Number of steps on either side whose median is the measure.
 const AROUND: usize = 5;
-/// Least distance of a spike from the parabola through the samples around it, beside the noises: this many times the distance of the worst of
-/// them. Beside a corner or a jump they are far from it, so neither is a spike. A fast motion that was sampled slowly had steps of 80 N; a
-/// spike of 330 N was fitted as a compliance of the fixture. In 1672 recordings that were looked at, it finds three more spikes, all in
-/// recordings that have some. At half, it finds them in the chatter of a damper and at the tip of a turn, too; at double, two spikes fewer.
+/// Least distance of a spike from the parabola through the samples around it, beside the noises: this many times the distance of the sample that
+/// fits it worst. Near a corner or a jump the samples fit no parabola, so neither is a spike. A fast motion that was sampled slowly had steps
+/// of 80 N; a spike of 330 N in it was fitted as a compliance of the fixture. A copy of this rule in another language found three more spikes
+/// in 1672 recordings that were looked at, all in recordings that have some. At half, it also takes the chatter of a damper and the tip of a
+/// turn for spikes; at 2.5 times, it misses two of five.
 const LEAST_MISFITS: f64 = 8.0;
 /// Fewest samples on either side of a run for a parabola.
 const LEAST_BESIDE: usize = 3;

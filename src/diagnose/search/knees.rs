@@ -8,6 +8,7 @@ use crate::effect::{Axis, Place, Span};
 const MOST_OF_AXIS: f64 = 0.85;
 /// A knee must have this share of the travel above it. A vibration that rounds the turning points made a knee in the last 0.7 %.
 const LEAST_AT_THE_TOP: f64 = 0.015;
+
 /// True if every kink of the missing effects lies well within what was recorded.
 pub(in crate::diagnose) fn kinks_are_recorded(context: &FitContext<'_>, node: &Node) -> bool {
     (context.setup.extras.len()..node.attached.len()).all(|k| kink_is_recorded(context, node, k))
