@@ -117,10 +117,9 @@ pub(super) fn more_plausible(
     let chosen = &search.nodes[search.chosen];
     let at_a_bound = at_implausible_bound(chosen);
     best_rival(judged, |j, r| {
-        let fits_as_well =
-            || at_a_bound && r.lack < LEAST_LACK && may_be_named(context, &search.nodes[r.node]);
-        // A rival that is not distinguished, however free its law is.
-        !is_plausible(context, chosen, j.place) || fits_as_well()
+        // In the place of what cannot be, every rival that is not distinguished is better, however free its law is.
+        !is_plausible(context, chosen, j.place)
+            || at_a_bound && r.lack < LEAST_LACK && may_be_named(context, &search.nodes[r.node])
     })
 }
 

@@ -34,31 +34,31 @@ pub(super) struct Doubtful {
     pub confidence: f64,
 }
 
-/// Place of the least sure name, if it is hardly believed.
-pub(super) fn hardly_believed(
+/// An effect at its place in the chosen set, with the confidence in it.
+pub(super) type Trusted = (usize, Trust);
+
+/// The confidence in each judged effect.
+pub(super) fn trusted(
     context: &FitContext<'_>,
     search: &SearchResult,
     judged: &[JudgedEffect],
     rest: &Rest,
-) -> Option<usize> {
-    let trust = judged
-        .iter()
-        .map(|j| (Trust::of(context, search, j, judged, rest).in_effect, j.place));
-    let least = trust.min_by(|a, b| a.0.total_cmp(&b.0));
+) -> Vec<Trusted> {
+    let trust = |j: &JudgedEffect| (j.place, Trust::of(context, search, j, judged, rest));
+    judged.iter().map(trust).collect()
+}
+
+/// Place of the least sure name, if it is hardly believed.
+pub(super) fn hardly_believed(all: &[Trusted]) -> Option<usize> {
+    let least = all.iter().min_by(|a, b| a.1.in_effect.total_cmp(&b.1.in_effect));
     least
-        .filter(|(sure, _)| *sure < LEAST_NAME)
-        .map(|(_, place)| place)
+        .filter(|(_, trust)| trust.in_effect < LEAST_NAME)
+        .map(|(place, _)| *place)
 }
 
 /// The least sure of several names, if it is doubtful and another one is sure.
-pub(super) fn doubtful(
-    context: &FitContext<'_>,
-    search: &SearchResult,
-    judged: &[JudgedEffect],
-    rest: &Rest,
-) -> Option<Doubtful> {
-    let trust = |j: &JudgedEffect| (j.place, Trust::of(context, search, j, judged, rest));
-    let (place, trust) = doubtful_beside_sure(judged.iter().map(trust).collect())?;
+pub(super) fn doubtful(search: &SearchResult, all: Vec<Trusted>) -> Option<Doubtful> {
+    let (place, trust) = doubtful_beside_sure(all)?;
     Some(Doubtful {
         place,
         code: search.nodes[search.chosen].attached[place].effect.code,
@@ -67,7 +67,7 @@ pub(super) fn doubtful(
 }
 
 /// The least trusted of the effects at their places, if it is doubtful and one of them is sure.
-fn doubtful_beside_sure(all: Vec<(usize, Trust)>) -> Option<(usize, Trust)> {
+fn doubtful_beside_sure(all: Vec<Trusted>) -> Option<Trusted> {
     let sure = all.iter().any(|(_, trust)| trust.in_effect >= SURE_NAME);
     let least = all.into_iter().min_by(|a, b| a.1.in_any.total_cmp(&b.1.in_any));
     least.filter(|(_, trust)| sure && trust.in_any < DOUBTFUL_NAME)
@@ -125,6 +125,19 @@ mod tests {
         assert_eq!(not_given(&[[0.84, 0.84], [0.3, 0.3]]), None);
         assert_eq!(not_given(&[[0.95, 0.95], [0.5, 0.5]]), None);
         assert_eq!(not_given(&[[0.95, 0.95], [0.3, 0.6]]), None);
+    }
+
+    #[test]
+    fn the_least_sure_name_is_not_given_if_hardly_anything_speaks_for_it() {
+        let least_of = |names: [f64; 2]| {
+            let trusts = names.map(|in_effect| Trust {
+                in_effect,
+                in_any: 1.0,
+            });
+            hardly_believed(&trusts.into_iter().enumerate().collect::<Vec<_>>())
+        };
+        assert_eq!(least_of([0.95, 0.03]), Some(1));
+        assert_eq!(least_of([0.95, 0.12]), None);
     }
 
     #[test]

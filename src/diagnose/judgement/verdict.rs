@@ -6,7 +6,9 @@ use super::alternatives::{
     JudgedEffect, LEAST_TRUST, alternative, better_law, judge, more_plausible, nearest,
 };
 use super::delivered::{as_model, as_written, delivered};
-use super::further_names::{self, Doubtful, doubtful, hardly_believed, is_much_worse, without_implausible};
+use super::further_names::{
+    self, Doubtful, doubtful, hardly_believed, is_much_worse, trusted, without_implausible,
+};
 use super::groups::group;
 use super::intervals::intervals;
 use super::location::{locate, share_in, words};
@@ -201,12 +203,13 @@ fn judge_sure(
     let mut effects = judge_trusted(context, search, known.refitted);
     loop {
         let rest = Rest::of(context, search, fits, false);
-        if let Some(place) = hardly_believed(context, search, &effects, &rest) {
+        let all = trusted(context, search, &effects, &rest);
+        if let Some(place) = hardly_believed(&all) {
             search.chosen = without(context, &mut search.nodes, search.chosen, place);
             effects = judge_trusted(context, search, known.refitted);
             continue;
         }
-        let Some(doubtful) = doubtful(context, search, &effects, &rest) else {
+        let Some(doubtful) = doubtful(search, all) else {
             return (effects, taken_back);
         };
         let kept = search.chosen;
