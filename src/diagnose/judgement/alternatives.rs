@@ -136,6 +136,11 @@ pub(super) fn better_law(
     })
 }
 
+/// The set with the rival that fits best in the place of an effect, if it fits better than the effect.
+pub(super) fn better_rival(judged: &[JudgedEffect], place: usize) -> Option<usize> {
+    best_rival(judged, |j, r| j.place == place && r.lack < 0.0)
+}
+
 /// The set of the closest rival that `may_replace` accepts. A rival with a parameter at an implausible bound is left out.
 fn best_rival(
     judged: &[JudgedEffect],

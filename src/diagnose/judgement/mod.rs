@@ -13,6 +13,7 @@
 //! | `left_out` | errors on points that no parameter was fitted to |
 //! | `rest` | what the chosen set leaves: structure above the noise, the shape of laws in doubt |
 //! | `few_points` | points that are missed by far where all others fit |
+//! | `single_sweeps` | what is left of recordings that have no cycle to hold out |
 //! | `trust` | the confidence in a named effect |
 //! | `plausible` | whether a specimen or rig may have an effect |
 //! | `further_names` | takes back names that are not plausible or hardly believed, and a doubtful name beside a sure one |
@@ -37,6 +38,7 @@ mod look_alikes;
 mod of_path;
 mod plausible;
 mod rest;
+mod single_sweeps;
 mod summary;
 mod tables;
 mod taken_back;

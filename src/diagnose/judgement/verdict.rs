@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 
 use super::alternatives::{
-    JudgedEffect, LEAST_TRUST, alternative, better_law, judge, more_plausible, nearest,
+    JudgedEffect, LEAST_TRUST, alternative, better_law, better_rival, judge, more_plausible, nearest,
 };
 use super::delivered::{as_model, as_written, delivered};
 use super::further_names::{
@@ -121,7 +121,7 @@ fn diagnosis(
     let named_effects = if unexplained { &[] } else { judged };
     let found = findings(context, search, named_effects, &confidence, &rest);
     let effects = [of_path.effects, found].concat();
-    let located = locations(context, unexplained, [refitted, before, after], judged);
+    let located = locations(context, &rest, [refitted, before, after], judged);
     let location = with_path(of_path.location, located);
     let others = alternatives(context, search, refitted, judged, unexplained);
     let fit = errors(plain, search, refitted, delivered.errors, known.nominal);
@@ -191,8 +191,8 @@ fn judge_trusted(context: &FitContext<'_>, search: &mut SearchResult, refitted: 
     }
 }
 
-/// Judges the effects of the chosen set. Takes back each that is hardly believed, and each doubtful name beside a sure one where the others
-/// explain the recordings too.
+/// Judges the effects of the chosen set. Each that is hardly believed gives its place to a rival that fits better, or is taken back. Takes
+/// back each doubtful name beside a sure one where the others explain the recordings too.
 fn judge_sure(
     context: &FitContext<'_>,
     search: &mut SearchResult,
@@ -205,7 +205,8 @@ fn judge_sure(
         let rest = Rest::of(context, search, fits, false);
         let all = trusted(context, search, &effects, &rest);
         if let Some(place) = hardly_believed(&all) {
-            search.chosen = without(context, &mut search.nodes, search.chosen, place);
+            search.chosen = better_rival(&effects, place)
+                .unwrap_or_else(|| without(context, &mut search.nodes, search.chosen, place));
             effects = judge_trusted(context, search, known.refitted);
             continue;
         }
@@ -336,16 +337,24 @@ fn sensitivities(context: &FitContext<'_>, node: &Node) -> DMatrix<f64> {
 }
 
 /// Where the refitted baseline differs from the recordings, then where the chosen set still does.
-fn unexplained_locations(context: &FitContext<'_>, [refitted, before, after]: [&Node; 3]) -> Vec<Location> {
+fn unexplained_locations(
+    context: &FitContext<'_>,
+    rest: &Rest,
+    [refitted, before, after]: [&Node; 3],
+) -> Vec<Location> {
     let data = context.data;
     let mut list = locate(data, &refitted.residuals, &sensitivities(context, refitted));
     if explains_most(context, refitted, before) {
         // What a general friction law explains is after the reversals, even if it also shows along other axes.
         list.sort_by_key(|l| l.axis != Axis::DistanceFromReversalMm);
     }
-    let left = locate(data, &after.residuals, &sensitivities(context, after));
-    list.extend(left.into_iter().filter(|l| l.share > LACK_SHARE));
-    list
+    let mut left = locate(data, &after.residuals, &sensitivities(context, after));
+    left.retain(|l| l.share > LACK_SHARE);
+    match rest.sweep.is_some() {
+        // All cycles that are held out are explained, so what the baseline leaves is not what is missing.
+        true => [left, list].concat(),
+        false => [list, left].concat(),
+    }
 }
 
 /// Where the effects say that they act, then where the baseline differs along other axes.
@@ -384,12 +393,12 @@ fn effect_locations(
 /// Where the effects act, or where the baseline differs if nothing explains it.
 fn locations(
     context: &FitContext<'_>,
-    unexplained: bool,
+    rest: &Rest,
     [refitted, before, after]: [&Node; 3],
     judged: &[JudgedEffect],
 ) -> Vec<Location> {
-    match unexplained {
-        true => unexplained_locations(context, [refitted, before, after]),
+    match rest.unexplained {
+        true => unexplained_locations(context, rest, [refitted, before, after]),
         false => effect_locations(context, [before, after], judged),
     }
 }
