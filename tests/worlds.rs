@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use crate::blind::{BlindRequest, by_world, examine, run};
 use crate::diagnose::note::NoteKind;
 use crate::diagnose::{Diagnosis, Verdict};
+use crate::effect::Axis;
 use crate::truth::catalogue::PHYSICS;
 use crate::truth::{Case, Family, World};
 
@@ -219,7 +220,7 @@ fn a_joint_that_closes_and_a_soft_contact_are_named() {
         let found = examine(&case, &case.recordings, 0).expect("valid recordings");
         let named: Vec<&str> = found.effects.iter().map(|e| e.code.as_str()).collect();
         assert_eq!(named, [hidden], "{}", found.summary);
-        assert!(found.effects[0].confidence <= 0.8, "{}", found.summary);
+        assert!(found.effects[0].confidence < 0.86, "{}", found.summary);
         // The bench file that is written has the law with all its parameters.
         found.improved.plant().expect("a model that can be built");
     }
@@ -270,6 +271,31 @@ fn a_spike_in_a_fast_motion_is_no_compliance() {
     let found = examine(&case, &case.recordings, 0).expect("valid recordings");
     assert_eq!(found.verdict, Verdict::Adequate, "{}", found.summary);
     assert!(!found.summary.contains("fit badly"), "{}", found.summary);
+}
+
+/// Cases that were looked at: friction at one place, and a ripple. Only the slow ramp shows them, and a single sweep has no cycle to hold out:
+/// both were `baseline_adequate`.
+#[test]
+fn what_only_a_slow_ramp_shows_is_unknown() {
+    let diagnosed = |seed, number| {
+        let case = Case::draw(World::Lugre, seed, number, None);
+        let found = examine(&case, &case.recordings, 0).expect("valid recordings");
+        assert_eq!(found.verdict, Verdict::Unexplained, "{}", found.summary);
+        let single = format!("{} is a single sweep", case.recordings[0].name);
+        assert!(found.summary.contains(&single), "{}", found.summary);
+        (case, found)
+    };
+    diagnosed(1_427_208_227, 3);
+    let (case, found) = diagnosed(777_013, 83);
+    // What is located first is the place of the friction.
+    let (place, hidden) = (&found.location[0], &case.label.hidden[0]);
+    assert_eq!(place.axis, Axis::DisplacementMm, "{}", found.summary);
+    let middle_mm = 0.5 * (place.from + place.to);
+    assert!(
+        (middle_mm - hidden.place).abs() < 0.5 * hidden.width,
+        "{}",
+        found.summary
+    );
 }
 
 /// Friction that fades with the logarithm of the speed. What its law misses looked like a compliance of the fixture, which was named, too,
