@@ -333,6 +333,9 @@ pub struct Diagnosis {
     /// True where the budget of the search was spent before sets of all sizes were compared; absent otherwise.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub search_cut_short: bool,
+    /// Name of the recording without a cycle to hold out that alone is not explained; a next test then repeats it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub single_sweep: Option<String>,
     /// RMS of what has the shape of the friction law and got no name, as a share of the RMS friction; `None` where no such doubt was
     /// needed.
     #[serde(skip_serializing_if = "Option::is_none")]

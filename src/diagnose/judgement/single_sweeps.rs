@@ -11,7 +11,7 @@ const LEAST_POINTS: usize = 100;
 /// The recording without a held-out cycle that a set fits worst.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct SingleSweep {
-    recording: String,
+    pub recording: String,
     /// Mean square of what is left and not white, in units of the noise.
     pub structure: f64,
 }

@@ -141,6 +141,7 @@ fn diagnosis(
         not_testable: not_testable(context, before),
         unexplained_share: rest.share,
         search_cut_short: search.cut_short,
+        single_sweep: rest.sweep.as_ref().map(|sweep| sweep.recording.clone()),
         model_steps: context.setup.steps(),
         friction_shape_share: rest.shape.map(|s| s.friction),
         curve_shape_share: rest.shape.and_then(|s| s.curve),

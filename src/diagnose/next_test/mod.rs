@@ -6,8 +6,10 @@
 //! | `test_profiles` | the tests that the bench can run |
 //! | `separation` | how well each of them separates the finding from its rivals |
 //! | `separated_axes` | the test that separates the axes of a located difference, where no name or several explain it |
+//! | `repeated_ramp` | the test for a difference that only a single sweep shows |
 //! | `testability` | the test that shows effects that the recordings cannot |
 
+mod repeated_ramp;
 mod separated_axes;
 mod separation;
 mod test_profiles;
@@ -33,7 +35,7 @@ pub(in crate::diagnose) fn planned(context: &FitContext<'_>, judgement: Judgemen
     diagnosis
 }
 
-/// What is open is asked in the order of its urgency: rivals, the unknown or a group, what could not be tested.
+/// What is open is asked in the order of its urgency: a single sweep, the unknown, rivals, a group, what could not be tested.
 fn plan(
     context: &FitContext<'_>,
     search: &SearchResult,
@@ -42,6 +44,11 @@ fn plan(
 ) -> Result<Option<NextTest>, String> {
     let chosen = &search.nodes[search.chosen];
     let unexplained = diagnosis.verdict == Verdict::Unexplained;
+    if let Some(recording) = &diagnosis.single_sweep
+        && let Some(test) = repeated_ramp::propose(context, chosen, recording)
+    {
+        return Ok(Some(test));
+    }
     if unexplained {
         return separated_axes::propose(context, chosen, &diagnosis.location).map(Some);
     }

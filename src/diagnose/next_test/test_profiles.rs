@@ -213,6 +213,15 @@ pub(super) fn test_profiles(range: &TestRange) -> Vec<TestProfile> {
         .collect()
 }
 
+/// A slow ramp that is repeated, so that cycles of it can be held out.
+pub(super) fn repeated_ramp(range: &TestRange) -> TestProfile {
+    let s = Segments::new(range);
+    TestProfile {
+        name: "ramp-60-s-four-times".to_owned(),
+        segments: vec![s.up_and_down(30.0).concat(); 4],
+    }
+}
+
 /// Tests that vary one axis against another: the same loop at three speeds, loops of two sizes at three loads, a loop before and after a
 /// rest.
 pub(super) fn axis_profiles(range: &TestRange) -> Vec<TestProfile> {
@@ -400,6 +409,7 @@ mod tests {
             let range = TestRange::new([-0.01, 24.0], 40.0, [500.0, 3000.0], limits);
             let mut list = test_profiles(&range);
             list.extend(axis_profiles(&range));
+            list.push(repeated_ramp(&range));
             assert!(list.len() > 20);
             for test in &list {
                 let motion = test
