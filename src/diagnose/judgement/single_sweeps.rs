@@ -94,12 +94,12 @@ mod tests {
     fn slow_noise_that_the_weights_know_is_no_structure() {
         // White noise of 0.5 and slow noise, together 1.
         let mut slow = 0.0;
-        let both: Vec<f64> = white(2000)
+        let both: Vec<f64> = white(20_000)
             .into_iter()
             .zip(0..)
             .map(|(white, i): (f64, usize)| {
                 slow = 0.95 * slow
-                    + (1.0f64 - 0.95 * 0.95).sqrt() * (0.75f64).sqrt() * 3f64.sqrt() * noisy(i + 5000);
+                    + (1.0f64 - 0.95 * 0.95).sqrt() * (0.75f64).sqrt() * 3f64.sqrt() * noisy(i + 50_000);
                 0.5 * white + slow
             })
             .collect();

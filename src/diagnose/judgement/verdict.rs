@@ -337,7 +337,7 @@ fn sensitivities(context: &FitContext<'_>, node: &Node) -> DMatrix<f64> {
     )
 }
 
-/// Where the refitted baseline differs from the recordings, then where the chosen set still does.
+/// Where the refitted baseline differs from the recordings, and where the chosen set still does: first what is more likely to be missing.
 fn unexplained_locations(
     context: &FitContext<'_>,
     rest: &Rest,
@@ -345,14 +345,15 @@ fn unexplained_locations(
 ) -> Vec<Location> {
     let data = context.data;
     let mut list = locate(data, &refitted.residuals, &sensitivities(context, refitted));
-    if explains_most(context, refitted, before) {
+    let mut left = locate(data, &after.residuals, &sensitivities(context, after));
+    left.retain(|l| l.share > LACK_SHARE);
+    let of_friction = explains_most(context, refitted, before);
+    if of_friction {
         // What a general friction law explains is after the reversals, even if it also shows along other axes.
         list.sort_by_key(|l| l.axis != Axis::DistanceFromReversalMm);
     }
-    let mut left = locate(data, &after.residuals, &sensitivities(context, after));
-    left.retain(|l| l.share > LACK_SHARE);
-    match rest.sweep.is_some() {
-        // All cycles that are held out are explained, so what the baseline leaves is not what is missing.
+    match of_friction || rest.sweep.is_some() {
+        // What the friction law or the cycles that are held out explain is not what is missing.
         true => [left, list].concat(),
         false => [list, left].concat(),
     }
