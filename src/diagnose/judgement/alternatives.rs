@@ -18,11 +18,12 @@ pub(in crate::diagnose) const DISTINCT_POWER: f64 = 0.04;
 /// would have had a confidence of 71 % without it, 97 % were right; with it their confidence is 93 %. Not applied to a doubt above 1,
 /// where it made a name that is right in a third of the cases nearly impossible.
 const CONFIDENCE_EXPONENT: f64 = 3.0;
-/// Highest confidence, before its odds are corrected, in an effect with a rival that is not distinguished: it is 85 % then. Of 11 such names above 90 % in cases that were looked at, 8 were
-/// right. It also limits a law that no search begins with: one was named with 97 %, a joint of two rates, where an LVDT was bowed.
+/// Highest confidence, before its odds are corrected, in an effect with a rival that is not distinguished: corrected, it is 85 %. Of 11 such
+/// names above 90 % in cases that were looked at, 8 were right. It also limits a law that no search begins with: one was named with 97 %, a
+/// joint of two rates, where an LVDT was bowed.
 const MOST_BESIDE_RIVAL: f64 = 0.8;
 /// Highest confidence, before its odds are corrected, in an effect that is not plausible but without which the recordings are explained much
-/// worse: something there acts like it. It is 51 % then. In a case that was looked at, this was a contact beside a soft fixture. At half, such
+/// worse: something there acts like it. Corrected, it is 51 %. In a case that was looked at, this was a contact beside a soft fixture. At half, such
 /// a name is 38 % sure at most; at double, 65 %.
 const MOST_IMPLAUSIBLE: f64 = 0.2;
 /// A law that no search begins with is named if its log-likelihood, less the penalty of its parameters, is higher by this: a ratio of 20.
@@ -448,6 +449,22 @@ mod tests {
         );
         assert!(said(-5.0).starts_with("it fits better, by 5.0"), "{}", said(-5.0));
         assert!(said(3.0).contains("lower by only 3.0"), "{}", said(3.0));
+    }
+
+    #[test]
+    fn only_a_rival_that_fits_better_is_better() {
+        let rival = |node, lack, strained| RivalSet {
+            code: "lift_off",
+            node,
+            lack,
+            strained,
+        };
+        let mut judged = [effect(0, 40.0), effect(1, 30.0)];
+        judged[0].rivals = vec![rival(5, -9.0, false)];
+        judged[1].rivals = vec![rival(7, -5.0, true), rival(8, -3.0, false), rival(9, 1.0, false)];
+        assert_eq!(better_rival(&judged, 1), Some(8));
+        judged[1].rivals.remove(1);
+        assert_eq!(better_rival(&judged, 1), None);
     }
 
     #[test]

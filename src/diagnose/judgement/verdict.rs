@@ -200,13 +200,19 @@ fn judge_sure(
     known: &Known<'_>,
 ) -> (Vec<JudgedEffect>, Vec<Doubtful>) {
     let fits = [known.base, known.refitted];
+    let key = |node: &Node| node.key(context.setup.extras.len());
     let mut taken_back = Vec::new();
+    // A set that was given up does not come back, so this ends.
+    let mut given_up = Vec::new();
     let mut effects = judge_trusted(context, search, known.refitted);
     loop {
         let rest = Rest::of(context, search, fits, false);
         let all = trusted(context, search, &effects, &rest);
         if let Some(place) = hardly_believed(&all) {
-            search.chosen = better_rival(&effects, place)
+            given_up.push(key(&search.nodes[search.chosen]));
+            let better = better_rival(&effects, place);
+            search.chosen = better
+                .filter(|&set| !given_up.contains(&key(&search.nodes[set])))
                 .unwrap_or_else(|| without(context, &mut search.nodes, search.chosen, place));
             effects = judge_trusted(context, search, known.refitted);
             continue;
