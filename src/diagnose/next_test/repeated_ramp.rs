@@ -3,11 +3,20 @@
 
 use super::separation::{ChannelNoise, admissible_forces};
 use super::test_profiles::repeated_ramp;
+use crate::diagnose::conditioning::{Track, median};
 use crate::diagnose::diagnosis::NextTest;
 use crate::diagnose::fitting::{FitContext, Node};
 
-/// `None` if the bench cannot run it. `recording` is the name of the sweep that is not explained.
+/// Cycles that check each other, and how many times as fast as the sweep they may be: the ramp that is proposed is up to four times as fast
+/// as a sweep of 240 s.
+const LEAST_CYCLES: u32 = 3;
+const AS_SLOW: f64 = 4.0;
+
+/// `None` if the bench cannot run it, or if a recording has slow cycles already. `recording` is the name of the sweep that is not explained.
 pub(super) fn propose(context: &FitContext<'_>, node: &Node, recording: &str) -> Option<NextTest> {
+    if has_slow_cycles(&context.data.tracks, recording) {
+        return None;
+    }
     let range = ChannelNoise::of(context).test_range(context);
     let test = repeated_ramp(&range);
     let motion = test.motion(&range, context.limits.as_ref())?;
@@ -26,4 +35,35 @@ pub(super) fn propose(context: &FitContext<'_>, node: &Node, recording: &str) ->
         separation_sigma: None,
         duration_s: motion.duration_s,
     })
+}
+
+/// True if a recording repeats a motion about as slow as that of the sweep.
+fn has_slow_cycles(tracks: &[Track], sweep: &str) -> bool {
+    let usual_mm_s = |t: &Track| median(t.motion.iter().map(|m| m.velocity_mm_s.abs()).collect());
+    let sweep = tracks.iter().find(|t| t.name == sweep);
+    let most_mm_s = sweep.map_or(0.0, |t| AS_SLOW * usual_mm_s(t));
+    let mut repeated = tracks.iter().filter(|t| t.cycles >= LEAST_CYCLES);
+    repeated.any(|t| usual_mm_s(t) <= most_mm_s)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::fitting::case;
+
+    #[test]
+    fn a_ramp_that_was_repeated_is_not_repeated_again() {
+        let (data, _) = case(|_, _| 0.0);
+        let cycles = data.tracks[0].clone();
+        let mut ramp = Track {
+            name: "ramp".to_owned(),
+            cycles: 1,
+            ..cycles.clone()
+        };
+        assert!(has_slow_cycles(&[ramp.clone(), cycles.clone()], "ramp"));
+        for motion in &mut ramp.motion {
+            motion.velocity_mm_s *= 0.1;
+        }
+        assert!(!has_slow_cycles(&[ramp, cycles], "ramp"));
+    }
 }
