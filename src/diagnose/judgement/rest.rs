@@ -74,11 +74,17 @@ impl Rest {
         // The rest is also compared with what the shape of the friction law left to explain: of the whole it may be a small share.
         rest.unexplained |= !of_law && repeats(search, unexplained_share(before, after, left), left);
         rest.unexplained |= nothing_named && rest.is_beyond_shape();
-        if !rest.unexplained {
-            rest.sweep = unexplained_sweep(context.data, [before, after]);
-            rest.unexplained = rest.sweep.is_some();
-        }
         rest
+    }
+
+    /// Judges the recordings that have no cycle to hold out as well, if all others are explained. Not where what follows from the path was
+    /// judged before and is in doubt now: a slow sweep shows nothing else.
+    pub(super) fn with_sweeps(mut self, data: &Data, search: &SearchResult, path_in_doubt: bool) -> Rest {
+        if !self.unexplained && !path_in_doubt {
+            self.sweep = unexplained_sweep(data, search);
+            self.unexplained = self.sweep.is_some();
+        }
+        self
     }
 
     /// What limits the diagnosis. Points and shapes are told only where something explains the recordings.
@@ -177,10 +183,10 @@ fn is_unexplained(
 }
 
 /// The recording without a held-out cycle that the chosen set explains worst, if what is left of it exceeds the noise and is a considerable
-/// share of what is left `before` anything is named.
-fn unexplained_sweep(data: &Data, [before, after]: [&Node; 2]) -> Option<SingleSweep> {
-    let structure_before = SingleSweep::worst(data, before)?.structure;
-    let worst = SingleSweep::worst(data, after)?;
+/// share of what is left before anything is named.
+fn unexplained_sweep(data: &Data, search: &SearchResult) -> Option<SingleSweep> {
+    let structure_before = SingleSweep::worst(data, &search.nodes[0])?.structure;
+    let worst = SingleSweep::worst(data, &search.nodes[search.chosen])?;
     (worst.structure > REPORT_POWER.max(LACK_SHARE * structure_before)).then_some(worst)
 }
 

@@ -108,9 +108,10 @@ fn diagnosis(
 ) -> Diagnosis {
     let (plain, refitted, base) = (known.plain, known.refitted, known.base);
     let (before, after) = (&search.nodes[0], &search.nodes[search.chosen]);
-    let mut of_path = known.of_path.unwrap_or_default();
+    let (path_in_doubt, mut of_path) = (known.of_path.is_some(), known.of_path.unwrap_or_default());
     let nothing_named = judged.is_empty() && of_path.effects.is_empty();
     let rest = Rest::of(context, search, [base, refitted], nothing_named);
+    let rest = rest.with_sweeps(context.data, search, path_in_doubt);
     let unexplained = rest.unexplained;
     of_path.clear_if(unexplained);
     let verdict = verdict_of(unexplained, nothing_named);
@@ -118,8 +119,8 @@ fn diagnosis(
     let written = as_written(context, plain, named, &of_path);
     let delivered = delivered(plain, [&written, refitted], &rest, &known.courses);
     let confidence = intervals(context, named, search.likelihood);
-    let named_effects = if unexplained { &[] } else { judged };
-    let found = findings(context, search, named_effects, &confidence, &rest);
+    let given = if unexplained { &[] } else { judged };
+    let found = findings(context, search, given, &confidence, &rest);
     let effects = [of_path.effects, found].concat();
     let located = locations(context, &rest, [refitted, before, after], judged);
     let location = with_path(of_path.location, located);
