@@ -7,9 +7,11 @@ use crate::diagnose::conditioning::{Track, median};
 use crate::diagnose::diagnosis::NextTest;
 use crate::diagnose::fitting::{FitContext, Node};
 
-/// Cycles that check each other, and how many times as fast as the sweep they may be: the ramp that is proposed is up to four times as fast
-/// as a sweep of 240 s.
+/// Fewest cycles of a recording that check each other: one is fitted, one selects, one reports. At half, a single sweep would do; at double, a
+/// ramp that was repeated four times would be repeated again.
 const LEAST_CYCLES: u32 = 3;
+/// Cycles are slow if they are at most this many times as fast as the sweep. The ramp that is proposed takes 60 s, and a sweep up to 240 s. At
+/// half, it would be proposed again after such a sweep; at double, sines of 0.1 Hz are slow beside a sweep of 120 s.
 const AS_SLOW: f64 = 4.0;
 
 /// `None` if the bench cannot run it, or if a recording has slow cycles already. `recording` is the name of the sweep that is not explained.
