@@ -307,6 +307,17 @@ fn what_only_a_slow_ramp_shows_is_unknown() {
     assert!((0.5 * (from + to) - hidden.place).abs() < 0.5 * hidden.width);
 }
 
+/// A case that was looked at: slow noise that was not found. The place of what the baseline leaves and of what the chosen set leaves is the same.
+#[test]
+fn no_place_is_told_twice() {
+    let case = Case::draw(World::BoucWen, 3_883_214_968, 38, None);
+    let found = examine(&case, &case.recordings, 0).expect("valid recordings");
+    assert_eq!(found.verdict, Verdict::Unexplained, "{}", found.summary);
+    for (k, place) in found.location.iter().enumerate() {
+        assert!(!found.location[..k].contains(place), "{}", place.words);
+    }
+}
+
 /// Friction that fades with the logarithm of the speed. What its law misses looked like a compliance of the fixture, which was named, too,
 /// with 30 %.
 #[test]

@@ -359,11 +359,17 @@ fn unexplained_locations(
         // What a general friction law explains is after the reversals, even if it also shows along other axes.
         list.sort_by_key(|l| l.axis != Axis::DistanceFromReversalMm);
     }
-    match of_friction || rest.sweep.is_some() {
-        // What the friction law or the cycles that are held out explain is not what is missing.
-        true => [left, list].concat(),
-        false => [list, left].concat(),
+    // What the friction law or the cycles that are held out explain is not what is missing.
+    let (mut places, others) = match of_friction || rest.sweep.is_some() {
+        true => (left, list),
+        false => (list, left),
+    };
+    for other in others {
+        if !places.contains(&other) {
+            places.push(other);
+        }
     }
+    places
 }
 
 /// Where the effects say that they act, then where the baseline differs along other axes.
