@@ -24,7 +24,7 @@ const CONFIDENCE_EXPONENT: f64 = 3.0;
 const MOST_BESIDE_RIVAL: f64 = 0.8;
 /// Highest confidence, before its odds are corrected, in an effect that is not plausible but without which the recordings are explained much
 /// worse: something there acts like it. Corrected, it is 51 %. In a case that was looked at, this was a contact beside a soft fixture. At half, such
-/// a name is 38 % sure at most; at double, 65 %.
+/// a name is 39 % sure at most; at double, 65 %.
 const MOST_IMPLAUSIBLE: f64 = 0.2;
 /// A law that no search begins with is named if its log-likelihood, less the penalty of its parameters, is higher by this: a ratio of 20.
 /// Of 12 joints and contacts that were higher by at least 3, in cases of three worlds that were looked at, 11 were the hidden effect, and one
@@ -409,13 +409,20 @@ pub(super) fn nearest(context: &FitContext<'_>, search: &SearchResult) -> Vec<Al
         .map(|code| Alternative {
             code,
             instead_of: "unknown".to_owned(),
-            why: format!(
-                "it is in one of the best sets, but the best set still leaves {:.1} times the noise on held-out cycles",
-                least.sqrt()
-            ),
+            why: in_a_best_set(least.sqrt()),
             test: "inspect the specimen at the place that is located".to_owned(),
         })
         .collect()
+}
+
+/// Why a code of the best sets is no finding; `left` is what the best of them leaves on held-out cycles, in noises.
+fn in_a_best_set(left: f64) -> String {
+    match left > 1.0 {
+        true => format!(
+            "it is in one of the best sets, but the best set still leaves {left:.1} times the noise on held-out cycles"
+        ),
+        false => "it is in one of the best sets, but no set explains all that was recorded".to_owned(),
+    }
 }
 
 #[cfg(test)]

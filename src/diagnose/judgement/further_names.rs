@@ -10,7 +10,7 @@ use crate::diagnose::fitting::{Data, FitContext, Node};
 use crate::diagnose::search::SearchResult;
 
 /// A name below this confidence is not given. Of five in 640 cases that were looked at, one of them a friction that a delay below the noise
-/// explained far better, all were wrong; of nine from here to 0.36, three were right. At half, one of the five is named; at double, three that
+/// explained far better, all were wrong; of nine from here to 0.36, three were right. At half, at least one of the five is named; at double, three that
 /// are right would not be.
 const LEAST_NAME: f64 = 0.2;
 /// From this confidence on a name is sure: an error in the form of its law can then look like another effect. At half, right names would be

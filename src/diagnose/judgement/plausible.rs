@@ -21,8 +21,8 @@ pub(super) fn is_plausible(context: &FitContext<'_>, node: &Node, place: usize) 
 }
 
 /// Median force in N at displacements below one in mm: from the zero of the channel as it was recorded or as a set has it, whichever is
-/// nearer to no force. Where a set misses what is recorded there, its zero is off, too: by 14 N in a case that was looked at, where the median
-/// as recorded was -2 N below a contact that was there.
+/// nearer to no force. A set that misses these points has a poor zero as well. In a case that was looked at, its zero was off by 14 N; as
+/// recorded, the median was -2 N, and the contact was there.
 fn force_below_n(data: &Data, node: &Node, displacement_mm: f64) -> Option<f64> {
     let displacements = data.tracks.iter().flat_map(|t| &t.displacement_mm);
     let points = displacements.zip(&data.force_n);

@@ -8,7 +8,7 @@ use crate::diagnose::search::SearchResult;
 
 /// Exponent that corrects the odds of a confidence. Of 312 names in 400 cases of five worlds (seed 1427208227), 119 had 20 to 70 % with an
 /// exponent of 0.75 where there was no alternative and 1 where there was: 46 % in the mean, but 63 % of them were right. The calibration error
-/// was 0.09; with this exponent for all it is 0.04. At half, names of 99 % get 95 %, and names of 10 % get 69 %. At double it is above 1, and
+/// was 0.09; with this exponent for all it is 0.04. At half, names of 99 % get 95 %, and names of 10 % get 71 %. At double it is above 1, and
 /// doubtful names get even less.
 const ODDS_EXPONENT: f64 = 0.6;
 /// Confidence that the exponent does not change. Of 121 names with at least that, 116 were right. From here a wrong name counts as sure.
@@ -39,7 +39,7 @@ impl Trust {
         let beside_laws = judged.trust_beside(all, rest.free_laws_gain);
         let beside_rest = 1.0 - rest.share.powi(2);
         let beside = |rivals: f64| calibrated(against_all([rivals, size, beside_laws, beside_rest]));
-        // Of effects that the recordings cannot tell apart, one is true, however often it was the one that is named.
+        // The effects of a group share one confidence, because one of them is true.
         let most = match judged.group.is_empty() {
             true => 1.0,
             false => judged.confidence,

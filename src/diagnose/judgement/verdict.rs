@@ -344,7 +344,7 @@ fn sensitivities(context: &FitContext<'_>, node: &Node) -> DMatrix<f64> {
     )
 }
 
-/// Where the refitted baseline differs from the recordings, and where the chosen set still does: first what is more likely to be missing.
+/// Where the refitted baseline differs from the recordings, and where the chosen set still does. What is more likely to be missing comes first.
 fn unexplained_locations(
     context: &FitContext<'_>,
     rest: &Rest,
@@ -359,7 +359,7 @@ fn unexplained_locations(
         // What a general friction law explains is after the reversals, even if it also shows along other axes.
         list.sort_by_key(|l| l.axis != Axis::DistanceFromReversalMm);
     }
-    // What the friction law or the cycles that are held out explain is not what is missing.
+    // If a general friction law explains most, or all held-out cycles are explained, the rest shows what is missing.
     let (mut places, others) = match of_friction || rest.sweep.is_some() {
         true => (left, list),
         false => (list, left),

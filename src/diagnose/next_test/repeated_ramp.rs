@@ -31,8 +31,8 @@ pub(super) fn propose(context: &FitContext<'_>, node: &Node, recording: &str) ->
     Some(NextTest {
         profile_toml: test.toml("Repeats a slow ramp, so that its cycles check each other."),
         why: format!(
-            "only {recording} shows the difference, and it is a single sweep: this test repeats a slow ramp, so that some of its cycles show \
-             whether the difference is in the others, too, and a law can be read off it"
+            "only {recording} shows the difference, and it is a single sweep: this test repeats a slow ramp. Its cycles show whether the \
+             difference comes back, and a law can then be read off them"
         ),
         separation_sigma: None,
         duration_s: motion.duration_s,
