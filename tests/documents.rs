@@ -3,7 +3,7 @@
 //!
 //! The keys of a parser are taken from its own error for an unknown key, so that there is no second list of them here.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use crate::calibration::CalibrationFile;
@@ -466,6 +466,28 @@ fn documented_columns_are_those_that_are_written() {
     };
     assert_eq!(first_cells("## Recording CSV"), format.columns());
     assert_eq!(first_cells("## Cycles CSV"), CYCLE_COLUMNS);
+}
+
+/// Python's own tests need its package built; this one tells of a forgotten field at once.
+#[test]
+fn documented_fields_of_a_diagnosis_are_those_of_the_python_package() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("python/package/leafbench/_diagnosis.py");
+    let text = std::fs::read_to_string(path).expect("the package is in the repository");
+    let of_class = text.lines().skip_while(|l| *l != "class Diagnosis:").skip(1);
+    let fields: BTreeSet<&str> = of_class
+        .take_while(|l| !l.starts_with("    def "))
+        .filter_map(|l| l.strip_prefix("    ")?.split_once(": "))
+        .map(|(field, _)| field)
+        .filter(|f| f.chars().all(|c| c.is_ascii_lowercase() || c == '_'))
+        .filter(|f| !["json", "improved_toml"].contains(f))
+        .collect();
+    let cells = first_cells("### `diagnosis.json`");
+    let documented: BTreeSet<&str> = cells
+        .iter()
+        .map(|cell| cell.split(['.', '[']).next().unwrap_or_default())
+        .filter(|key| !key.is_empty())
+        .collect();
+    assert_eq!(documented, fields);
 }
 
 #[test]

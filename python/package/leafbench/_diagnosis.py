@@ -330,6 +330,8 @@ class Diagnosis:
     no_next_test: str | None = None
     #: True if the search spent its budget before sets of three effects were compared.
     search_cut_short: bool = False
+    #: Name of the only recording that is not explained; it has no cycle that could be held out, and ``next_test`` repeats its ramp.
+    single_sweep: str | None = None
     #: RMS of the difference that has the shape of the friction law and is not named, as a share of the RMS friction.
     friction_shape_share: float | None = None
     #: The same of the spring's curve, as a share of the force range.
