@@ -89,6 +89,7 @@ fn whole_diagnosis(
         yardsticks: judgement::yardstick_errors(&courses, plain.threads()),
         courses,
         of_path: None,
+        path_given_away: searches.path.is_some(),
     };
     let (data, search) = judgement::search_to_judge(
         &run,

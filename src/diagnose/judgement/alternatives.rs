@@ -35,17 +35,6 @@ const BETTER_LAW: f64 = 3.0;
 /// an effect is never exact.
 const DOUBT_FLOOR: f64 = 2.0;
 const DOUBT_SHARE: f64 = 0.02;
-/// Share of what an effect explains that the error of its form may leave: a law that is 17 % off in shape. Of 160 cases of five worlds
-/// (seed 626262) 6 have a wrong name that is sure, instead of 9 without it. At half: 6 too; at a third: 8. At double: 5, but 2 of 69
-/// right names are no longer sure.
-const FORM_SHARE: f64 = 0.03;
-/// The same share of what the laws of free shape explain. It is smaller, because a free shape follows a foreign law better than one formula
-/// does. In cases of two worlds that were looked at (seed 910159277), 4 of 115 names of the path are wrong and sure, 4 too at double, and
-/// 6 without it; at double a name that is right in half of the cases gets a confidence of 5 %. In one world (LuGre) the only wrong name of
-/// 25 that was sure, a delay, is so no longer.
-const FREE_FORM_SHARE: f64 = 0.0015;
-/// An effect whose trust is below this is not named: the error of form of the laws beside it may be nine times what it explains.
-pub(super) const LEAST_TRUST: f64 = 0.1;
 /// Number of candidates that are fitted in place of an effect.
 const RIVALS_TRIED: usize = 8;
 /// Number of the closest rivals that are fitted to convergence. A version before had none: a hidden curve of the LVDT then lacked 146 in
@@ -64,6 +53,8 @@ const MOST_NEAREST: usize = 5;
 pub(in crate::diagnose) struct JudgedEffect {
     /// Index in the chosen set.
     pub place: usize,
+    /// True if its force follows from the path of the displacement alone.
+    pub follows_path: bool,
     /// Index of the set without it.
     pub without: usize,
     /// Gain in log-likelihood that it brings.
@@ -74,18 +65,6 @@ pub(in crate::diagnose) struct JudgedEffect {
     pub rivals: Vec<RivalSet>,
     /// Other codes that the recordings cannot tell from it (`groups`).
     pub group: Key,
-}
-
-impl JudgedEffect {
-    /// Factor of the confidence, 0 to 1: a part of what this effect explains may be the error of form of the other effects in the set, or
-    /// of the laws of free shape beside them, which bring the gain `of_laws`.
-    pub(super) fn trust_beside(&self, all: &[JudgedEffect], of_laws: f64) -> f64 {
-        let others = all.iter().filter(|j| j.place != self.place);
-        let others = others.map(|j| j.loss.max(0.0)).sum::<f64>();
-        let form_error = FORM_SHARE * others + FREE_FORM_SHARE * of_laws;
-        let own = self.loss.max(f64::MIN_POSITIVE);
-        own / (own + form_error)
-    }
 }
 
 /// A set with another effect in place of the finding.
@@ -197,6 +176,7 @@ pub(super) fn judge(context: &FitContext<'_>, search: &mut SearchResult, place: 
     };
     JudgedEffect {
         place,
+        follows_path: effect.follows_path,
         without,
         loss,
         confidence: against_rivals(doubt).min(most),
@@ -432,6 +412,7 @@ mod tests {
     fn effect(place: usize, loss: f64) -> JudgedEffect {
         JudgedEffect {
             place,
+            follows_path: true,
             without: 0,
             loss,
             confidence: 1.0,
@@ -481,15 +462,5 @@ mod tests {
         assert!((against_rivals(2.0) - 1.0 / 3.0).abs() < 1e-12);
         // Calibrated: a rival half as likely takes a ninth.
         assert!((against_rivals(0.5) - 8.0 / 9.0).abs() < 1e-12);
-    }
-
-    #[test]
-    fn a_small_effect_beside_a_large_one_may_be_its_error_of_form() {
-        let alone = [effect(0, 40.0)];
-        assert_eq!(alone[0].trust_beside(&alone, 0.0), 1.0);
-        assert_eq!(alone[0].trust_beside(&alone, 80_000.0), 0.25);
-        let pair = [effect(0, 1000.0), effect(1, 30.0)];
-        assert_eq!(pair[1].trust_beside(&pair, 0.0), 0.5);
-        assert!(pair[0].trust_beside(&pair, 0.0) > 0.999);
     }
 }

@@ -2,6 +2,7 @@
 //! in part, and what its formula misses looks like a further effect.
 
 use super::alternatives::JudgedEffect;
+use super::error_of_form::FreeLaws;
 use super::plausible::is_plausible;
 use super::rest::Rest;
 use super::trust::Trust;
@@ -42,9 +43,9 @@ pub(super) fn trusted(
     context: &FitContext<'_>,
     search: &SearchResult,
     judged: &[JudgedEffect],
-    rest: &Rest,
+    beside: (FreeLaws, &Rest),
 ) -> Vec<Trusted> {
-    let trust = |j: &JudgedEffect| (j.place, Trust::of(context, search, j, judged, rest));
+    let trust = |j: &JudgedEffect| (j.place, Trust::of(context, search, j, judged, beside));
     judged.iter().map(trust).collect()
 }
 

@@ -14,6 +14,7 @@
 //! | `rest` | what the chosen set leaves: structure above the noise, the shape of laws in doubt |
 //! | `few_points` | points that are missed by far where all others fit |
 //! | `single_sweeps` | what is left of recordings that have no cycle to hold out |
+//! | `error_of_form` | how much of what an effect explains may be the error of form of the other laws |
 //! | `trust` | the confidence in a named effect |
 //! | `plausible` | whether a specimen or rig may have an effect |
 //! | `further_names` | takes back names that are not plausible or hardly believed, and a doubtful name beside a sure one |
@@ -27,6 +28,7 @@
 mod alternatives;
 mod beside_path;
 mod delivered;
+mod error_of_form;
 mod few_points;
 mod further_names;
 mod groups;

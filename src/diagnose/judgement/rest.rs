@@ -47,8 +47,6 @@ pub(super) struct Rest {
     pub law_error: Option<f64>,
     /// A recording without a held-out cycle that is not explained, where all others are.
     pub sweep: Option<SingleSweep>,
-    /// Gain in log-likelihood of the free shape of the laws, before any effect is named.
-    pub free_laws_gain: f64,
 }
 
 impl Rest {
@@ -69,7 +67,6 @@ impl Rest {
             few_points: FewPoints::of(context.data, after),
             law_error: of_law.then(|| (left.sum / (refitted.select - base.select)).sqrt()),
             sweep: None,
-            free_laws_gain: free_laws_gain(search, refitted),
         };
         // The rest is also compared with what the shape of the friction law left to explain: of the whole it may be a small share.
         rest.unexplained |= !of_law && repeats(search, unexplained_share(before, after, left), left);
@@ -102,15 +99,6 @@ impl Rest {
     pub(super) fn is_beyond_shape(&self) -> bool {
         self.shape.is_some_and(|s| !s.are_errors_of_shape())
     }
-}
-
-/// Gain in log-likelihood that the free shape of the laws brings before any effect is named; `refitted`: the baseline with its own
-/// friction law.
-pub(super) fn free_laws_gain(search: &SearchResult, refitted: &Node) -> f64 {
-    search
-        .likelihood
-        .gain(refitted.cost() - search.nodes[0].cost())
-        .max(0.0)
 }
 
 /// How much of the difference a set leaves to the shape of the friction law and of the spring's curve.

@@ -1,6 +1,7 @@
 //! Confidence in a named effect.
 
 use super::alternatives::JudgedEffect;
+use super::error_of_form::{FreeLaws, trust_beside};
 use super::rest::Rest;
 use super::varying_coefficient::{Variation, variation};
 use crate::diagnose::fitting::FitContext;
@@ -31,12 +32,12 @@ impl Trust {
         search: &SearchResult,
         judged: &JudgedEffect,
         all: &[JudgedEffect],
-        rest: &Rest,
+        (laws, rest): (FreeLaws, &Rest),
     ) -> Trust {
         let node = &search.nodes[search.chosen];
         let variation = variation(context, search.likelihood, node, judged.place);
         let size = variation.map_or(1.0, Variation::trust);
-        let beside_laws = judged.trust_beside(all, rest.free_laws_gain);
+        let beside_laws = trust_beside(judged, all, laws);
         let beside_rest = 1.0 - rest.share.powi(2);
         let beside = |rivals: f64| calibrated(against_all([rivals, size, beside_laws, beside_rest]));
         // The effects of a group share one confidence, because one of them is true.

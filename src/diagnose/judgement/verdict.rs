@@ -3,9 +3,10 @@
 use nalgebra::DMatrix;
 
 use super::alternatives::{
-    JudgedEffect, LEAST_TRUST, alternative, better_law, better_rival, judge, more_plausible, nearest,
+    JudgedEffect, alternative, better_law, better_rival, judge, more_plausible, nearest,
 };
 use super::delivered::{as_model, as_written, delivered};
+use super::error_of_form::{FreeLaws, LEAST_TRUST, trust_beside};
 use super::further_names::{
     self, Doubtful, doubtful, hardly_believed, is_much_worse, trusted, without_implausible,
 };
@@ -14,7 +15,7 @@ use super::intervals::intervals;
 use super::location::{locate, share_in, words};
 use super::look_alikes::{explains_most, look_alikes};
 use super::of_path::{FoundOfPath, with_path};
-use super::rest::{LACK_SHARE, Rest, free_laws_gain, is_explained};
+use super::rest::{LACK_SHARE, Rest, is_explained};
 use super::summary::summary;
 use super::tables::{baseline_parameters, candidates, curves, errors, maps, not_testable, values_of};
 use super::taken_back::take_back;
@@ -48,6 +49,8 @@ pub(in crate::diagnose) struct Known<'a> {
     pub yardsticks: Vec<YardstickError>,
     /// Where all that follows from the path is in doubt: what was found of it before.
     pub of_path: Option<FoundOfPath>,
+    /// True if effects of speed and time were also found, or confirmed, where every force that follows from the path was given away.
+    pub path_given_away: bool,
 }
 
 /// A search with what its chosen set was found to be.
@@ -107,6 +110,7 @@ fn diagnosis(
     known: Known<'_>,
 ) -> Diagnosis {
     let (plain, refitted, base) = (known.plain, known.refitted, known.base);
+    let laws = FreeLaws::of(search, refitted, known.path_given_away);
     let (before, after) = (&search.nodes[0], &search.nodes[search.chosen]);
     let (path_in_doubt, mut of_path) = (known.of_path.is_some(), known.of_path.unwrap_or_default());
     let nothing_named = judged.is_empty() && of_path.effects.is_empty();
@@ -120,7 +124,7 @@ fn diagnosis(
     let delivered = delivered(plain, [&written, refitted], &rest, &known.courses);
     let confidence = intervals(context, named, search.likelihood);
     let given = if unexplained { &[] } else { judged };
-    let found = findings(context, search, given, &confidence, &rest);
+    let found = findings(context, search, given, &confidence, (laws, &rest));
     let effects = [of_path.effects, found].concat();
     let located = locations(context, &rest, [refitted, before, after], judged);
     let location = with_path(of_path.location, located);
@@ -146,7 +150,7 @@ fn diagnosis(
         model_steps: context.setup.steps(),
         friction_shape_share: rest.shape.map(|s| s.friction),
         curve_shape_share: rest.shape.and_then(|s| s.curve),
-        free_laws_gain: rest.free_laws_gain,
+        free_laws_gain: laws.gain,
         curves: curves(context.data, residuals),
         maps: maps(context.data, residuals[0], residuals[1]),
         improved: delivered.model,
@@ -171,13 +175,15 @@ fn verdict_of(unexplained: bool, nothing_named: bool) -> Verdict {
 
 /// Judges the effects of the chosen set. Takes back those that may be nothing but the error of form of the other laws, the least trusted
 /// first. An effect that is not plausible gives its place to a rival that is, or is taken back where the others do without it.
-fn judge_trusted(context: &FitContext<'_>, search: &mut SearchResult, refitted: &Node) -> Vec<JudgedEffect> {
+fn judge_trusted(
+    context: &FitContext<'_>,
+    search: &mut SearchResult,
+    known: &Known<'_>,
+) -> Vec<JudgedEffect> {
     loop {
         let effects = judge_all(context, search);
-        let of_laws = free_laws_gain(search, refitted);
-        let trust = effects
-            .iter()
-            .map(|j| (j.trust_beside(&effects, of_laws), j.place));
+        let laws = FreeLaws::of(search, known.refitted, known.path_given_away);
+        let trust = effects.iter().map(|j| (trust_beside(j, &effects, laws), j.place));
         let least = trust.min_by(|a, b| a.0.total_cmp(&b.0));
         if let Some((_, place)) = least.filter(|(trust, _)| *trust < LEAST_TRUST) {
             search.chosen = without(context, &mut search.nodes, search.chosen, place);
@@ -205,17 +211,18 @@ fn judge_sure(
     let mut taken_back = Vec::new();
     // A set that was given up does not come back, so this ends.
     let mut given_up = Vec::new();
-    let mut effects = judge_trusted(context, search, known.refitted);
+    let mut effects = judge_trusted(context, search, known);
     loop {
         let rest = Rest::of(context, search, fits, false);
-        let all = trusted(context, search, &effects, &rest);
+        let beside = (FreeLaws::of(search, known.refitted, known.path_given_away), &rest);
+        let all = trusted(context, search, &effects, beside);
         if let Some(place) = hardly_believed(&all) {
             given_up.push(key(&search.nodes[search.chosen]));
             let better = better_rival(&effects, place);
             search.chosen = better
                 .filter(|&set| !given_up.contains(&key(&search.nodes[set])))
                 .unwrap_or_else(|| without(context, &mut search.nodes, search.chosen, place));
-            effects = judge_trusted(context, search, known.refitted);
+            effects = judge_trusted(context, search, known);
             continue;
         }
         let Some(doubtful) = doubtful(search, all) else {
@@ -229,7 +236,7 @@ fn judge_sure(
             return (effects, taken_back);
         }
         taken_back.push(doubtful);
-        effects = judge_trusted(context, search, known.refitted);
+        effects = judge_trusted(context, search, known);
     }
 }
 
@@ -254,9 +261,9 @@ fn findings(
     search: &SearchResult,
     judged: &[JudgedEffect],
     confidence: &Confidence,
-    rest: &Rest,
+    beside: (FreeLaws, &Rest),
 ) -> Vec<Finding> {
-    let sure = |j: &JudgedEffect| Trust::of(context, search, j, judged, rest).in_effect;
+    let sure = |j: &JudgedEffect| Trust::of(context, search, j, judged, beside).in_effect;
     let named = judged.iter();
     named
         .map(|j| finding(context, search, j, confidence, sure(j)))
