@@ -10,8 +10,8 @@ use crate::diagnose::search::SearchResult;
 
 /// Share of what an effect explains that the error of its form may leave: a law that is 17 % off in shape. Of 160 cases of five worlds
 /// (seed 626262) 6 have a wrong name that is sure, instead of 9 without it. At half: 6 too; at a third: 8. At double: 5, but 2 of 69
-/// right names are no longer sure. In 80 packs (seed 3883214968) the search chose 23 effects of speed or time beside effects of the path, and 22 were
-/// there. Where the gain of the path counted, four of the 22 were not named and eight had less than half of the trust.
+/// right names are no longer sure. In 80 packs (seed 3883214968) the search chose 23 effects of speed or time beside effects of the path, and
+/// 22 were there. When the gain of the path counted, four of the 22 were not named and eight had less than half of the trust.
 const FORM_SHARE: f64 = 0.03;
 /// The same share of what the laws of free shape explain. It is smaller, because a free shape follows a foreign law better than one formula
 /// does. In cases of two worlds that were looked at (seed 910159277), 4 of 115 names of the path are wrong and sure, 4 too at double, and
