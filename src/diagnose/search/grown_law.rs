@@ -166,6 +166,8 @@ fn with_part(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::fitting::{Setup, fitted_input, input, with_general_law};
+    use crate::diagnose::{Baseline, DiagnoseOptions, conditioning};
     use crate::effect::find;
 
     fn set(codes: &[&str]) -> Node {
@@ -191,6 +193,34 @@ mod tests {
             growing_code(&set(&["progressive_stiffness", "channel_delay"]), 1),
             None
         );
+    }
+
+    /// A pack that was looked at, in which hardly anything rubs but the leaf that touches. From one start the friction of that leaf stayed where
+    /// it began, and nothing was gained.
+    #[test]
+    fn the_friction_of_a_leaf_that_touches_is_found_from_afar() {
+        let case = crate::truth::Case::draw(crate::truth::World::Pack, 3_883_214_968, 22, None);
+        let options = DiagnoseOptions::default();
+        let baseline = Baseline::of(crate::model::find("equivalent").expect("listed"));
+        let mut setup = Setup::new(&baseline).expect("valid");
+        let points = options.points_of_each(case.recordings.len());
+        let tracks = conditioning::tracks(&case.recordings, points).expect("conditioned");
+        let input = input(tracks, &options).expect("threads");
+        let fitted = fitted_input(&mut setup, input, &case.recordings, &options);
+        let (data, run, fitted) = fitted.expect("fitted");
+        let general = with_general_law(&run.context(&setup, &data), &fitted).expect("a law");
+        setup.extras.clone_from(&general.attached);
+        let context = run.context(&setup, &data);
+        let mut candidates = setup.candidates.iter();
+        let knee = candidates.find(|c| c.effect.code == "progressive_stiffness");
+        let parent = context.converged(&general).expect("finite");
+        let child = context
+            .child(&parent, knee.expect("a candidate"))
+            .expect("fitted");
+        let child = context.converged(&child).expect("finite");
+        let larger = grown(&context, &general, &child, "progressive_stiffness").expect("gains");
+        let (before, after) = (left(&context, &child.0), left(&context, &larger));
+        assert!(after < 0.2 * before, "{after} of {before}");
     }
 
     #[test]
