@@ -108,7 +108,7 @@ mod tests {
             (true, false, 0.25),
             (true, true, 0.25),
             (false, false, 0.25),
-            (false, true, 1.0),
+            (false, true, 0.625),
         ] {
             let alone = [effect(0, follows_path, 40.0)];
             let found = trust_beside(&alone[0], &alone, laws(path_given_away));

@@ -116,19 +116,18 @@ fn diagnosis(
     let nothing_named = judged.is_empty() && of_path.effects.is_empty();
     let rest = Rest::of(context, search, [base, refitted], nothing_named);
     let rest = rest.with_sweeps(context.data, search, path_in_doubt);
-    let unexplained = rest.unexplained;
-    of_path.clear_if(unexplained);
-    let verdict = verdict_of(unexplained, nothing_named);
-    let named = if unexplained { before } else { after };
+    of_path.clear_if(rest.unexplained);
+    let verdict = verdict_of(rest.unexplained, nothing_named);
+    let named = if rest.unexplained { before } else { after };
     let written = as_written(context, plain, named, &of_path);
     let delivered = delivered(plain, [&written, refitted], &rest, &known.courses);
     let confidence = intervals(context, named, search.likelihood);
-    let given = if unexplained { &[] } else { judged };
+    let given = if rest.unexplained { &[] } else { judged };
     let found = findings(context, search, given, &confidence, (laws, &rest));
     let effects = [of_path.effects, found].concat();
     let located = locations(context, &rest, [refitted, before, after], judged);
     let location = with_path(of_path.location, located);
-    let others = alternatives(context, search, refitted, judged, unexplained);
+    let others = alternatives(context, search, refitted, judged, rest.unexplained);
     let fit = errors(plain, search, refitted, delivered.errors, known.nominal);
     let residuals = [&refitted.residuals[..], &delivered.residuals];
     Diagnosis {
