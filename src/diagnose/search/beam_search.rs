@@ -120,7 +120,7 @@ fn grow(context: &FitContext<'_>, nodes: &mut [Node], beam: &mut [usize], code: 
     let Some(converged) = context.converged(&nodes[set]) else {
         return false;
     };
-    let larger = grown(context, &nodes[0], &converged, code);
+    let larger = grown(context, &converged, code);
     let has_grown = larger.is_some();
     nodes[set] = larger.unwrap_or(converged.0);
     beam.sort_by(|&a, &b| nodes[a].cost().total_cmp(&nodes[b].cost()));
