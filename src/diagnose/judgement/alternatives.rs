@@ -406,10 +406,11 @@ fn in_a_best_set(left: f64) -> String {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
-    fn effect(place: usize, loss: f64) -> JudgedEffect {
+    /// An effect of the path without rivals.
+    pub(in crate::diagnose::judgement) fn effect(place: usize, loss: f64) -> JudgedEffect {
         JudgedEffect {
             place,
             follows_path: true,

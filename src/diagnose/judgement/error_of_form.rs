@@ -1,8 +1,7 @@
 //! How much of what an effect explains may be the error of form of the other laws.
 //!
-//! The error of a law follows what the law follows. A curve or a friction that follows the path of the displacement and has a wrong form
-//! leaves a force that follows the path too, and an effect of speed or time hardly takes that up. So the laws of the path count against
-//! effects of the path alone.
+//! A spring's curve or a friction law depends on the path of the displacement alone. If its form is wrong, the error depends on the path alone,
+//! too, and an effect of speed or time can hardly explain it. So a law of the path counts only against effects of the path.
 
 use super::alternatives::JudgedEffect;
 use crate::diagnose::fitting::Node;
@@ -11,16 +10,17 @@ use crate::diagnose::search::SearchResult;
 /// Share of what an effect explains that the error of its form may leave: a law that is 17 % off in shape. Of 160 cases of five worlds
 /// (seed 626262) 6 have a wrong name that is sure, instead of 9 without it. At half: 6 too; at a third: 8. At double: 5, but 2 of 69
 /// right names are no longer sure. In 80 packs (seed 3883214968) the search chose 23 effects of speed or time beside effects of the path, and
-/// 22 were there. When the gain of the path counted, four of the 22 were not named and eight had less than half of the trust.
+/// 22 were hidden there, or an imperfection that acts like them. With this share of the effects of the path, four of the 22 had less than 10 %
+/// trust and were not named; eight had less than 50 %.
 const FORM_SHARE: f64 = 0.03;
 /// The same share of what the laws of free shape explain. It is smaller, because a free shape follows a foreign law better than one formula
 /// does. In cases of two worlds that were looked at (seed 910159277), 4 of 115 names of the path are wrong and sure, 4 too at double, and
 /// 6 without it; at double a name that is right in half of the cases gets a confidence of 5 %.
 const FREE_FORM_SHARE: f64 = 0.0015;
-/// The same share for an effect of speed or time that was also found, or confirmed, where every force that follows from the path was given
-/// away: a foreign friction may depend on the speed itself. In 240 cases of four worlds that were looked at (seed 3883214968), 23 such effects
-/// had less than 90 % trust with the share above, and 16 of them were there. Of the seven others four looked like the effect that was; three
-/// did not and have 48 to 55 % trust. At half, two of the three have 65 % and more; at double, five of the 16 have less than half.
+/// The same share for an effect of speed or time that the search beside the path confirmed or found. It is not zero, because a foreign friction
+/// may depend on the speed itself. In 240 cases of four worlds that were looked at (seed 3883214968), 23 such effects had less than 90 % trust
+/// with the share above. 16 of them were hidden there. Four of the other seven stood for the hidden effect; three did not, and have 48 to 55 %
+/// trust. At half, two of the three have 65 % and more; at double, five of the 16 have less than 50 %.
 const BESIDE_PATH_SHARE: f64 = 0.0003;
 /// An effect whose trust is below this is not named: the error of form of the laws beside it may be nine times what it explains.
 pub(super) const LEAST_TRUST: f64 = 0.1;
@@ -30,7 +30,7 @@ pub(super) const LEAST_TRUST: f64 = 0.1;
 pub(super) struct FreeLaws {
     /// Gain in log-likelihood that they bring before any effect is named.
     pub gain: f64,
-    /// True if effects of speed and time were also found, or confirmed, where every force that follows from the path was given away.
+    /// True if the search beside the path confirmed the effects of speed and time, or found them.
     pub path_given_away: bool,
 }
 
@@ -44,8 +44,8 @@ impl FreeLaws {
         }
     }
 
-    /// The same laws, counted in full against every effect: what an effect must stand to be named at all. In a random motion that was looked at,
-    /// with nothing hidden, a drift was confirmed beside the path and explains 0.01 % of what the free laws do.
+    /// The same laws with the full share for every effect. An effect must pass this to be named at all: in a random motion that was looked at,
+    /// with nothing hidden, a drift was confirmed beside the path, and its gain is 0.01 % of the gain of these laws.
     pub(super) fn in_full(self) -> FreeLaws {
         FreeLaws {
             path_given_away: false,
@@ -72,7 +72,7 @@ pub(super) fn trust_beside(effect: &JudgedEffect, all: &[JudgedEffect], laws: Fr
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::fitting::Key;
+    use crate::diagnose::judgement::alternatives::tests::effect as of_path;
 
     const NO_LAWS: FreeLaws = FreeLaws {
         gain: 0.0,
@@ -81,13 +81,8 @@ mod tests {
 
     fn effect(place: usize, follows_path: bool, loss: f64) -> JudgedEffect {
         JudgedEffect {
-            place,
             follows_path,
-            without: 0,
-            loss,
-            confidence: 1.0,
-            rivals: Vec::new(),
-            group: Key::new(),
+            ..of_path(place, loss)
         }
     }
 

@@ -49,7 +49,7 @@ pub(in crate::diagnose) struct Known<'a> {
     pub yardsticks: Vec<YardstickError>,
     /// Where all that follows from the path is in doubt: what was found of it before.
     pub of_path: Option<FoundOfPath>,
-    /// True if effects of speed and time were also found, or confirmed, where every force that follows from the path was given away.
+    /// True if the search beside the path confirmed the effects of speed and time, or found them.
     pub path_given_away: bool,
 }
 
