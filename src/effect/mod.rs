@@ -182,6 +182,10 @@ pub(crate) fn unchanged(effect: &Effect, _knows: &Knows<'_>) -> Option<Vec<Param
 /// What recordings show without a model, for [`Effect::plausible`].
 pub(crate) struct Recorded<'a> {
     pub span: Span,
+    /// Noise of the force, N.
+    pub noise_n: f64,
+    /// Median force in N at displacements in a range in mm; `None` where there are none.
+    pub force_n: &'a dyn Fn([f64; 2]) -> Option<f64>,
     /// Median force in N, from the zero of its channel, at displacements below one in mm; `None` where there are none.
     pub force_below_n: &'a dyn Fn(f64) -> Option<f64>,
 }
@@ -267,8 +271,11 @@ static SIMPLEST_LAWS: &[Effect] = &[
 
 /// Laws that a simpler one of the same code may become during a search, the simpler first. Its parameters begin with those of the one
 /// before it.
-pub(crate) static GROWN_LAWS: &[Effect] =
-    &[progressive_stiffness::ONE_LEAF, progressive_stiffness::TWO_LEAVES];
+pub(crate) static GROWN_LAWS: &[Effect] = &[
+    progressive_stiffness::ONE_LEAF,
+    progressive_stiffness::TWO_LEAVES,
+    progressive_stiffness::THREE_LEAVES,
+];
 
 /// The parts that a grown law adds to the one before it. A part is fitted as an effect of its own beside the simpler law, which gives the
 /// values that the grown law starts from.

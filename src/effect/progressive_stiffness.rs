@@ -1,14 +1,14 @@
 //! Stiffness that rises beyond a deflection, as when a helper leaf touches.
 //!
 //! ```text
-//! F = F_in + k u_0 (e(x - x_k) / u_0)^p + k_2 e(x - x_2),  e(u) = (u + sqrt(u^2 + w^2)) / 2,  u_0 = 5 mm
+//! F = F_in + k u_0 (e(x - x_k) / u_0)^p + k_2 e(x - x_2) + k_3 e(x - x_3),  e(u) = (u + sqrt(u^2 + w^2)) / 2,  u_0 = 5 mm
 //! ```
 //! k: `extra_rate_n_per_mm`. x_k: `knee_mm`. w: `width_mm`, width of the knee. p: `exponent`. x: displacement, mm. F_in: force of the plant
 //! inside, N. For w = 0 and p = 1 the first term is k max(0, x - x_k). k_2, x_2: a further leaf that touches, `second_rate_n_per_mm` and
-//! `second_knee_mm`; none with a rate of 0. Leaves that do not touch yet do not rub: friction that
+//! `second_knee_mm`; none with a rate of 0. k_3, x_3: the same of a third, as in a pack of four leaves. Leaves that do not touch yet do not rub: friction that
 //! is in proportion to the load counts the added force g times, `friction_gain`.
 //! Source: bilinear stiffness of Polach and Hajzman, eq. 1, here as a force over displacement and with a hyperbolic knee.
-//! A power above 1 is a contact that grows, as of a leaf that rolls onto the next or a rubber stop. Range: up to two knees; of the
+//! A power above 1 is a contact that grows, as of a leaf that rolls onto the next or a rubber stop. Range: up to three knees; of the
 //! friction of a model itself, which is inside, the gain changes nothing.
 
 use super::power::power_of;
@@ -50,6 +50,7 @@ const fn further(names: [&'static str; 2]) -> [Parameter; 2] {
 }
 
 const SECOND: [Parameter; 2] = further(["second_rate_n_per_mm", "second_knee_mm"]);
+const THIRD: [Parameter; 2] = further(["third_rate_n_per_mm", "third_knee_mm"]);
 
 /// Power of the travel from which a knee is no corner: over ten times the travel, the added rate changes by a quarter.
 const NO_CORNER: f64 = 1.1;
@@ -59,6 +60,7 @@ const KNEE: Kink = Kink {
     ..Kink::of(1, Axis::DisplacementMm)
 };
 const SECOND_KNEE: Kink = Kink { position: 6, ..KNEE };
+const THIRD_KNEE: Kink = Kink { position: 8, ..KNEE };
 
 /// A leaf that touches low in the travel adds at most this share of the rate above the knee: three times the rate below. What nearly begins
 /// to be a spring there was not in contact before. Of 158 knees that were named in cases that were looked at, those of leaves added up to
@@ -69,7 +71,7 @@ const MOST_OF_RATE: f64 = 0.75;
 /// 3 %. At half or double, the same five are contacts.
 const LOW_IN_THE_TRAVEL: f64 = 0.15;
 
-/// The entry of [`super::EFFECTS`], with two knees of any width. A search begins with one ([`super::SIMPLEST_LAWS`]) and adds further ones where they
+/// The entry of [`super::EFFECTS`], with three knees of any width. A search begins with one ([`super::SIMPLEST_LAWS`]) and adds further ones where they
 /// explain more ([`super::GROWN_LAWS`]).
 pub(crate) const EFFECT: Effect = Effect {
     code: "progressive_stiffness",
@@ -119,16 +121,18 @@ pub(crate) const EFFECT: Effect = Effect {
         },
         SECOND[0],
         SECOND[1],
+        THIRD[0],
+        THIRD[1],
     ],
-    neutral: &[0.0, 5.0, 0.3, 1.0, 1.0, 0.0, 5.0],
-    amplitudes: &[0, 5],
-    kinks: &[KNEE, SECOND_KNEE],
+    neutral: &[0.0, 5.0, 0.3, 1.0, 1.0, 0.0, 5.0, 0.0, 5.0],
+    amplitudes: &[0, 5, 7],
+    kinks: &[KNEE, SECOND_KNEE, THIRD_KNEE],
     shapes: &[3, 4],
     starts: |s| {
         PLACES
             .map(|p| {
                 let knee_mm = s.displacement_at(p);
-                vec![1.0, knee_mm, 0.2, 1.1, 1.1, 0.0, knee_mm]
+                vec![1.0, knee_mm, 0.2, 1.1, 1.1, 0.0, knee_mm, 0.0, knee_mm]
             })
             .to_vec()
     },
@@ -162,7 +166,10 @@ pub(crate) const EFFECT: Effect = Effect {
                 width_mm: v[2],
                 exponent: v[3],
                 friction_gain: v.get(4).copied().unwrap_or(1.0),
-                further: further_of(v).next(),
+                further: {
+                    let mut leaves = further_of(v);
+                    [(); 2].map(|()| leaves.next())
+                },
                 extra_n: 0.0,
             },
             inside,
@@ -266,6 +273,26 @@ pub(super) const TWO_LEAVES: Effect = Effect {
     ..EFFECT
 };
 
+/// Three leaves that touch ([`super::GROWN_LAWS`]).
+pub(super) const THREE_LEAVES: Effect = Effect {
+    parameters: &[
+        EFFECT.parameters[0],
+        EFFECT.parameters[1],
+        SHARP,
+        STRAIGHT,
+        EFFECT.parameters[4],
+        SECOND[0],
+        SECOND[1],
+        THIRD[0],
+        THIRD[1],
+    ],
+    neutral: EFFECT.neutral,
+    amplitudes: EFFECT.amplitudes,
+    kinks: EFFECT.kinks,
+    shapes: &[4],
+    ..EFFECT
+};
+
 /// A further knee alone ([`super::PARTS`]).
 pub(super) const FURTHER_KNEE: Effect = Effect {
     parameters: &SECOND,
@@ -273,7 +300,12 @@ pub(super) const FURTHER_KNEE: Effect = Effect {
     amplitudes: &[0],
     kinks: &[Kink::of(1, Axis::DisplacementMm)],
     shapes: &[],
-    starts: |s| PLACES.map(|p| vec![1.0, s.displacement_at(p)]).to_vec(),
+    starts: |s| {
+        let low = LOW_PLACES.iter();
+        low.chain(&PLACES)
+            .map(|p| vec![1.0, s.displacement_at(*p)])
+            .collect()
+    },
     attach: |v, inside| (ONE_KNEE.attach)(&[v[0], v[1], 0.2, 1.0], inside),
     place: |v, s| {
         (v[1] < s.displacement_mm[1]).then(|| Place {
@@ -288,6 +320,8 @@ pub(super) const FURTHER_KNEE: Effect = Effect {
 
 /// Shares of the recorded range where a search begins with a knee.
 const PLACES: [f64; 8] = [0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9];
+/// The same of a further knee alone, below those: the first leaves of packs touch there.
+const LOW_PLACES: [f64; 3] = [0.03, 0.06, 0.12];
 
 #[derive(Clone)]
 struct ProgressiveStiffness {
@@ -296,8 +330,8 @@ struct ProgressiveStiffness {
     width_mm: f64,
     exponent: f64,
     friction_gain: f64,
-    /// Rate in N/mm and knee in mm of the second leaf that touches.
-    further: Option<[f64; 2]>,
+    /// Rate in N/mm and knee in mm of each further leaf that touches.
+    further: [Option<[f64; 2]>; 2],
     extra_n: f64,
 }
 
@@ -314,7 +348,7 @@ impl Wrap for ProgressiveStiffness {
         let engaged_mm = self.engaged_mm(displacement_mm - self.knee_mm);
         self.extra_n =
             self.extra_rate_n_per_mm * REFERENCE_MM * power_of(engaged_mm / REFERENCE_MM, self.exponent);
-        if let Some([rate_n_per_mm, knee_mm]) = self.further {
+        for [rate_n_per_mm, knee_mm] in self.further.into_iter().flatten() {
             self.extra_n += rate_n_per_mm * self.engaged_mm(displacement_mm - knee_mm);
         }
         let force_n = inside.step(displacement_mm, dt_s);
@@ -345,8 +379,8 @@ mod tests {
         // 3 mm past a knee of 4 mm width, 10 N/mm: 10 * (3 + 5) / 2 = 40 N over the spring.
         let mut plant = (ONE_KNEE.attach)(&[10.0, 2.0, 4.0, 1.0], spring());
         assert!((plant.step(5.0, 0.1) - 540.0).abs() < 1e-9);
-        // The same with a leaf of 2 N/mm that touches there, too.
-        let mut plant = (EFFECT.attach)(&[10.0, 2.0, 4.0, 1.0, 1.0, 2.0, 2.0], spring());
+        // The same with two leaves of 1.5 and 0.5 N/mm that touch there, too.
+        let mut plant = (EFFECT.attach)(&[10.0, 2.0, 4.0, 1.0, 1.0, 1.5, 2.0, 0.5, 2.0], spring());
         assert!((plant.step(5.0, 0.1) - 548.0).abs() < 1e-9);
     }
 

@@ -31,6 +31,8 @@ pub(crate) fn ramp([top_mm, top_n]: [f64; 2]) -> Recorded<'static> {
             force_n: [0.0, top_n],
             ..span()
         },
+        noise_n: 1.0,
+        force_n: &|_| None,
         force_below_n: &|_| Some(0.0),
     }
 }

@@ -12,29 +12,31 @@ pub(super) fn is_plausible_set(context: &FitContext<'_>, node: &Node) -> bool {
 
 /// True if a specimen or rig may have the effect at `place`, and a kink of it lies within what was recorded.
 pub(super) fn is_plausible(context: &FitContext<'_>, node: &Node, place: usize) -> bool {
+    let zero_n = node.values.last().copied().unwrap_or(0.0);
     let recorded = Recorded {
         span: context.span,
-        force_below_n: &|displacement_mm| force_below_n(context.data, node, displacement_mm),
+        noise_n: median(context.data.tracks.iter().map(|t| t.noise_n).collect()),
+        force_n: &|range_mm| force_n(context.data, range_mm),
+        force_below_n: &|displacement_mm| {
+            force_n(context.data, [f64::NEG_INFINITY, displacement_mm]).map(|n| nearer_to_none(n, zero_n))
+        },
     };
     let plausible = node.attached[place].effect.plausible;
     plausible(context.effect_values(node, place), &recorded) && kink_is_recorded(context, node, place)
 }
 
-/// Median force in N at displacements below one in mm: from the zero of the channel as it was recorded or as a set has it, whichever is
-/// nearer to no force. A set that misses these points has a poor zero as well. In a case that was looked at, its zero was off by 14 N; as
-/// recorded, the median was -2 N, and the contact was there.
-fn force_below_n(data: &Data, node: &Node, displacement_mm: f64) -> Option<f64> {
+/// Median force in N, as it was recorded, at displacements in a range in mm.
+fn force_n(data: &Data, [from_mm, to_mm]: [f64; 2]) -> Option<f64> {
     let displacements = data.tracks.iter().flat_map(|t| &t.displacement_mm);
     let points = displacements.zip(&data.force_n);
-    let below = points.filter(|(x, _)| **x < displacement_mm);
-    let forces: Vec<f64> = below.map(|(_, force_n)| *force_n).collect();
-    if forces.is_empty() {
-        return None;
-    }
-    Some(nearer_to_none(median(forces), *node.values.last()?))
+    let within = points.filter(|(x, _)| (from_mm..to_mm).contains(*x));
+    let forces: Vec<f64> = within.map(|(_, force_n)| *force_n).collect();
+    (!forces.is_empty()).then(|| median(forces))
 }
 
-/// A force as it was recorded, or less the zero of its channel: whichever is nearer to no force.
+/// A force as it was recorded, or less the zero of its channel as a set has it: whichever is nearer to no force. A set that misses the points
+/// below a contact has a poor zero as well. In a case that was looked at, its zero was off by 14 N; as recorded, the median was -2 N, and the
+/// contact was there.
 fn nearer_to_none(as_recorded_n: f64, zero_n: f64) -> f64 {
     let from_zero_n = as_recorded_n - zero_n;
     match from_zero_n.abs() < as_recorded_n.abs() {

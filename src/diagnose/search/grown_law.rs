@@ -71,6 +71,18 @@ fn adds_part(node: &Node, place: usize, law: &Effect) -> bool {
     law.amplitudes.len() > node.attached[place].effect.amplitudes.len()
 }
 
+/// The set with the next law that has a part more at a place, however little that gains; `None` if there is no such law.
+pub(in crate::diagnose) fn with_a_part_more(
+    context: &FitContext<'_>,
+    converged: &(Node, Tangent),
+    place: usize,
+) -> Option<(Node, Tangent)> {
+    let code = converged.0.attached[place].effect.code;
+    let mut laws = GROWN_LAWS.iter().filter(|law| law.code == code);
+    let law = laws.find(|law| adds_part(&converged.0, place, law))?;
+    larger(context, converged, place, law)
+}
+
 /// The set with a larger law at a place, if that gains what its parameters must: a part as much as an effect.
 fn with_law(
     context: &FitContext<'_>,
@@ -84,12 +96,27 @@ fn with_law(
     if left(context, node) < LACK_POWER * context.data.counted() as f64 {
         return None;
     }
-    let adds_part = adds_part(node, place, law);
-    let must_gain = match adds_part {
+    let must_gain = match adds_part(node, place, law) {
         true => PENALTY + PARAMETER_PENALTY * (more - 1) as f64,
         false => PARAMETER_PENALTY * more as f64,
     };
-    let (mut values, part) = match adds_part {
+    let (larger, tangent) = larger(context, converged, place, law)?;
+    let scale = LikelihoodScale::of(context.data, &larger.residuals);
+    let gains = scale.gain(node.cost() - larger.cost()) > must_gain;
+    let explains = explains_most([node, &larger].map(|set| left(context, set)));
+    (gains && explains).then_some((larger, tangent))
+}
+
+/// The set with a larger law at a place, fitted from the values that it has.
+fn larger(
+    context: &FitContext<'_>,
+    converged: &(Node, Tangent),
+    place: usize,
+    law: &'static Effect,
+) -> Option<(Node, Tangent)> {
+    let node = &converged.0;
+    let known = node.attached[place].parameters.len();
+    let (mut values, part) = match adds_part(node, place, law) {
         false => (node.values.clone(), Vec::new()),
         true => with_part(context, converged, law)?,
     };
@@ -105,11 +132,7 @@ fn with_law(
     }
     let mut attached = node.attached.clone();
     attached[place] = Attached::candidate(law);
-    let (larger, tangent) = context.converge(attached, values)?;
-    let scale = LikelihoodScale::of(context.data, &larger.residuals);
-    let gains = scale.gain(node.cost() - larger.cost()) > must_gain;
-    let explains = explains_most([node, &larger].map(|set| left(context, set)));
-    (gains && explains).then_some((larger, tangent))
+    context.converge(attached, values)
 }
 
 /// The values of a set beside the part that a law has more, and those of the part.

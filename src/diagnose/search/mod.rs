@@ -37,6 +37,7 @@ pub(in crate::diagnose) use binning::{AXES, BinnedAxis, binned, coordinate};
 pub(in crate::diagnose) use confounding::{
     AxisPoint, axis_in_words, confounding, go_together, recorded_points,
 };
+pub(in crate::diagnose) use grown_law::with_a_part_more;
 pub(in crate::diagnose) use knees::{kink_is_recorded, kinks_are_recorded, kinks_at_the_top};
 pub(in crate::diagnose) use lack_of_fit::{
     LACK_GAIN, LACK_POWER, LackOfFit, beyond_friction, lack_of_fit, rest,
