@@ -21,20 +21,23 @@ const NEVER_MM: f64 = -1000.0;
 /// others. At half, five cases that were run have the same answers; at double, one more of the 12 passes.
 const MOST_FORCE: f64 = 2e-3;
 
-/// Where the pusher does not touch, the force does not rise: not by more than this share of its rise over the same travel above the contact, nor
-/// than the noise. A zero of the channel does not hide this. Of three contacts in packs that were looked at, it rose by 8 % at most; of five that
-/// were named and were not there, by 37 to 77 %. At half, one of the three were refused; at double, two of the five were believed.
-const MOST_RISE: f64 = 0.2;
+/// Where the pusher does not touch, the force does not rise: in the lower half below a contact not by more than this share of its rise over the
+/// same travel just above, nor by more than the noise. A zero of the channel does not hide this. Of five contacts in packs that were looked at it
+/// rose by 2 % at most, of six that were named and were not there by 46 to 178 %. Just below a soft contact it does rise, by more than a fifth.
+/// At half, the same six are refused; at double, five of them.
+const MOST_RISE: f64 = 0.3;
 
 /// True if the force rises below a displacement in mm as where the pusher touches.
 fn rises_below(recorded: &Recorded<'_>, open_mm: f64) -> bool {
-    let half_mm = 0.5 * (open_mm - recorded.span.displacement_mm[0]);
-    let force_n = |k: f64| {
-        let from_mm = open_mm + k * half_mm;
-        (recorded.force_n)([from_mm, from_mm + half_mm])
+    let quarter_mm = 0.25 * (open_mm - recorded.span.displacement_mm[0]);
+    let rise_n = |quarters_away: f64| {
+        let force_n = |k: f64| {
+            let from_mm = open_mm + (quarters_away + k) * quarter_mm;
+            (recorded.force_n)([from_mm, from_mm + quarter_mm])
+        };
+        Some(force_n(1.0)? - force_n(0.0)?)
     };
-    let rise_n = |[low, high]: [f64; 2]| Some(force_n(high)? - force_n(low)?);
-    match (rise_n([-2.0, -1.0]), rise_n([0.0, 1.0])) {
+    match (rise_n(-4.0), rise_n(0.0)) {
         (Some(below_n), Some(above_n)) => below_n > (MOST_RISE * above_n).max(recorded.noise_n),
         _ => false,
     }
@@ -194,6 +197,8 @@ mod tests {
         let middle = |[from_mm, to_mm]: [f64; 2]| 0.5 * (from_mm + to_mm);
         let pack = |range: [f64; 2]| Some(30.0 * middle(range) + 30.0 * (middle(range) - 0.3).max(0.0));
         let contact = |range: [f64; 2]| Some(60.0 * (middle(range) - 0.3).max(0.0));
+        // A pad that is pressed from 0.2 mm on.
+        let pad = |range: [f64; 2]| Some(300.0 * (middle(range) - 0.2).max(0.0).powi(2));
         let plausible = |force_n| {
             (AT_ONCE.plausible)(
                 &[0.3],
@@ -203,7 +208,7 @@ mod tests {
                 },
             )
         };
-        assert!(!plausible(&pack) && plausible(&contact));
+        assert!(!plausible(&pack) && plausible(&contact) && plausible(&pad));
     }
 
     #[test]
