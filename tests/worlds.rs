@@ -139,7 +139,7 @@ fn the_leaves_of_a_pack_touch_one_after_the_other() {
 }
 
 /// Packs that were looked at. A leaf that touches at 3 to 5 % of the travel was named a contact that closes, with 48 to 72 %, although 10 to 130 N
-/// were measured below it: alone where nothing was hidden (52), beside the other leaves (19, 39), and beside a friction that falls with speed. A
+/// were measured below it: alone where nothing was hidden (52), beside the other leaves (19), and beside a friction that falls with speed. A
 /// contact on a pad, below which the force rises a little at last, is still one.
 #[test]
 fn a_leaf_that_touches_low_in_the_travel_is_no_contact_that_closes() {
