@@ -140,7 +140,7 @@ fn the_leaves_of_a_pack_touch_one_after_the_other() {
 
 /// Packs that were looked at. A leaf that touches at 3 to 5 % of the travel was named a contact that closes, with 48 to 72 %, although 10 to 130 N
 /// were measured below it: alone where nothing was hidden (52), beside the other leaves (19), and beside a friction that falls with speed. A
-/// contact on a pad, below which the force rises a little at last, is still one.
+/// contact on a pad (34) is still one: the force rises a little just below it.
 #[test]
 fn a_leaf_that_touches_low_in_the_travel_is_no_contact_that_closes() {
     let named = |seed, number| {
@@ -149,14 +149,11 @@ fn a_leaf_that_touches_low_in_the_travel_is_no_contact_that_closes() {
         let codes = found.effects.iter().map(|e| e.code.clone());
         codes.collect::<Vec<_>>()
     };
-    for number in [19, 39, 52] {
-        assert_eq!(
-            named(2_804_809_184, number),
-            ["progressive_stiffness"],
-            "{number}"
-        );
-    }
+    let contact = "lift_off".to_owned();
+    assert!(!named(2_804_809_184, 19).contains(&contact));
+    assert_eq!(named(2_804_809_184, 52), ["progressive_stiffness"]);
     assert_eq!(named(1_427_208_227, 46), ["progressive_stiffness", "stribeck"]);
+    assert!(named(3_850_344_161, 34).contains(&contact));
 }
 
 /// LuGre friction and nothing hidden but what its law does otherwise than the library's. With its shape in doubt only at a tenth of the

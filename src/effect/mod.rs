@@ -331,6 +331,11 @@ impl Effect {
         simplest.unwrap_or(self)
     }
 
+    /// True if an effect is one of [`Effect::confusable_with`].
+    pub(crate) fn looks_like(&self, other: &Effect) -> bool {
+        self.confusable_with.iter().any(|l| l.code == other.code)
+    }
+
     /// Wraps `inside` after the check that there is one value for each parameter, finite and within its bounds.
     pub(crate) fn attached(
         &self,

@@ -5,8 +5,8 @@
 //! ```
 //! k: `extra_rate_n_per_mm`. x_k: `knee_mm`. w: `width_mm`, width of the knee. p: `exponent`. x: displacement, mm. F_in: force of the plant
 //! inside, N. For w = 0 and p = 1 the first term is k max(0, x - x_k). k_2, x_2: a further leaf that touches, `second_rate_n_per_mm` and
-//! `second_knee_mm`; none with a rate of 0. k_3, x_3: the same of a third, as in a pack of four leaves. Leaves that do not touch yet do not rub: friction that
-//! is in proportion to the load counts the added force g times, `friction_gain`.
+//! `second_knee_mm`; none with a rate of 0. k_3, x_3: the same of a third, as in a pack of four leaves. Leaves that do not touch yet do not rub:
+//! friction that is in proportion to the load counts the added force g times, `friction_gain`.
 //! Source: bilinear stiffness of Polach and Hajzman, eq. 1, here as a force over displacement and with a hyperbolic knee.
 //! A power above 1 is a contact that grows, as of a leaf that rolls onto the next or a rubber stop. Range: up to three knees; of the
 //! friction of a model itself, which is inside, the gain changes nothing.
@@ -25,6 +25,12 @@ const FURTHER: usize = 5;
 fn further_of(values: &[f64]) -> impl Iterator<Item = [f64; 2]> {
     let given = values.get(FURTHER..).unwrap_or_default();
     given.chunks_exact(2).map(|leaf| [leaf[0], leaf[1]])
+}
+
+/// The same of every leaf that touches, the first included.
+fn leaves_of(values: &[f64]) -> impl Iterator<Item = [f64; 2]> {
+    let all = std::iter::once([values[0], values[1]]).chain(further_of(values));
+    all.filter(|[rate, _]| *rate > 0.0)
 }
 
 /// A rate that a further leaf adds, and where it touches.
@@ -71,8 +77,8 @@ const MOST_OF_RATE: f64 = 0.75;
 /// 3 %. At half or double, the same five are contacts.
 const LOW_IN_THE_TRAVEL: f64 = 0.15;
 
-/// The entry of [`super::EFFECTS`], with three knees of any width. A search begins with one ([`super::SIMPLEST_LAWS`]) and adds further ones where they
-/// explain more ([`super::GROWN_LAWS`]).
+/// The entry of [`super::EFFECTS`], with three knees of any width. A search begins with one ([`super::SIMPLEST_LAWS`]) and adds further ones
+/// where they explain more ([`super::GROWN_LAWS`]).
 pub(crate) const EFFECT: Effect = Effect {
     code: "progressive_stiffness",
     stage: Stage::Specimen,
@@ -137,10 +143,7 @@ pub(crate) const EFFECT: Effect = Effect {
             .to_vec()
     },
     statement: |v| {
-        let mut knees: Vec<[f64; 2]> = std::iter::once([v[0], v[1]])
-            .chain(further_of(v))
-            .filter(|[rate, _]| *rate > 0.0)
-            .collect();
+        let mut knees: Vec<[f64; 2]> = leaves_of(v).collect();
         knees.sort_by(|a, b| a[1].total_cmp(&b[1]));
         let [first, others @ ..] = knees.as_slice() else {
             return "The spring is nowhere stiffer.".to_owned();
@@ -168,7 +171,7 @@ pub(crate) const EFFECT: Effect = Effect {
                 friction_gain: v.get(4).copied().unwrap_or(1.0),
                 further: {
                     let mut leaves = further_of(v);
-                    [(); 2].map(|()| leaves.next())
+                    std::array::from_fn(|_| leaves.next())
                 },
                 extra_n: 0.0,
             },
@@ -188,10 +191,18 @@ pub(crate) const EFFECT: Effect = Effect {
     },
     plausible: |v, recorded| {
         let span = &recorded.span;
-        let before = (v[1] - span.displacement_mm[0]) / span.travel_mm();
+        let before = |knee_mm: f64| (knee_mm - span.displacement_mm[0]) / span.travel_mm();
         let mean_n_per_mm = span.width(Axis::ForceN) / span.travel_mm();
-        let above_n_per_mm = mean_n_per_mm + before * v[0];
-        before > LOW_IN_THE_TRAVEL || v[0] <= MOST_OF_RATE * above_n_per_mm
+        let added: f64 = leaves_of(v)
+            .map(|[rate, knee_mm]| rate * (1.0 - before(knee_mm)))
+            .sum();
+        let above_n_per_mm = |knee_mm: f64| {
+            let up_to_it = leaves_of(v).filter(|[_, other_mm]| *other_mm <= knee_mm);
+            mean_n_per_mm - added + up_to_it.map(|[rate, _]| rate).sum::<f64>()
+        };
+        leaves_of(v).all(|[rate, knee_mm]| {
+            before(knee_mm) > LOW_IN_THE_TRAVEL || rate <= MOST_OF_RATE * above_n_per_mm(knee_mm)
+        })
     },
     confusable_with: &[
         LookAlike {
@@ -214,13 +225,8 @@ pub(crate) const EFFECT: Effect = Effect {
 
 /// One knee, which a search begins with ([`super::SIMPLEST_LAWS`]): the friction of the added force is that of the rest.
 pub(super) const ONE_KNEE: Effect = Effect {
-    parameters: &[
-        EFFECT.parameters[0],
-        EFFECT.parameters[1],
-        EFFECT.parameters[2],
-        EFFECT.parameters[3],
-    ],
-    neutral: &[0.0, 5.0, 0.3, 1.0],
+    parameters: EFFECT.parameters.split_at(4).0,
+    neutral: EFFECT.neutral.split_at(4).0,
     amplitudes: &[0],
     kinks: &[KNEE],
     shapes: &[3],
@@ -230,14 +236,8 @@ pub(super) const ONE_KNEE: Effect = Effect {
 
 /// One knee with friction of its own ([`super::GROWN_LAWS`]).
 pub(super) const ONE_LEAF: Effect = Effect {
-    parameters: &[
-        EFFECT.parameters[0],
-        EFFECT.parameters[1],
-        EFFECT.parameters[2],
-        EFFECT.parameters[3],
-        EFFECT.parameters[4],
-    ],
-    neutral: &[0.0, 5.0, 0.3, 1.0, 1.0],
+    parameters: EFFECT.parameters.split_at(5).0,
+    neutral: EFFECT.neutral.split_at(5).0,
     amplitudes: &[0],
     kinks: &[KNEE],
     ..EFFECT
@@ -257,16 +257,8 @@ const STRAIGHT: Parameter = Parameter {
 
 /// Two leaves that touch ([`super::GROWN_LAWS`]).
 pub(super) const TWO_LEAVES: Effect = Effect {
-    parameters: &[
-        EFFECT.parameters[0],
-        EFFECT.parameters[1],
-        SHARP,
-        STRAIGHT,
-        EFFECT.parameters[4],
-        SECOND[0],
-        SECOND[1],
-    ],
-    neutral: &[0.0, 5.0, 0.3, 1.0, 1.0, 0.0, 5.0],
+    parameters: THREE_LEAVES.parameters.split_at(7).0,
+    neutral: EFFECT.neutral.split_at(7).0,
     amplitudes: &[0, 5],
     kinks: &[KNEE, SECOND_KNEE],
     shapes: &[4],
@@ -320,7 +312,7 @@ pub(super) const FURTHER_KNEE: Effect = Effect {
 
 /// Shares of the recorded range where a search begins with a knee.
 const PLACES: [f64; 8] = [0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9];
-/// The same of a further knee alone, below those: the first leaves of packs touch there.
+/// Where a further knee begins, too: the first leaves of packs touch at 2 to 15 % of the travel.
 const LOW_PLACES: [f64; 3] = [0.03, 0.06, 0.12];
 
 #[derive(Clone)]
@@ -405,6 +397,12 @@ mod tests {
         let plausible =
             |added_n_per_mm, knee_mm| (ONE_KNEE.plausible)(&[added_n_per_mm, knee_mm, 0.2, 1.0], &recorded);
         assert!(plausible(100.0, 1.1) && !plausible(120.0, 1.1));
+        // Three leaves: with 30 N/mm more from 1.1 mm on, 52 N/mm are left below it; with 75 more, 9.
+        let leaves = |second_n_per_mm| {
+            let values = [100.0, 12.0, 0.2, 1.0, 1.0, second_n_per_mm, 1.1, 20.0, 6.0];
+            (EFFECT.plausible)(&values, &recorded)
+        };
+        assert!(leaves(30.0) && !leaves(75.0));
         // A bump stop: 50 N/mm up to 18 mm, then 550.
         assert!(plausible(500.0, 18.0));
     }

@@ -6,7 +6,7 @@ use super::findings::{
     QuantityRole, QuestionKind, SpecimenDeviation,
 };
 use super::wording::{counted, interval, named, rounded};
-use crate::effect::{EFFECTS, Effect};
+use crate::effect::EFFECTS;
 
 /// All findings, in the order of their kinds, the surest first. `reference`: the bench that counts as right.
 pub(super) fn sentences(quantities: &[QuantityFindings], reference: Option<&str>) -> Vec<FleetFinding> {
@@ -270,10 +270,9 @@ fn alike(code: &str) -> String {
     let Some(effect) = EFFECTS.iter().find(|effect| effect.code == code) else {
         return String::new();
     };
-    let looks_like = |a: &Effect, b: &Effect| a.confusable_with.iter().any(|l| l.code == b.code);
     let others = EFFECTS
         .iter()
-        .filter(|o| looks_like(effect, o) || looks_like(o, effect));
+        .filter(|o| effect.looks_like(o) || o.looks_like(effect));
     let codes: Vec<&str> = others.map(|o| o.code).collect();
     match codes.is_empty() {
         true => String::new(),

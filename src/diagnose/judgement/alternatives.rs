@@ -105,8 +105,8 @@ pub(super) fn more_plausible(
     })
 }
 
-/// The set to name instead of the chosen one, if one of the laws that no search begins with fits better in the place of an effect, or a further
-/// part of another effect's law.
+/// The set to name instead of the chosen one, if what fits better in the place of an effect is a law that no search begins with, or a further
+/// part in the law of another effect.
 pub(super) fn better_law(
     context: &FitContext<'_>,
     search: &SearchResult,
@@ -117,7 +117,7 @@ pub(super) fn better_law(
         let mut attached = search.nodes[r.node].attached.iter();
         let law = attached.rfind(|a| a.effect.code == r.code);
         let sets = [search.chosen, r.node].map(|set| &search.nodes[set].attached[extras..]);
-        let is_larger = with_more_parts(sets) == Some(r.code);
+        let is_larger = larger_law(sets) == Some(r.code);
         r.lack < -BETTER_LAW && (is_larger || law.is_some_and(|a| !begins_a_search(context, a.effect)))
     })
 }
@@ -215,36 +215,28 @@ fn fit_rivals(
         for child in context.children(std::slice::from_ref(&parent), &seen, RIVALS_TRIED) {
             keep_better(context, search, child);
         }
+        search.nodes.extend(with_more_parts(context, &parent, effect));
         let parents = [Some(parent), beside(context, search, place)];
-        let freer = context.setup.rival_laws.iter().filter(|law| {
-            let code = law.effect.code;
-            effect.confusable_with.iter().any(|l| l.code == code) && !base.contains(&code)
-        });
+        let rival_laws = context.setup.rival_laws.iter();
+        let freer =
+            rival_laws.filter(|law| effect.looks_like(law.effect) && !base.contains(&law.effect.code));
         for law in freer {
             let fits = parents.iter().flatten().filter_map(|p| context.child(p, law));
             let best = fits.min_by(|a, b| a.cost().total_cmp(&b.cost()));
             search.nodes.extend(best);
         }
-        if let Some(without) = &parents[0] {
-            let larger = with_more_parts_in(context, without, effect);
-            search.nodes.extend(larger);
-        }
         refit_rivals(context, search, base);
     }
 }
 
-/// Sets with more parts in the law of an effect that looks like another one, which is not in the set `without`. They may explain what that one
-/// does: a leaf that touches low in the travel was named a contact that closes. Of 13 such contacts beside a leaf in 320 packs, ten were not
-/// there.
-fn with_more_parts_in(context: &FitContext<'_>, without: &(Node, Tangent), effect: &Effect) -> Vec<Node> {
+/// Rivals of an effect that add no other effect: the set `without` it, with one part more and with two in the law of an effect that looks like
+/// it. A leaf that touches low in the travel was named a contact that closes, where a further knee explains as much. Of 13 such contacts beside
+/// a leaf in 320 packs, ten were not there.
+fn with_more_parts(context: &FitContext<'_>, without: &(Node, Tangent), effect: &Effect) -> Vec<Node> {
     let attached = without.0.attached.iter().enumerate();
     let missing = attached.skip(context.setup.extras.len()).filter(|(_, a)| !a.own);
-    let looks_like = |a: &Attached| {
-        let look_alikes = a.effect.confusable_with.iter();
-        look_alikes.map(|l| l.code).any(|code| code == effect.code)
-    };
     let mut sets = Vec::new();
-    for (place, _) in missing.filter(|(_, a)| looks_like(a)) {
+    for (place, _) in missing.filter(|(_, a)| a.effect.looks_like(effect)) {
         let mut larger = with_a_part_more(context, without, place);
         while let Some(set) = larger {
             larger = with_a_part_more(context, &set, place);
@@ -337,7 +329,7 @@ fn best_replacements(
         let more = node.attached.len().checked_sub(base.len() + extras)?;
         let other = match (rest.as_slice(), more) {
             (&[other], 1) if other != code => other,
-            ([], 0) => with_more_parts([chosen, node].map(|set| &set.attached[extras..]))?,
+            ([], 0) => larger_law([chosen, node].map(|set| &set.attached[extras..]))?,
             _ => return None,
         };
         is_plausible_set(context, node).then(|| RivalSet {
@@ -360,7 +352,7 @@ fn best_replacements(
 }
 
 /// Code of an effect whose law has more parts in the second set than in the first.
-fn with_more_parts([before, after]: [&[Attached]; 2]) -> Option<&'static str> {
+fn larger_law([before, after]: [&[Attached]; 2]) -> Option<&'static str> {
     let parts = |a: &Attached| a.effect.amplitudes.len();
     let grew = |a: &&Attached| {
         let known = before.iter().find(|b| b.effect.code == a.effect.code);
